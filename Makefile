@@ -1,0 +1,51 @@
+# `make demo` and `make test` are all the set-up there is: both make a private environment first.
+# PYTHON=python3.13 make test chooses another interpreter (3.11 to 3.14).
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+SOURCES := src tests benchmarks
+
+.PHONY: demo test lint types pytest format picture clean
+
+demo: $(VENV)/demo.stamp
+	@echo "== rendering a capture with 12 lights and refining it (the first run also compiles)"
+	$(BIN)/rakelight demo
+
+test: lint types pytest
+
+lint: $(VENV)/dev.stamp
+	@echo "== lint"
+	$(BIN)/ruff check $(SOURCES)
+	$(BIN)/ruff format --check $(SOURCES)
+
+types: $(VENV)/dev.stamp
+	@echo "== types"
+	$(BIN)/mypy
+
+pytest: $(VENV)/dev.stamp
+	@echo "== tests"
+	$(BIN)/python -m pytest
+
+format: $(VENV)/dev.stamp
+	$(BIN)/ruff check --fix $(SOURCES)
+	$(BIN)/ruff format $(SOURCES)
+
+# The README's picture, from the real capture of an oven mitten.
+MITTEN ?= ../shared/captures/mitten
+picture: $(VENV)/dev.stamp
+	$(BIN)/rakelight refine $(MITTEN) -o out/mitten --overwrite
+	cp out/mitten/preview.png docs/mitten.png
+
+clean:
+	rm -rf $(VENV) out .pytest_cache .mypy_cache .ruff_cache .hypothesis
+
+$(VENV)/demo.stamp: pyproject.toml
+	@echo "== making a private environment in $(VENV)"
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --editable .
+	@touch $@
+
+$(VENV)/dev.stamp: $(VENV)/demo.stamp
+	@echo "== adding the tools for tests to $(VENV)"
+	$(BIN)/python -m pip install --quiet --editable ".[dev]"
+	@touch $@

@@ -1,0 +1,206 @@
+"""capture.toml: what it may say, strictly."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from difflib import get_close_matches
+from typing import Any, NoReturn, get_args
+
+import msgspec
+import numpy as np
+
+from rakelight.errors import CaptureError
+from rakelight.model import Camera, Encoding, Lighting, RigidTransform
+
+CONFIG = "capture.toml"
+EXAMPLE = (
+    "depth_scale = 1000.0 and, in a table [intrinsics], width = 640, height = 480, "
+    "fx = 525.0, fy = 525.0, cx = 319.5, cy = 239.5 (one per line)"
+)
+
+
+class IntrinsicsTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """[intrinsics] and [depth_intrinsics]: pixels, pixel centres at integers from 0."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    def camera(self) -> Camera:
+        """The same as a Camera."""
+        return Camera(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
+
+
+class TransformTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """[depth_to_color]: three rows of the rotation (or its nine values), translation in metres."""
+
+    rotation: list[float | list[float]]
+    translation: list[float]
+
+
+class CaptureTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The whole of capture.toml; a key with a default is optional."""
+
+    intrinsics: IntrinsicsTable
+    depth_scale: float | None = None
+    encoding: Encoding | None = None
+    lighting: Lighting | None = None
+    depth_intrinsics: IntrinsicsTable | None = None
+    depth_to_color: TransformTable | None = None
+
+
+_TABLES: dict[str, type[msgspec.Struct]] = {
+    "": CaptureTable,
+    "intrinsics": IntrinsicsTable,
+    "depth_intrinsics": IntrinsicsTable,
+    "depth_to_color": TransformTable,
+}
+_CHOICES = {"encoding": get_args(Encoding), "lighting": get_args(Lighting)}
+
+
+def parse_config(data: bytes, source: str = "capture.toml") -> CaptureTable:
+    """The content of a capture.toml.
+
+    Raises CaptureError naming the key when one is unknown, twice there, missing or of a wrong
+    type; the values themselves are checked by rakelight.capture.validate.
+
+    >>> parse_config(b"[intrinsics]\\nfocal = 1").intrinsics
+    Traceback (most recent call last):
+    rakelight.errors.CaptureError: capture.toml: unknown key 'intrinsics.focal'. Fix: ...
+    """
+    try:
+        text = data.decode("utf-8-sig")  # Windows editors put a mark first
+        content = tomllib.loads(text.replace("\r\n", "\n"))
+    except UnicodeDecodeError as error:
+        raise CaptureError(
+            "not UTF-8 text", source=source, seen=f"byte {error.start}", remedy="save it as UTF-8"
+        ) from error
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise _syntax_error(text, str(error), source) from error
+    for table in _TABLES:
+        keys = content.get(table, {}) if table else content
+        if isinstance(keys, dict):
+            _refuse_unknown(keys, table, source)
+    try:
+        return msgspec.convert(content, CaptureTable)
+    except msgspec.ValidationError as error:
+        _refuse_value(content, str(error), source, error)
+
+
+def format_config(
+    camera: Camera,
+    encoding: Encoding,
+    lighting: Lighting,
+    depth_scale: float | None = None,
+    depth_camera: Camera | None = None,
+    depth_to_color: RigidTransform | None = None,
+) -> str:
+    """The text of a capture.toml; every number is read back as it was.
+
+    >>> print(format_config(Camera(4, 3, 5.0, 5.0, 1.5, 1.0), "linear", "ambient"), end="")
+    encoding = "linear"
+    lighting = "ambient"
+    <BLANKLINE>
+    [intrinsics]
+    width = 4
+    height = 3
+    fx = 5.0
+    fy = 5.0
+    cx = 1.5
+    cy = 1.0
+    """
+    lines = [] if depth_scale is None else [f"depth_scale = {float(depth_scale)!r}"]
+    lines += [f'encoding = "{encoding}"', f'lighting = "{lighting}"']
+    lines += _intrinsics_lines("intrinsics", camera)
+    if depth_camera is not None:
+        lines += _intrinsics_lines("depth_intrinsics", depth_camera)
+        if depth_to_color is not None:
+            rotation = np.asarray(depth_to_color.rotation, float).tolist()
+            translation = np.asarray(depth_to_color.translation_m, float).tolist()
+            lines += ["", "[depth_to_color]"]
+            lines += [f"rotation = {rotation!r}", f"translation = {translation!r}"]
+    return "\n".join(lines) + "\n"
+
+
+def _intrinsics_lines(table: str, camera: Camera) -> list[str]:
+    lengths = (f"{key} = {float(getattr(camera, key))!r}" for key in ("fx", "fy", "cx", "cy"))
+    size = (f"width = {int(camera.width)}", f"height = {int(camera.height)}")
+    return ["", f"[{table}]", *size, *lengths]
+
+
+def _syntax_error(text: str, message: str, source: str) -> CaptureError:
+    """A TOML error, with the key that is given twice when it is that."""
+    found = re.search(r"line (\d+)", message)
+    lines = text.splitlines() or [""]
+    number = min(int(found[1]), len(lines)) if found else len(lines)
+    line = lines[number - 1].strip()
+    twice = re.search(r"overwrite|declare|duplicate", message, re.IGNORECASE)
+    if twice:
+        key = line.split("=")[0].strip()
+        return CaptureError(
+            f"key {key!r} is there twice",
+            source=source,
+            seen=f"line {number}",
+            remedy="keep one of them",
+        )
+    return CaptureError(
+        "not valid TOML", source=source, seen=f"line {number}: {line[:60]!r}", needed="key = value"
+    )
+
+
+def _refuse_unknown(keys: dict[str, Any], table: str, source: str) -> None:
+    known = _keys_of(table)
+    for key in keys:
+        if key in known:
+            continue
+        near = get_close_matches(key.lower(), known, n=1)
+        home = next((name for name in _TABLES if key in _keys_of(name)), None)
+        if near:
+            remedy = f"did you mean {near[0]!r}?"
+        elif home is not None:
+            remedy = f"it belongs in [{home}]" if home else "it belongs above the first [table]"
+        else:
+            remedy = f"the keys here are {', '.join(known)}"
+        raise CaptureError(f"unknown key {_dotted(table, key)!r}", source=source, remedy=remedy)
+
+
+def _refuse_value(content: dict[str, Any], message: str, source: str, cause: Exception) -> NoReturn:
+    """Raise the error for a missing key or a value of a wrong type, naming the key."""
+    what, _, where = message.partition(" - at ")
+    path = where.strip("`").removeprefix("$").lstrip(".")
+    missing = re.search(r"missing required field `(.+)`", what)
+    if missing:
+        raise CaptureError(
+            f"key {_dotted(path, missing[1])!r} is missing",
+            source=source,
+            remedy=f"for example {EXAMPLE}",
+        ) from cause
+    if path in _CHOICES:
+        choices = _CHOICES[path]
+        near = get_close_matches(str(content[path]).lower(), choices, n=1)
+        raise CaptureError(
+            f"key {path!r} has an unknown value",
+            source=source,
+            seen=repr(content[path]),
+            needed=" or ".join(map(repr, choices)),
+            remedy=f"did you mean {near[0]!r}?" if near else "",
+        ) from cause
+    types = re.search(r"Expected `(.+)`, got `(.+)`", what)
+    raise CaptureError(
+        f"key {path!r} has a wrong value",
+        source=source,
+        seen=types[2] if types else what,
+        needed=types[1] if types else "",
+    ) from cause
+
+
+def _keys_of(table: str) -> tuple[str, ...]:
+    return tuple(field.name for field in msgspec.structs.fields(_TABLES[table]))
+
+
+def _dotted(table: str, key: str) -> str:
+    return f"{table}.{key}" if table else key

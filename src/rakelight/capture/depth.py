@@ -1,0 +1,156 @@
+"""Depth files to metres.
+
+One channel of PNG or TIFF.  16-bit integers need `depth_scale`; float is metres and admits no
+other `depth_scale` than 1.  Zero, negative, NaN, infinity and the largest integer (a sensor's
+"too far") are no measurement.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rakelight.capture import validate
+from rakelight.capture.config import CONFIG, CaptureTable
+from rakelight.capture.listing import Images, Root, allocate, in_threads
+from rakelight.errors import CaptureError
+from rakelight.model import Array, Camera, Floats, RigidTransform
+
+
+def check_depth_kind(depth: Images, table: CaptureTable, root: Root) -> None:
+    """Every file is one channel of 16-bit or float depth, and depth_scale fits that."""
+    for name, header in zip(depth.names, depth.headers, strict=True):
+        if header.format == "JPEG":
+            raise CaptureError(
+                "JPEG cannot carry depth",
+                source=depth.shown(name),
+                seen="a JPEG, by its first bytes",
+                needed="PNG or TIFF",
+                remedy="export the depth as 16-bit PNG",
+            )
+        if header.channels != 1:
+            raise CaptureError(
+                "depth has one channel",
+                source=depth.shown(name),
+                seen=f"{header.channels} channels",
+                remedy="export the depth itself, not a coloured picture of it",
+            )
+        if header.dtype in ("uint8", "int8"):
+            raise CaptureError(
+                "256 levels cannot carry millimetres",
+                source=depth.shown(name),
+                seen="8-bit depth",
+                needed="16-bit PNG or float TIFF",
+                remedy="export the depth as 16-bit PNG",
+            )
+        if header.dtype not in ("uint16", "int16", "float32", "float64"):
+            raise CaptureError(
+                "this kind of depth is not read",
+                source=depth.shown(name),
+                seen=header.dtype,
+                needed="16-bit PNG or float TIFF",
+            )
+    validate.check_same_kind(dict(zip(depth.names, depth.headers, strict=True)), depth.source)
+    _check_depth_scale(depth, table.depth_scale, root.shown(CONFIG))
+
+
+def _check_depth_scale(depth: Images, depth_scale: float | None, source: str) -> None:
+    if depth_scale is not None and not (np.isfinite(depth_scale) and depth_scale > 0):
+        raise CaptureError(
+            "key 'depth_scale' is not positive",
+            source=source,
+            seen=f"{depth_scale:g}",
+            needed="depth values per metre",
+        )
+    is_float = depth.headers[0].dtype.startswith("float")
+    if is_float and depth_scale not in (None, 1.0):
+        raise CaptureError(
+            "key 'depth_scale' does not apply to float depth",
+            source=source,
+            seen=f"{depth_scale:g}",
+            needed="metres in the files",
+            remedy="remove the key; divide the files if they are not metres",
+        )
+    if not is_float and depth_scale is None:
+        values = depth.read(0)
+        values = values[values > 0]
+        raise CaptureError(
+            "key 'depth_scale' is missing",
+            source=source,
+            needed="depth values per metre, for integer depth",
+            remedy=validate.plausible_scales(float(np.median(values))) if values.size else "",
+        )
+
+
+def depth_geometry(
+    table: CaptureTable, shape: tuple[int, int], source: str
+) -> tuple[Camera | None, RigidTransform | None]:
+    """The depth camera and its place, None when depth is in the colour camera's frame."""
+    if table.depth_intrinsics is None:
+        if table.depth_to_color is not None:
+            raise CaptureError(
+                "[depth_to_color] without [depth_intrinsics]",
+                source=source,
+                remedy="give both, or neither when the depth is aligned to the colour",
+            )
+        return None, None
+    camera = table.depth_intrinsics.camera()
+    validate.check_camera(camera, shape, source, "depth_intrinsics")
+    if table.depth_to_color is None:
+        return camera, RigidTransform(np.eye(3), np.zeros(3))
+    transform = RigidTransform(
+        _numbers(table.depth_to_color.rotation, (3, 3), source, "depth_to_color.rotation"),
+        _numbers(table.depth_to_color.translation, (3,), source, "depth_to_color.translation"),
+    )
+    validate.check_transform(transform, source)
+    return camera, transform
+
+
+def _numbers(values: object, shape: tuple[int, ...], source: str, key: str) -> Floats:
+    try:
+        numbers = np.array(values, np.float64).reshape(shape)
+    except ValueError as error:
+        raise CaptureError(
+            f"key '{key}' has a wrong shape",
+            source=source,
+            needed="x".join(map(str, shape)) + " numbers",
+        ) from error
+    if not np.isfinite(numbers).all():
+        raise CaptureError(f"key '{key}' is not a number", source=source, seen=str(values))
+    return numbers
+
+
+def read_depth(depth: Images, depth_scale: float | None) -> tuple[Floats, Array]:
+    """Metres (K, h, w) float32 with NaN = no measurement, and why: (K, h, w) indices into
+    rakelight.capture.validate.HOLES."""
+    shape = (len(depth.names), *depth.shape)
+    depth_m = allocate(shape, "float32", depth.source)
+    holes = allocate(shape, "uint8", depth.source)
+
+    def read(index: int) -> None:
+        raw = depth.read(index)
+        largest = np.iinfo(raw.dtype).max if raw.dtype.kind in "iu" else np.nan
+        with np.errstate(over="ignore", invalid="ignore"):  # of wild values, NaN afterwards
+            metres = (raw if depth_scale is None else raw / depth_scale).astype(np.float32)
+            reasons = [raw == 0, raw < 0, raw == largest, ~np.isfinite(metres)]
+        holes[index] = np.select(reasons, [1, 2, 3, 4], default=0)
+        depth_m[index] = np.where(holes[index] > 0, np.float32(np.nan), metres)
+
+    in_threads(read, range(len(depth.names)))
+    return depth_m, holes
+
+
+def depth_values(depth_m: Floats, depth_scale: float) -> Array:
+    """uint16 values with 0 = no measurement; raises CaptureError when one does not fit."""
+    known = np.isfinite(depth_m) & (depth_m > 0)
+    values = np.rint(np.where(known, depth_m, 0) * float(depth_scale))
+    largest = np.iinfo(np.uint16).max - 1  # the largest itself is read as "too far"
+    if not ((values[known] >= 1) & (values[known] <= largest)).all():
+        raise CaptureError(
+            "the depth does not fit 16 bit at this scale",
+            source="depth_scale",
+            seen=f"{depth_m[known].min():.3g} to {depth_m[known].max():.3g} m "
+            f"at {depth_scale:g} values per metre",
+            needed=f"values from 1 to {largest}",
+            remedy="choose another depth_scale, or none to write float TIFF",
+        )
+    return values.astype(np.uint16)

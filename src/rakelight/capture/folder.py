@@ -1,0 +1,336 @@
+"""The capture folder: capture.toml, rgb/, depth/, mask.png; and truth/ beside them.
+
+The format is in docs/conventions.md.  What a file may be:
+
+- photographs: PNG or TIFF, 8 or 16 bit; JPEG with a warning.  Grey is repeated to three
+  channels, alpha is dropped, each with a note.  EXIF orientation is ignored, with a warning.
+- depth: see rakelight.capture.depth.
+- mask.png: PNG; a pixel is object where any colour channel is not zero.
+- hidden files are skipped, files of other kinds listed in a note.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from rakelight.capture import validate
+from rakelight.capture.config import CONFIG, EXAMPLE, CaptureTable, format_config, parse_config
+from rakelight.capture.depth import check_depth_kind, depth_geometry, depth_values, read_depth
+from rakelight.capture.headers import read_header
+from rakelight.capture.images import as_rgb, decode_image, encode_png, encode_tiff
+from rakelight.capture.listing import (
+    Images,
+    Root,
+    allocate,
+    file_findings,
+    in_threads,
+    list_images,
+    read_file,
+)
+from rakelight.capture.truth import write_truth
+from rakelight.errors import CaptureError, OutputExistsError, printable
+from rakelight.files import clear_errors, read_bytes, staged_folder, write_bytes
+from rakelight.model import (
+    Array,
+    Capture,
+    Encoding,
+    Finding,
+    Lighting,
+    Mask,
+    Truth,
+)
+
+
+def load_capture(folder: str | PathLike[str]) -> Capture:
+    """Read a capture folder, strictly; nothing in it is changed.
+
+    Parameters
+    ----------
+    folder : the folder with capture.toml
+
+    Returns
+    -------
+    the Capture: photographs as stored, depth in metres with NaN = no measurement, and in
+    `findings` what a person should know about it
+
+    Raises
+    ------
+    CaptureError
+        something is missing, damaged or contradicts itself; says which file and what to do
+    MachineError
+        a file cannot be read, or memory does not suffice
+
+    Examples
+    --------
+    >>> load_capture("no/such/folder")
+    Traceback (most recent call last):
+    rakelight.errors.CaptureError: no/such/folder: no such folder
+    """
+    root = Root(Path(os.fsdecode(folder)))
+    with clear_errors(root.shown(), "cannot be read"):
+        table = parse_config(_config_bytes(root), root.shown(CONFIG))
+    camera = table.intrinsics.camera()
+
+    rgb = list_images(root, "rgb", "photographs")
+    depth = list_images(root, "depth", "depth maps")
+    _check_photograph_kind(rgb)
+    check_depth_kind(depth, table, root)
+    validate.check_camera(camera, rgb.shape, root.shown(CONFIG), "intrinsics")
+    depth_camera, depth_to_color = depth_geometry(table, depth.shape, root.shown(CONFIG))
+    factor = (
+        validate.depth_factor(depth.shape, rgb.shape, depth.source)
+        if depth_camera is None
+        else None
+    )
+
+    photographs = _read_photographs(rgb)
+    names = tuple(map(printable, rgb.names))
+    validate.check_not_twice(photographs, names, rgb.source)
+    depth_m, holes = read_depth(depth, table.depth_scale)
+    measured = np.asarray(np.isfinite(depth_m).any(axis=0))
+    mask, mask_findings = _read_mask(root, rgb.shape, measured, factor)
+    on_object = _coarse(mask, factor, depth.shape)
+    encoding, lighting, assumed = _defaults(table, photographs)
+    return Capture(
+        photographs=photographs,
+        depth_m=depth_m,
+        mask=mask,
+        camera=camera,
+        encoding=encoding,
+        lighting=lighting,
+        depth_camera=depth_camera,
+        depth_to_color=depth_to_color,
+        names=names,
+        findings=(
+            *assumed,
+            *file_findings(rgb),
+            *file_findings(depth),
+            *mask_findings,
+            *validate.check_depth(depth_m, holes, on_object, depth.source, table.depth_scale),
+            *validate.check_exposure(photographs, mask, names, rgb.source),
+        ),
+        source=root.shown(),
+    )
+
+
+def write_capture(
+    capture: Capture,
+    folder: str | PathLike[str],
+    *,
+    truth: Truth | None = None,
+    depth_scale: float | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Write a capture folder; it appears complete or not at all.
+
+    Parameters
+    ----------
+    capture : read back, its arrays are bit-identical; `names`, `findings` and `source` are not
+        stored
+    folder : where it is to appear; its parents are made
+    truth : stored in truth/ for `load_truth`
+    depth_scale : store depth as 16-bit PNG with so many values per metre, rounded; without it as
+        float32 TIFF in metres, exact
+    overwrite : replace an older capture folder, but never the one that `capture` was read from
+
+    Raises
+    ------
+    CaptureError
+        the arrays do not fit each other, or `depth_scale` does not fit the depth
+    OutputExistsError
+        something stands at `folder` and may not be replaced
+    MachineError
+        disk full, no permission, or another run is writing the same folder
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from rakelight.model import Camera
+    >>> random = np.random.default_rng(0)
+    >>> capture = Capture(photographs=random.integers(50, 200, (3, 6, 8, 3), np.uint8),
+    ...                   depth_m=np.full((1, 3, 4), 0.5, np.float32),
+    ...                   mask=np.eye(6, 8, dtype=bool),
+    ...                   camera=Camera(8, 6, 10.0, 10.0, 3.5, 2.5))
+    >>> with TemporaryDirectory() as scratch:
+    ...     write_capture(capture, Path(scratch) / "small")
+    ...     again = load_capture(Path(scratch) / "small")
+    >>> np.array_equal(again.photographs, capture.photographs), again.names[0]
+    (True, '000.png')
+    """
+    _check_arrays(capture, truth)
+    target = Path(os.fsdecode(folder))
+    if capture.source and _same_folder(target, Path(capture.source)):
+        raise OutputExistsError(
+            "this is the input; it is never overwritten",
+            source=str(target),
+            remedy="choose another name",
+        )
+    config = format_config(
+        capture.camera,
+        capture.encoding,
+        capture.lighting,
+        depth_scale,
+        capture.depth_camera,
+        capture.depth_to_color,
+    )
+    with staged_folder(target, overwrite=overwrite, marker=CONFIG) as staging:
+        for name in ("rgb", "depth"):
+            (staging / name).mkdir()
+        _write_each(staging / "rgb", ".png", encode_png, capture.photographs)
+        if depth_scale is None:
+            _write_each(staging / "depth", ".tiff", encode_tiff, capture.depth_m)
+        else:
+            values = depth_values(capture.depth_m, depth_scale)
+            _write_each(staging / "depth", ".png", encode_png, values)
+        write_bytes(staging / "mask.png", encode_png(capture.mask.astype(np.uint8) * np.uint8(255)))
+        if truth is not None:
+            write_truth(truth, staging / "truth")
+        write_bytes(staging / CONFIG, config.encode())
+
+
+def _config_bytes(root: Root) -> bytes:
+    if not root.path.is_dir():
+        a_file = root.path.is_file()
+        raise CaptureError(
+            "a capture is a folder" if a_file else "no such folder",
+            source=root.shown(),
+            seen="a file" if a_file else "",
+            needed=f"a folder with {CONFIG}" if a_file else "",
+        )
+    if not (root.path / CONFIG).is_file():
+        raise CaptureError(
+            f"no {CONFIG} in it", source=root.shown(), remedy=f"write one: {EXAMPLE}"
+        )
+    return read_bytes(root.path / CONFIG, source=root.shown(CONFIG), max_bytes=1_000_000)
+
+
+def _check_photograph_kind(rgb: Images) -> None:
+    for name, header in zip(rgb.names, rgb.headers, strict=True):
+        if header.dtype not in ("uint8", "uint16"):
+            raise CaptureError(
+                "this kind of photograph is not read",
+                source=rgb.shown(name),
+                seen=header.dtype,
+                needed="8 or 16 bit",
+                remedy="export it as 16-bit PNG",
+            )
+    validate.check_same_kind(dict(zip(rgb.names, rgb.headers, strict=True)), rgb.source)
+
+
+def _read_photographs(rgb: Images) -> Array:
+    """(N, H, W, 3), decoded straight into the one array."""
+    photographs = allocate((len(rgb.names), *rgb.shape, 3), rgb.headers[0].dtype, rgb.source)
+
+    def read(index: int) -> None:
+        photographs[index] = as_rgb(rgb.read(index))
+
+    in_threads(read, range(len(rgb.names)))
+    return photographs
+
+
+def _defaults(
+    table: CaptureTable, photographs: Array
+) -> tuple[Encoding, Lighting, tuple[Finding, ...]]:
+    """Encoding and lighting, with a note for what capture.toml leaves open."""
+    findings = []
+    encoding, lighting = table.encoding, table.lighting
+    if encoding is None:
+        bits = 8 * photographs.dtype.itemsize
+        encoding = "srgb" if bits == 8 else "linear"
+        findings.append(
+            Finding(
+                "note",
+                "encoding-assumed",
+                f"{bits}-bit photographs without a given encoding count as {encoding}",
+                f'write encoding = "linear" or "srgb" into {CONFIG}',
+            )
+        )
+    if lighting is None:
+        lighting = "ambient" if len(photographs) == 1 else "moving-lamp"
+    return encoding, lighting, tuple(findings)
+
+
+def _read_mask(
+    root: Root, shape: tuple[int, int], measured: Mask, factor: int | None
+) -> tuple[Mask, tuple[Finding, ...]]:
+    """mask.png, or without it every pixel that has depth; (H, W) True = object.
+
+    measured : (h, w) where there is depth; factor : colour pixels per depth pixel along a side,
+    None when the depth is another camera's
+    """
+    path, source = root.path / "mask.png", root.shown("mask.png")
+    if path.exists():
+        data = read_file(path, source)
+        header = read_header(data, source)
+        if header.format != "PNG":
+            raise CaptureError("not a PNG", source=source, seen=f"a {header.format}, by its bytes")
+        pixels = as_rgb(decode_image(data, source))
+        mask = np.asarray((pixels != 0).any(axis=2))
+        return mask, validate.check_mask(mask, shape, source)
+    if factor is None:
+        mask, what = np.ones(shape, bool), "every pixel"
+    else:
+        mask = measured.repeat(factor, axis=0).repeat(factor, axis=1)
+        what = "every pixel with depth"
+    if not mask.any():
+        raise CaptureError(
+            "no depth at all", source=root.shown("depth"), seen="no positive finite value"
+        )
+    return mask, (
+        Finding(
+            "warning",
+            "no-mask",
+            f"no mask.png: {what} counts as object ({mask.mean():.0%} of the image)",
+            "draw the object white on black at the photographs' size and save it as mask.png",
+        ),
+    )
+
+
+def _coarse(mask: Mask, factor: int | None, shape: tuple[int, int]) -> Mask:
+    """(h, w) True where a depth pixel sees the object; everywhere for another camera's depth."""
+    if factor is None:
+        return np.ones(shape, bool)
+    h, w = shape
+    return np.asarray(mask.reshape(h, factor, w, factor).any(axis=(1, 3)))
+
+
+def _check_arrays(capture: Capture, truth: Truth | None) -> None:
+    """The arrays of a Capture (and its Truth) are those of the model's docstring."""
+    n, *shape = capture.photographs.shape[:3]
+    size = tuple(shape)
+    expected = {
+        "photographs": (capture.photographs.shape, (max(n, 1), *capture.camera.shape, 3)),
+        "mask": (capture.mask.shape, size),
+        "depth_m": (np.ndim(capture.depth_m), 3),
+    }
+    if truth is not None:
+        expected["truth.depth"] = (truth.depth.shape, size)
+        expected["truth.normals"] = (truth.normals.shape, (*size, 3))
+        expected["truth.albedo"] = (truth.albedo.shape, (*size, 3))
+    for name, (seen, needed) in expected.items():
+        if seen != needed:
+            raise CaptureError(
+                "this array does not fit the capture",
+                source=name,
+                seen=str(seen),
+                needed=str(needed),
+            )
+
+
+def _same_folder(first: Path, second: Path) -> bool:
+    try:
+        return first.samefile(second)
+    except (OSError, ValueError):
+        return False
+
+
+def _write_each(folder: Path, suffix: str, encode: Callable[[Array], bytes], images: Array) -> None:
+    def write(index: int) -> None:
+        write_bytes(folder / f"{index:03d}{suffix}", encode(images[index]))
+
+    in_threads(write, range(len(images)))

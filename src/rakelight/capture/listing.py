@@ -1,0 +1,191 @@
+"""The image files of a capture folder: found, looked at, not decoded yet."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from rakelight.capture.headers import Header, read_header
+from rakelight.capture.images import decode_image
+from rakelight.errors import CaptureError, MachineError, printable
+from rakelight.files import clear_errors, read_bytes
+from rakelight.model import Array, Finding
+
+T = TypeVar("T")
+S = TypeVar("S")
+
+SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
+_LARGEST_FILE = 1_000_000_000  # bytes; 100 megapixels of 16-bit colour take 600 MB
+_THREADS = 2  # the decoders release the interpreter; more threads only take more memory
+
+
+@dataclass(frozen=True)
+class Root:
+    """The capture folder, and how messages name the files in it."""
+
+    path: Path
+
+    def shown(self, name: str = "") -> str:
+        """The folder, or a file in it, as the user would write it."""
+        return f"{self.path}/{name}" if name else str(self.path)
+
+
+@dataclass(frozen=True)
+class Images:
+    """The image files of one folder, all of one kind, not decoded yet."""
+
+    folder: Path
+    source: str
+    names: tuple[str, ...]
+    headers: tuple[Header, ...]
+    ignored: tuple[str, ...]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(height, width) of every image."""
+        return self.headers[0].height, self.headers[0].width
+
+    def read(self, index: int) -> Array:
+        """The pixels of one image, as stored."""
+        name = self.names[index]
+        return decode_image(read_file(self.folder / name, self.shown(name)), self.shown(name))
+
+    def shown(self, name: str) -> str:
+        """One of the files, as the user would write it."""
+        return f"{self.source}/{name}"
+
+
+def list_images(root: Root, name: str, what: str) -> Images:
+    """The images in the subfolder `name`, in the order of the numbers in their names."""
+    folder, source = root.path / name, root.shown(name)
+    if not folder.is_dir():
+        raise CaptureError(
+            f"no folder {name} in it",
+            source=root.shown(),
+            needed=f"the {what} as {name}/000.png, {name}/001.png, …",
+        )
+    with clear_errors(source, "cannot be read"):
+        present = sorted((p for p in folder.iterdir() if p.name[0] != "."), key=_by_number)
+    chosen = [p.name for p in present if p.suffix.lower() in SUFFIXES and p.is_file()]
+    ignored = tuple(p.name for p in present if p.name not in chosen)
+    if not chosen:
+        raise CaptureError(
+            f"no {what} in it",
+            source=source,
+            seen=", ".join(ignored[:5]) or "an empty folder",
+            needed="PNG or TIFF files",
+        )
+    _refuse_same_stem(chosen, source)
+
+    def header(name: str) -> Header:
+        return read_header(read_file(folder / name, f"{source}/{name}"), f"{source}/{name}")
+
+    headers = in_threads(header, chosen)
+    return Images(folder, source, tuple(chosen), tuple(headers), ignored)
+
+
+def _by_number(path: Path) -> tuple[tuple[int, str], ...]:
+    """2.png before 10.png: digits compare as numbers, and before letters."""
+    parts = re.split(r"([0-9]+)", path.name)
+    return tuple((int(part), "") if part.isdecimal() else (-1, part) for part in parts)
+
+
+def _refuse_same_stem(names: Sequence[str], source: str) -> None:
+    stems: dict[str, str] = {}
+    for name in names:
+        other = stems.setdefault(Path(name).stem, name)
+        if other != name:
+            raise CaptureError(
+                "the same image in two formats",
+                source=source,
+                seen=f"{other} and {name}",
+                remedy="remove one of them",
+            )
+
+
+def read_file(path: Path, source: str) -> bytes:
+    """The bytes of an image file; refuses what is too large to be one."""
+    return read_bytes(path, source=source, max_bytes=_LARGEST_FILE)
+
+
+def in_threads(function: Callable[[S], T], items: Iterable[S]) -> list[T]:
+    """[function(item) for item in items], a few at a time; the first error is raised."""
+    with ThreadPoolExecutor(_THREADS) as pool:
+        return list(pool.map(function, items))
+
+
+def allocate(shape: tuple[int, ...], dtype: str, source: str) -> Array:
+    """An array to decode into; raises MachineError with its size when there is no memory."""
+    try:
+        return np.empty(shape, dtype)
+    except MemoryError as error:
+        needed = np.prod(shape, dtype=float) * np.dtype(dtype).itemsize
+        raise MachineError(
+            "too little memory for the images",
+            source=source,
+            needed=f"{needed / 1e9:.1f} GB",
+            remedy="use fewer or smaller images",
+        ) from error
+
+
+def file_findings(images: Images) -> tuple[Finding, ...]:
+    """What a person should know about the files of one folder."""
+    kind = images.folder.name
+    named = list(zip(images.names, images.headers, strict=True))
+    turned = [name for name, header in named if header.orientation != 1]
+    jpegs = [name for name, header in named if header.format == "JPEG"]
+    misnamed = [name for name, header in named if not _named_as(name, header)]
+    channels = images.headers[0].channels
+    findings = []
+    if turned:
+        findings.append(
+            Finding(
+                "warning",
+                "exif-orientation",
+                f"{kind}: EXIF orientation ignored in {_some(turned)}",
+                "make sure that depth and photographs are the same way up",
+            )
+        )
+    if jpegs:
+        findings.append(
+            Finding(
+                "warning",
+                "jpeg",
+                f"{kind}: {_some(jpegs)} JPEG; its compression looks like relief",
+                "use PNG or raw",
+            )
+        )
+    if misnamed:
+        findings.append(
+            Finding("warning", "misnamed", f"{kind}: another format than named: {_some(misnamed)}")
+        )
+    if channels in (2, 4):
+        findings.append(Finding("note", "alpha-dropped", f"{kind}: alpha channel dropped"))
+    if kind == "rgb" and channels in (1, 2):
+        findings.append(
+            Finding("note", "grey", f"{kind}: grey photographs, repeated to three channels")
+        )
+    if images.ignored:
+        findings.append(
+            Finding(
+                "note", "ignored-files", f"{kind}: not images, ignored: {_some(images.ignored)}"
+            )
+        )
+    return tuple(findings)
+
+
+def _named_as(name: str, header: Header) -> bool:
+    suffix = Path(name).suffix.lower().replace("tiff", "tif").replace("jpeg", "jpg")
+    return suffix == {"PNG": ".png", "TIFF": ".tif", "JPEG": ".jpg"}[header.format]
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(map(printable, names[:3])) + (
+        f" and {len(names) - 3} more" if len(names) > 3 else ""
+    )

@@ -1,0 +1,99 @@
+"""What a synthetic capture really shows, in the folder `truth` inside its folder."""
+
+from __future__ import annotations
+
+import os
+from os import PathLike
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from rakelight.capture.images import decode_image, encode_tiff
+from rakelight.capture.listing import Root, read_file
+from rakelight.errors import CaptureError
+from rakelight.files import write_bytes
+from rakelight.model import Floats, Lights, Truth
+
+
+def load_truth(folder: str | PathLike[str]) -> Truth:
+    """Read the truth of a synthetic capture from the `truth` folder in its folder.
+
+    Raises CaptureError when there is none, or its files are damaged or do not fit each other.
+    """
+    root = Root(Path(os.fsdecode(folder)))
+    if not (root.path / "truth").is_dir():
+        raise CaptureError(
+            "this capture has no truth",
+            source=root.shown(),
+            needed="a folder truth in it",
+            remedy="name a capture that `rakelight synth` wrote",
+        )
+    depth = _read_truth_map(root, "depth", None)
+    return Truth(
+        depth=depth,
+        normals=_read_truth_map(root, "normals", (*depth.shape, 3)),
+        albedo=_read_truth_map(root, "albedo", (*depth.shape, 3)),
+        lights=_read_lights(root),
+    )
+
+
+class _LightsFile(msgspec.Struct, forbid_unknown_fields=True):
+    """truth/lights.json: the fields of rakelight.model.Lights, nested lists."""
+
+    vector: list[list[list[float]]]
+    ambient: list[list[float]]
+    position_m: list[list[float]] | None = None
+
+
+def write_truth(truth: Truth, folder: Path) -> None:
+    """Write the maps as float32 TIFF and lights.json into the new folder."""
+    folder.mkdir()
+    for name in ("depth", "normals", "albedo"):
+        pixels = np.asarray(getattr(truth, name), np.float32)
+        write_bytes(folder / f"{name}.tiff", encode_tiff(pixels))
+    if truth.lights is not None:
+        lights, position_m = truth.lights, truth.lights.position_m
+        stored = _LightsFile(
+            vector=lights.vector.astype(float).tolist(),
+            ambient=lights.ambient.astype(float).tolist(),
+            position_m=None if position_m is None else position_m.astype(float).tolist(),
+        )
+        data = msgspec.json.format(msgspec.json.encode(stored), indent=1)
+        write_bytes(folder / "lights.json", data)
+
+
+def _read_truth_map(root: Root, name: str, shape: tuple[int, ...] | None) -> Floats:
+    source = root.shown(f"truth/{name}.tiff")
+    pixels = decode_image(read_file(root.path / "truth" / f"{name}.tiff", source), source)
+    fits = pixels.ndim == 2 if shape is None else pixels.shape == shape
+    if not fits or pixels.dtype != np.float32:
+        raise CaptureError(
+            "this map does not fit the others",
+            source=source,
+            seen=f"{pixels.shape} {pixels.dtype}",
+            needed=f"{shape or '(H, W)'} float32",
+        )
+    return pixels
+
+
+def _read_lights(root: Root) -> Lights | None:
+    path, source = root.path / "truth" / "lights.json", root.shown("truth/lights.json")
+    if not path.exists():
+        return None
+    try:
+        stored = msgspec.json.decode(read_file(path, source), type=_LightsFile)
+        vector, ambient = np.array(stored.vector), np.array(stored.ambient)
+        position_m = None if stored.position_m is None else np.array(stored.position_m)
+    except (msgspec.MsgspecError, ValueError) as error:
+        raise CaptureError("not the lights of a capture", source=source, seen=str(error)) from error
+    n, channels = ambient.shape if ambient.ndim == 2 else (-1, -1)
+    fits = vector.shape == (n, channels, 3) and (position_m is None or position_m.shape == (n, 3))
+    if not fits:
+        raise CaptureError(
+            "the lights do not fit each other",
+            source=source,
+            seen=f"vector {vector.shape}, ambient {ambient.shape}",
+            needed="vector (N, C, 3), ambient (N, C), position_m (N, 3)",
+        )
+    return Lights(vector=vector, ambient=ambient, position_m=position_m)

@@ -1,0 +1,390 @@
+"""Whether a capture makes sense: each check raises CaptureError or returns what it noticed.
+
+`source` is the file that a message is about, as the user would write it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from rakelight.capture.headers import Header
+from rakelight.errors import CaptureError
+from rakelight.model import Array, Camera, Finding, Floats, Mask, RigidTransform
+
+SATURATED = 0.98  # of the largest value, in any channel
+BLACK = 0.004  # of the largest value, in all channels
+NEEDED_PHOTOGRAPHS = 3  # an albedo and a normal are three unknowns per pixel
+MOST_UNUSABLE = 0.20  # of the object
+LEAST_MEASURED = 0.01  # of the object
+PLAUSIBLE_M = (0.05, 20.0)
+# Values per metre: millimetres, TUM, 0.1 mm, L515, metres
+COMMON_DEPTH_SCALES = (1000.0, 5000.0, 10000.0, 4000.0, 1.0)
+LONGEST_BASELINE_M = 1.0
+# Why a depth value is none, in the order of the codes that the reader gives.
+HOLES = ("measured", "zero", "negative", "at the largest value", "not finite")
+
+
+def check_same_kind(headers: Mapping[str, Header], source: str) -> None:
+    """All images of a folder (name -> header) have one size, depth and number of channels.
+
+    >>> check_same_kind({"0.png": Header("PNG", 4, 3, 3, "uint8"),
+    ...                  "1.png": Header("PNG", 8, 6, 3, "uint8")}, "rgb")
+    Traceback (most recent call last):
+    rakelight.errors.CaptureError: rgb: images of different kinds (seen 0.png 4x3x3 uint8;
+    1.png 8x6x3 uint8, needed one size, depth and number of channels). Fix: ...
+    """
+    kinds: dict[str, list[str]] = {}
+    for name, header in headers.items():
+        kinds.setdefault(str(header), []).append(name)
+    if len(kinds) == 1:
+        return
+    rows = [
+        f"{names[0]} {kind}" + (f" and {len(names) - 1} more" if len(names) > 1 else "")
+        for kind, names in kinds.items()
+    ]
+    dtypes = {header.dtype for header in headers.values()}
+    raise CaptureError(
+        "8-bit images beside 16-bit ones"
+        if dtypes == {"uint8", "uint16"}
+        else "images of different kinds",
+        source=source,
+        seen="; ".join(rows[:8]) + ("; …" if len(rows) > 8 else ""),
+        needed="one size, depth and number of channels",
+        remedy="export all of them in the same way, or leave out the odd ones",
+    )
+
+
+def check_camera(camera: Camera, shape: tuple[int, int], source: str, table: str) -> None:
+    """The intrinsics in `table` of capture.toml are plausible for images (height, width).
+
+    >>> swapped = Camera(640, 480, 319.5, 239.5, 525.0, 525.0)
+    >>> check_camera(swapped, (480, 640), "capture.toml", "intrinsics")
+    Traceback (most recent call last):
+    rakelight.errors.CaptureError: capture.toml: the principal point of [intrinsics] lies outside
+    the image (...). Fix: fx, fy and cx, cy look exchanged: ...
+    """
+    lengths = {key: getattr(camera, key) for key in ("fx", "fy", "cx", "cy")}
+    for key, value in lengths.items():
+        if not np.isfinite(value):
+            raise CaptureError(
+                f"key '{table}.{key}' is not a number",
+                source=source,
+                seen=str(value),
+                needed="pixels",
+            )
+    for key in ("width", "height", "fx", "fy"):
+        if getattr(camera, key) <= 0:
+            raise CaptureError(
+                f"key '{table}.{key}' is not positive",
+                source=source,
+                seen=f"{getattr(camera, key):g}",
+                needed="pixels",
+            )
+    _check_camera_size(camera, shape, source, table)
+    _check_field_of_view(camera, source, table)
+    _check_principal_point(camera, source, table)
+
+
+def _check_field_of_view(camera: Camera, source: str, table: str) -> None:
+    widest, narrowest = 0.2, 50.0  # focal length over image side: 136 and 1 degrees
+    for key, length, side in (("fx", camera.fx, camera.width), ("fy", camera.fy, camera.height)):
+        if not widest <= length / side <= narrowest:
+            raise CaptureError(
+                f"key '{table}.{key}' is implausible",
+                source=source,
+                seen=f"{length:g} for an image of {camera.width}x{camera.height}",
+                needed="the focal length in pixels",
+                remedy="not in millimetres, and not as a fraction of the image",
+            )
+    if not 0.5 <= camera.fx / camera.fy <= 2:
+        raise CaptureError(
+            f"fx and fy of [{table}] do not fit together",
+            source=source,
+            seen=f"fx = {camera.fx:g}, fy = {camera.fy:g}",
+            needed="nearly the same value",
+            remedy="look for a mistyped or exchanged value",
+        )
+
+
+def _check_principal_point(camera: Camera, source: str, table: str) -> None:
+    def inside(u: float, v: float) -> bool:
+        return 0 <= u <= camera.width - 1 and 0 <= v <= camera.height - 1
+
+    def central(u: float, v: float) -> bool:
+        near = 0.02 * max(camera.width, camera.height)
+        off = abs(u - (camera.width - 1) / 2), abs(v - (camera.height - 1) / 2)
+        return max(off) <= near
+
+    seen = f"cx = {camera.cx:g}, cy = {camera.cy:g} in {camera.width}x{camera.height}"
+    exchanged = central(camera.cy, camera.cx) and not central(camera.cx, camera.cy)
+    if inside(camera.cx, camera.cy) and not exchanged:
+        return
+    if exchanged:
+        what, remedy = "looks transposed", "exchange cx and cy"
+    elif inside(camera.fx, camera.fy):
+        what = "lies outside the image"
+        remedy = "fx, fy and cx, cy look exchanged: give them the other way round"
+    else:
+        what = "lies outside the image"
+        remedy = "give cx and cy in pixels of this image size"
+    raise CaptureError(
+        f"the principal point of [{table}] {what}",
+        source=source,
+        seen=seen,
+        needed="a point near the centre",
+        remedy=remedy,
+    )
+
+
+def _check_camera_size(camera: Camera, shape: tuple[int, int], source: str, table: str) -> None:
+    """The intrinsics belong to images of (height, width) = `shape`.
+
+    >>> _check_camera_size(Camera(640, 480, 500.0, 500.0, 319.5, 239.5), (960, 1280),
+    ...                   "capture.toml", "intrinsics")
+    Traceback (most recent call last):
+    rakelight.errors.CaptureError: capture.toml: [intrinsics] is for another image size
+    (seen 640x480, needed 1280x960). Fix: if the images were only resized: width = 1280,
+    height = 960, fx = 1000, fy = 1000, cx = 639.5, cy = 479.5
+    """
+    if camera.shape == shape:
+        return
+    height, width = shape
+    factor = width / camera.width
+    if (height, width) == (camera.width, camera.height):
+        remedy = "width and height are exchanged, or the images were turned"
+    elif round(camera.height * factor) == height:
+        fit = camera.scaled(factor)
+        remedy = (
+            f"if the images were only resized: width = {width}, height = {height}, "
+            f"fx = {fit.fx:g}, fy = {fit.fy:g}, cx = {fit.cx:g}, cy = {fit.cy:g}"
+        )
+    else:
+        remedy = "the sides have other proportions: calibrate at this image size"
+    raise CaptureError(
+        f"[{table}] is for another image size",
+        source=source,
+        seen=f"{camera.width}x{camera.height}",
+        needed=f"{width}x{height}",
+        remedy=remedy,
+    )
+
+
+def check_transform(transform: RigidTransform, source: str) -> None:
+    """[depth_to_color] is a rotation and a short translation in metres."""
+    rotation, translation_m = transform.rotation, transform.translation_m
+    off = np.abs(rotation @ rotation.T - np.eye(3)).max()
+    if off > 1e-3 or np.linalg.det(rotation) < 0:
+        raise CaptureError(
+            "key 'depth_to_color.rotation' is not a rotation",
+            source=source,
+            seen=f"R Rᵀ differs from the identity by {off:.2g}, "
+            f"determinant {np.linalg.det(rotation):.2g}",
+            needed="three orthonormal rows, determinant 1",
+        )
+    baseline_m = float(np.linalg.norm(translation_m))
+    if baseline_m > LONGEST_BASELINE_M:
+        raise CaptureError(
+            "key 'depth_to_color.translation' is implausibly long",
+            source=source,
+            seen=f"{baseline_m:g} m",
+            needed=f"at most {LONGEST_BASELINE_M:g} m",
+            remedy="give it in metres, not millimetres",
+        )
+
+
+def check_not_twice(photographs: Array, names: Sequence[str], source: str) -> None:
+    """No two photographs (N, H, W, 3) have the same pixels."""
+    seen: dict[bytes, str] = {}
+    for name, photograph in zip(names, photographs, strict=True):
+        digest = hashlib.blake2b(np.ascontiguousarray(photograph).data).digest()
+        if digest in seen:
+            raise CaptureError(
+                "the same photograph twice",
+                source=source,
+                seen=f"{seen[digest]} and {name}",
+                needed="one photograph per light",
+                remedy=f"remove {name}",
+            )
+        seen[digest] = name
+
+
+def check_exposure(
+    photographs: Array, mask: Mask, names: Sequence[str], source: str
+) -> tuple[Finding, ...]:
+    """Enough of the object is neither saturated nor black in enough photographs.
+
+    photographs : (N, H, W, 3) as stored; mask : (H, W) True = object
+
+    With three photographs or more, raises CaptureError when more than 20 % of the object has
+    fewer than three usable ones.
+    """
+    white = np.iinfo(photographs.dtype).max
+    usable = np.zeros(int(mask.sum()), np.intp)
+    saturated, black = [], []
+    for photograph in photographs:
+        r, g, b = photograph[mask].T
+        brightest = np.maximum(np.maximum(r, g), b)
+        too_bright, too_dark = brightest >= SATURATED * white, brightest <= BLACK * white
+        usable += ~(too_bright | too_dark)
+        saturated.append(float(too_bright.mean()))
+        black.append(float(too_dark.mean()))
+    if len(photographs) >= NEEDED_PHOTOGRAPHS:
+        unusable = float((usable < NEEDED_PHOTOGRAPHS).mean())
+        if unusable > MOST_UNUSABLE:
+            brighter = float(np.mean(black)) > float(np.mean(saturated))
+            raise CaptureError(
+                f"fewer than {NEEDED_PHOTOGRAPHS} usable photographs on {unusable:.0%} of the "
+                "object",
+                source=source,
+                seen=f"{np.mean(saturated):.0%} saturated and {np.mean(black):.0%} black "
+                "per photograph",
+                needed=f"at most {MOST_UNUSABLE:.0%}",
+                remedy="expose longer or move the lamp closer"
+                if brighter
+                else "expose shorter or move the lamp away",
+            )
+    return tuple(
+        Finding(
+            "note",
+            code,
+            f"{code}: {np.mean(shares):.1%} of the object on average, "
+            f"most in {names[int(np.argmax(shares))]} ({max(shares):.1%}); left out there",
+            remedy,
+        )
+        for code, shares, remedy in (
+            ("saturated", saturated, "expose shorter or move the lamp away"),
+            ("black", black, "expose longer or move the lamp closer"),
+        )
+        if max(shares) >= 0.001
+    )
+
+
+def check_mask(mask: Mask, shape: tuple[int, int], source: str) -> tuple[Finding, ...]:
+    """The mask has the photographs' (height, width) and marks something."""
+    if mask.shape != shape:
+        raise CaptureError(
+            "the mask has another size than the photographs",
+            source=source,
+            seen=f"{mask.shape[1]}x{mask.shape[0]}",
+            needed=f"{shape[1]}x{shape[0]}",
+            remedy="draw it on a photograph",
+        )
+    if not mask.any():
+        raise CaptureError(
+            "the mask is empty", source=source, seen="only zeros", needed="non-zero = object"
+        )
+    if mask.all():
+        return (
+            Finding(
+                "note",
+                "mask-everything",
+                "the mask covers the whole image",
+                "mark the object only: background costs time and misleads the lights",
+            ),
+        )
+    return ()
+
+
+def depth_factor(
+    depth_shape: tuple[int, int], colour_shape: tuple[int, int], depth_source: str
+) -> int:
+    """How many colour pixels one depth pixel has along each side.
+
+    Raises CaptureError unless it is one integer for both sides.
+
+    >>> depth_factor((480, 640), (960, 1280), "depth")
+    2
+    """
+    (h, w), (height, width) = depth_shape, colour_shape
+    factor = max(width // w, 1)
+    if (h * factor, w * factor) != (height, width):
+        raise CaptureError(
+            "depth and colour sizes do not fit",
+            source=depth_source,
+            seen=f"depth {w}x{h}, colour {width}x{height}",
+            needed="colour 1, 2, 3 … times the depth along both sides",
+            remedy="give [depth_intrinsics] in capture.toml if they are two cameras, or export "
+            "the depth aligned to the colour",
+        )
+    return factor
+
+
+def check_depth(
+    depth_m: Floats,
+    holes: Array,
+    on_object: Mask,
+    source: str,
+    depth_scale: float | None,
+) -> tuple[Finding, ...]:
+    """Enough of the object is measured, at a plausible distance.
+
+    depth_m : (K, h, w) metres, NaN = no measurement
+    holes : (K, h, w) uint8, indices into HOLES
+    on_object : (h, w) True where a depth pixel sees the object
+    depth_scale : of capture.toml, None when the files hold metres
+    """
+    on_maps = depth_m[:, on_object]
+    counts = np.bincount(holes[:, on_object].ravel(), minlength=len(HOLES))
+    reasons = ", ".join(
+        f"{count} {hole}" for hole, count in zip(HOLES[1:], counts[1:], strict=True) if count
+    )
+    share = float(np.isfinite(on_maps).any(axis=0).mean())
+    if share < LEAST_MEASURED:
+        raise CaptureError(
+            "almost no depth on the object",
+            source=source,
+            seen=f"{share:.2%} measured; of all values {reasons}",
+            needed=f"at least {LEAST_MEASURED:.0%}",
+            remedy="check that depth and mask belong together and the object is in range",
+        )
+    median_m = float(np.median(on_maps[np.isfinite(on_maps)]))
+    if not PLAUSIBLE_M[0] <= median_m <= PLAUSIBLE_M[1]:
+        raise CaptureError(
+            "the depth unit looks wrong",
+            source=source,
+            seen=f"median depth {median_m:.3g} m",
+            needed=f"{PLAUSIBLE_M[0]:g} to {PLAUSIBLE_M[1]:g} m",
+            remedy=_unit_remedy(median_m, depth_scale),
+        )
+    findings = [Finding("note", "median-depth", f"median depth {median_m:.2f} m")]
+    if reasons:
+        findings.append(
+            Finding(
+                "note",
+                "depth-holes",
+                f"{1 - share:.1%} of the object is without depth (values: {reasons})",
+            )
+        )
+    return tuple(findings)
+
+
+def plausible_scales(median_value: float, also: Iterable[float] = ()) -> str:
+    """The depth scales that would make a median depth value plausible, with what they give.
+
+    >>> plausible_scales(620.0)
+    'depth_scale = 1000 would make the median 0.62 m, 5000 0.124 m, 4000 0.155 m'
+    """
+    # Narrower than what is accepted: an object that fills the image of a depth camera.
+    nearest_m, farthest_m = 0.1, 10.0
+    scales = [
+        scale
+        for scale in dict.fromkeys((*also, *COMMON_DEPTH_SCALES))
+        if nearest_m <= median_value / scale <= farthest_m
+    ]
+    if not scales:
+        return "find the number of depth values per metre in the sensor's documentation"
+    first, *others = (f"{scale:.6g} {median_value / scale:.3g} m" for scale in scales)
+    scale, metres = first.split(" ", 1)
+    return ", ".join((f"depth_scale = {scale} would make the median {metres}", *others))
+
+
+def _unit_remedy(median_m: float, depth_scale: float | None) -> str:
+    if depth_scale is not None:
+        # Somebody may have given metres per value instead.
+        return plausible_scales(median_m * depth_scale, also=(1 / depth_scale,))
+    if PLAUSIBLE_M[0] <= median_m / 1000 <= PLAUSIBLE_M[1]:
+        return "the files look like millimetres: divide them by 1000"
+    return "float depth is in metres: convert the files"

@@ -1,0 +1,102 @@
+"""The command line: one thin file per command, loaded when it is called."""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from importlib import import_module
+from typing import Any
+
+import click
+
+from rakelight.errors import RakelightError, printable
+
+# Command -> module and function; `rakelight --help` shows them in this order.
+COMMANDS = {
+    "demo": "make a synthetic capture, refine it, compare it with its truth",
+    "refine": "refine the depth of a capture folder",
+    "synth": "make a capture with known truth",
+    "eval": "compare a result with the truth of a synthetic capture",
+}
+
+
+class LazyGroup(click.Group):
+    """Commands whose modules are imported only when they are needed."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """The commands, the most used first."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        """The command `name`, from the module of that name."""
+        if name not in COMMANDS:
+            return None
+        module = import_module(f"rakelight.cli.{name}")
+        command: click.Command = module.command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The list of commands, without importing any of them."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+def _show_version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        from rakelight import __version__
+
+        click.echo(f"rakelight {__version__}")
+        ctx.exit()
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.option(
+    "--version", is_flag=True, is_eager=True, expose_value=False, callback=_show_version,
+    help="Show the version and exit.",
+)  # fmt: skip
+def rakelight() -> None:
+    """Depth maps of RGB-D cameras refined by photographs under moving light."""
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the program and leave with its exit code (docs/conventions.md)."""
+    given = sys.argv[1:] if arguments is None else arguments
+    sys.exit(_run(given))
+
+
+def _run(arguments: list[str]) -> int:
+    debug = "--debug" in arguments
+    try:
+        code: Any = rakelight.main(arguments, prog_name="rakelight", standalone_mode=False)
+    except RakelightError as error:
+        return _fail(str(error), error.exit_code, debug)
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message(), err=True)
+        return 2
+    except click.ClickException as error:
+        return _fail(error.format_message().rstrip(".") + _where_to_look(error), 2, debug)
+    except (KeyboardInterrupt, click.Abort):
+        return _fail("interrupted; nothing was left behind", 130, debug)
+    except BrokenPipeError:  # the reader of our output has gone, as after `| head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except MemoryError:
+        return _fail("not enough memory. Fix: close other programs or use --scale 1", 3, debug)
+    except Exception as error:
+        kind = type(error).__name__
+        return _fail(f"a bug in rakelight: {kind}: {error}. Fix: report it with --debug", 1, debug)
+    return code if isinstance(code, int) else 0
+
+
+def _where_to_look(error: click.ClickException) -> str:
+    if isinstance(error, click.UsageError) and error.ctx is not None:
+        return f" (see {error.ctx.command_path} --help)"
+    return ""
+
+
+def _fail(message: str, code: int, debug: bool) -> int:
+    if debug:
+        traceback.print_exc()
+    click.echo(f"error: {printable(message)}", err=True)
+    return code

@@ -1,0 +1,65 @@
+"""`rakelight demo`: a synthetic capture, refined, beside its own truth."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from rakelight.cli.eval import score_table
+from rakelight.cli.options import output_options
+from rakelight.cli.progress import shown_progress
+from rakelight.cli.refine import outcome
+from rakelight.errors import printable
+from rakelight.model import Progress
+
+
+@click.command("demo")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    default=Path("out/demo"),
+    show_default=True,
+    help="Where the capture and the result go; an earlier demo there is replaced.",
+)
+@output_options
+def command(output: Path, as_json: bool, quiet: bool, debug: bool) -> None:
+    """Make a synthetic capture of a painted vase under 12 lights and refine it.
+
+    The depth sensor of this capture has half the colour camera's resolution, noise of 2.5 mm,
+    steps of 1 mm and holes.
+    """
+    from rakelight.capture import load_capture, write_capture
+    from rakelight.files import require_free
+    from rakelight.geometry.normals import normals_from_depth
+    from rakelight.methods import refine
+    from rakelight.metrics import evaluate
+    from rakelight.synthetic import demo_scene
+
+    folder, result_folder = output / "capture", output / "result"
+    require_free(folder, overwrite=True, marker="capture.toml")
+    require_free(result_folder, overwrite=True, marker="result.json")
+    with shown_progress(quiet or as_json) as progress:
+        progress(Progress("render"))
+        scene, truth = demo_scene()
+        write_capture(scene, folder, truth=truth, overwrite=True)
+        result = refine(load_capture(folder), progress=progress)
+        progress(Progress("write"))
+        result.save(result_folder, overwrite=True)
+    before = evaluate(
+        result.prepared_depth,
+        normals_from_depth(result.prepared_depth, truth.mask, result.camera),
+        truth,
+    )
+    after = evaluate(result.depth, result.normals, truth)
+    if as_json:
+        scores = {"prepared": asdict(before), "refined": asdict(after)}
+        click.echo(json.dumps({**outcome(result, result_folder), "errors": scores}))
+    elif not quiet:
+        click.echo(score_table(before, after))
+        click.echo(f"normals: {before.normals.mae_deg / after.normals.mae_deg:.1f} times better")
+        for name in ("preview.png", "depth.tiff", "normals.png", "mesh.ply"):
+            click.echo(f"  {printable(str(result_folder / name))}")

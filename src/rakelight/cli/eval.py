@@ -1,0 +1,103 @@
+"""`rakelight eval OUT --truth CAPTURE`."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from rakelight.cli.options import output_options
+from rakelight.errors import printable
+from rakelight.metrics import Evaluation
+from rakelight.model import Floats, Truth
+
+# The error maps' brightest colour; a fixed range keeps the maps of several results comparable.
+DEPTH_RANGE_MM = 5.0
+NORMAL_RANGE_DEG = 30.0
+
+
+@click.command("eval")
+@click.argument("result", type=click.Path(path_type=Path), metavar="OUT")
+@click.option(
+    "--truth",
+    type=click.Path(path_type=Path),
+    required=True,
+    metavar="CAPTURE",
+    help="A capture folder with its truth, as synth writes it.",
+)
+@click.option(
+    "--maps",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Write error maps there: depth_error.png, normal_error.png.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace older error maps at DIR.")
+@output_options
+def command(
+    result: Path,
+    truth: Path,
+    maps: Path | None,
+    overwrite: bool,
+    as_json: bool,
+    quiet: bool,
+    debug: bool,
+) -> None:
+    """Compare the result folder OUT with the truth of the capture it was made from.
+
+    RMSE and quantiles of depth in mm, mean and quantiles of the normals' angle in degrees, over
+    the truth's mask; docs/conventions.md says how missing pixels count.
+    """
+    from rakelight.capture import load_truth
+    from rakelight.export import load_result
+    from rakelight.geometry.normals import normals_from_depth
+    from rakelight.metrics import evaluate
+
+    loaded, known = load_result(result), load_truth(truth)
+    after = evaluate(loaded.depth, loaded.normals, known)
+    before = evaluate(
+        loaded.prepared_depth,
+        normals_from_depth(loaded.prepared_depth, known.mask, loaded.summary.camera),
+        known,
+    )
+    if maps is not None:
+        _write_maps(loaded.depth, loaded.normals, known, maps, overwrite)
+    if as_json:
+        scores = {"prepared": asdict(before), "refined": asdict(after)}
+        click.echo(json.dumps({"result": printable(str(result)), **scores}))
+    elif not quiet:
+        click.echo(score_table(before, after))
+        if maps is not None:
+            click.echo(f"error maps: {printable(str(maps))}")
+
+
+def score_table(before: Evaluation, after: Evaluation) -> str:
+    """The errors of the prepared and of the refined depth, as a table."""
+    lines = [f"{'':10}{'depth, mm':>26}{'normals, degrees':>28}{'':>12}"]
+    head = ("RMSE", "median", "95 %", "mean", "median", "95 %")
+    lines.append(f"{'':10}" + "".join(f"{h:>9}" for h in head) + f"{'coverage':>12}")
+    for name, e in (("prepared", before), ("refined", after)):
+        depth, normals = e.depth, e.normals
+        values = (depth.rmse_mm, depth.median_mm, depth.p95_mm)
+        angles = (normals.mae_deg, normals.median_deg, normals.p95_deg)
+        numbers = "".join(f"{v:9.2f}" for v in (*values, *angles))
+        lines.append(f"{name:10}{numbers}{100 * depth.coverage:10.1f} %")
+    return "\n".join(lines)
+
+
+def _write_maps(
+    depth: Floats, normals: Floats, truth: Truth, folder: Path, overwrite: bool
+) -> None:
+    from rakelight.capture.images import encode_png
+    from rakelight.files import staged_folder, write_bytes
+    from rakelight.metrics import color_errors, depth_error_map_mm, normal_error_map_deg
+
+    depth_map = depth_error_map_mm(depth, truth.depth, truth.mask)
+    normal_map = normal_error_map_deg(normals, truth.normals, truth.mask)
+    with staged_folder(folder, overwrite=overwrite, marker="depth_error.png") as staging:
+        for name, errors, largest in (
+            ("depth_error.png", depth_map, DEPTH_RANGE_MM),
+            ("normal_error.png", normal_map, NORMAL_RANGE_DEG),
+        ):
+            write_bytes(staging / name, encode_png(color_errors(errors, largest)))

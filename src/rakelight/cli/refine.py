@@ -1,0 +1,118 @@
+"""`rakelight refine CAPTURE -o OUT`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from time import perf_counter
+from typing import Any, Literal
+
+import click
+
+from rakelight.cli.options import output_options, parse_photographs, parse_scale
+from rakelight.cli.progress import shown_progress
+from rakelight.errors import OutputExistsError, printable
+from rakelight.model import Progress, Result
+
+
+@click.command("refine")
+@click.argument("capture", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, metavar="OUT")
+@click.option("--method", default="auto", show_default=True, help="auto or a method's name.")
+@click.option(
+    "--scale",
+    default="auto",
+    show_default=True,
+    help="Output resolution over the depth's: 1, 2, 4; auto is the colour camera's.",
+)
+@click.option("--photographs", metavar="LIST", help="Use only these, as 0-14,17; all if left away.")
+@click.option("--overwrite", is_flag=True, help="Replace an older result at OUT.")
+@click.option(
+    "--normal-map",
+    type=click.Choice(["opengl", "directx"]),
+    default="opengl",
+    show_default=True,
+    help="Axes of normals.png.",
+)
+@click.option("--mesh", type=click.Choice(["ply", "glb", "none"]), default="ply", show_default=True)
+@output_options
+def command(
+    capture: Path,
+    output: Path,
+    method: str,
+    scale: str,
+    photographs: str | None,
+    overwrite: bool,
+    normal_map: Literal["opengl", "directx"],
+    mesh: Literal["ply", "glb", "none"],
+    as_json: bool,
+    quiet: bool,
+    debug: bool,
+) -> None:
+    """Refine the depth of the capture folder CAPTURE by its photographs; write OUT."""
+    from rakelight.capture import load_capture
+    from rakelight.files import require_free
+    from rakelight.methods import refine
+
+    wanted = parse_scale(scale)
+    refuse_input_as_output(capture, output)
+    require_free(output, overwrite=overwrite, marker="result.json")
+    began = perf_counter()
+    with shown_progress(quiet or as_json) as progress:
+        progress(Progress("read"))
+        loaded = load_capture(capture)
+        if photographs is not None:
+            loaded = loaded.select(parse_photographs(photographs, len(loaded.photographs)))
+        read_s = perf_counter() - began
+        result = refine(loaded, method, scale=wanted, progress=progress)
+        progress(Progress("write"))
+        result = result.timed(read=read_s)
+        result.save(output, overwrite=overwrite, mesh=mesh, normal_map=normal_map)
+    if not quiet:
+        report_result(result, output, as_json)
+
+
+def refuse_input_as_output(capture: Path, output: Path) -> None:
+    """Raise OutputExistsError when `output` is the capture or lies inside it."""
+    inside, outside = output.resolve(), capture.resolve()
+    if inside == outside or outside in inside.parents:
+        raise OutputExistsError(
+            "the result would be written into the capture, which is never changed",
+            source=str(output),
+            remedy="choose a folder outside it with -o",
+        )
+
+
+def outcome(result: Result, folder: Path) -> dict[str, Any]:
+    """What `--json` prints of a result."""
+    return {
+        "output": printable(str(folder)),
+        "method": result.method,
+        "iterations": result.iterations,
+        "converged": result.converged,
+        "pixels": int(result.mask.sum()),
+        "photographs": len(result.lights),
+        "timings_s": {stage: round(seconds, 3) for stage, seconds in result.timings_s.items()},
+        "findings": [
+            {"severity": f.severity, "code": f.code, "message": f.message, "remedy": f.remedy}
+            for f in result.findings
+        ],
+    }
+
+
+def report_result(result: Result, folder: Path, as_json: bool) -> None:
+    """Print the outcome: JSON on stdout, or a few lines with the warnings on stderr."""
+    facts = outcome(result, folder)
+    if as_json:
+        click.echo(json.dumps(facts))
+        return
+    for finding in result.findings:
+        line = f"{finding.severity}: {finding.message}"
+        click.echo(printable(line + (f". {finding.remedy}" if finding.remedy else "")), err=True)
+    height, width = result.depth.shape
+    ended = "converged" if result.converged else "stopped"
+    click.echo(
+        f"{result.method}: {facts['photographs']} photographs, {width} x {height}, "
+        f"{facts['pixels']} pixels, {ended} after {result.iterations} iterations"
+    )
+    click.echo(f"result: {facts['output']}  (look at preview.png first)")

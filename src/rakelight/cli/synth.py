@@ -1,0 +1,130 @@
+"""`rakelight synth OUT`: a capture folder with its truth."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import click
+
+from rakelight.cli.options import F, output_options
+from rakelight.errors import InputError, printable
+
+
+def scene_options(command: F) -> F:
+    """The options that become fields of SceneOptions and DepthNoise, by the field's name."""
+    for names, kind, default, text in reversed(_SCENE):
+        command = click.option(
+            *names, type=kind, default=default, show_default=default is not None, help=text
+        )(command)
+    return click.option(
+        "--cast-shadows", is_flag=True, help="Let parts of the object shade others."
+    )(command)
+
+
+# Option (and field, where it differs), type, default, help.  None: the scene chooses.
+_SCENE: tuple[tuple[tuple[str, ...], Any, Any, str], ...] = (
+    (("--lights", "photographs"), int, 12, "Photographs under the moving lamp."),
+    (("--lighting",), str, "moving-lamp", "moving-lamp, rgb-leds or ambient."),
+    (("--cone", "tilt_deg"), (float, float), (12.0, 40.0), "Least and largest angle of the lamp "
+     "to the camera's axis, degrees."),
+    (("--lamp-distance", "lamp_distance_m"), float, None, "Metres from the object; distant if "
+     "left away."),
+    (("--ambient",), float, None, "Light from everywhere, as a fraction of the lamp's."),
+    (("--specular",), float, 0.0, "Height of the highlight over white paint."),
+    (("--specular-exponent",), float, 40.0, "The larger, the smaller the highlight."),
+    (("--exposure-spread",), float, 0.0, "Standard deviation of the log exposures."),
+    (("--exposure",), float, None, "Value of white paint that faces a lamp; white is 1."),
+    (("--image-noise",), float, 0.01, "Standard deviation, as a fraction of white."),
+    (("--bits",), int, 16, "8 or 16."),
+    (("--encoding",), str, "linear", "linear or srgb."),
+    (("--depth-factor",), int, 2, "Colour pixels per depth pixel, along each side."),
+    (("--depth-frames",), int, 1, "How many depth maps."),
+    (("--depth-noise", "rms_mm"), float, 2.5, "Depth noise, rms in millimetres."),
+    (("--depth-correlation", "correlation_length_px"), float, 6.0, "Its correlation length, in "
+     "depth pixels."),
+    (("--depth-step", "step_mm"), float, 0.0, "Quantisation of the depth, millimetres."),
+    (("--holes", "hole_fraction"), float, 0.0, "Share of the depth that is missing, 0..1."),
+    (("--seed",), int, 0, "Of everything random."),
+)  # fmt: skip
+
+
+@click.command("synth")
+@click.argument("output", type=click.Path(path_type=Path), metavar="OUT")
+@click.option("--shape", default="vase", show_default=True, help="head, vase, cloth, coin, sphere.")
+@click.option(
+    "--shape-file",
+    type=click.Path(path_type=Path),
+    help="A depth map instead: .npz with depth_mm and mask, or a TIFF in metres.",
+)
+@click.option(
+    "--albedo",
+    default="pattern",
+    show_default=True,
+    help="simple, pattern, complicated, white, grey.",
+)
+@click.option(
+    "--texture", type=click.Path(path_type=Path), help="A photograph as the albedo instead."
+)
+@click.option(
+    "--size",
+    type=float,
+    default=1.0,
+    show_default=True,
+    help="Scale of the camera's image, 480 x 360 for the built-in shapes.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace an older capture at OUT.")
+@scene_options
+@output_options
+def command(
+    output: Path,
+    shape: str,
+    shape_file: Path | None,
+    albedo: str,
+    texture: Path | None,
+    size: float,
+    overwrite: bool,
+    as_json: bool,
+    quiet: bool,
+    debug: bool,
+    **settings: Any,
+) -> None:
+    """Make a capture with known truth: an object, its paint, lamps and sensors."""
+    from rakelight.capture import write_capture
+    from rakelight.files import require_free
+    from rakelight.synthetic import (
+        DepthNoise,
+        SceneOptions,
+        make_albedo,
+        make_shape,
+        render_scene,
+        shape_from_file,
+        texture_from_file,
+    )
+
+    if not 0 < size <= 16:
+        raise InputError("not a size", source="--size", seen=str(size), needed="above 0, up to 16")
+    noise = {f.name: settings.pop(f.name) for f in fields(DepthNoise) if f.name in settings}
+    require_free(output, overwrite=overwrite, marker="capture.toml")
+    solid = make_shape(shape) if shape_file is None else shape_from_file(shape_file)
+    paint = make_albedo(albedo, settings["seed"]) if texture is None else texture_from_file(texture)
+    options = SceneOptions(
+        camera=solid.camera.scaled(size), depth_noise=DepthNoise(**noise), **settings
+    )
+    capture, truth = render_scene(solid, paint, options)
+    write_capture(capture, output, truth=truth, overwrite=overwrite)
+    if as_json:
+        click.echo(
+            json.dumps(
+                {
+                    "output": printable(str(output)),
+                    "photographs": len(capture.photographs),
+                    "size": [capture.camera.width, capture.camera.height],
+                    "pixels": int(capture.mask.sum()),
+                }
+            )
+        )
+    elif not quiet:
+        click.echo(f"capture: {printable(str(output))}  ({len(capture.photographs)} photographs)")

@@ -1,0 +1,108 @@
+"""What can go wrong, as one tree.
+
+    RakelightError            one clear line: what, seen, needed, remedy
+    ├── InputError            the input or the call is wrong           exit code 2
+    │   ├── CaptureError      a capture folder or one of its files
+    │   ├── MethodError       a method that does not exist or does not fit the capture
+    │   └── OutputExistsError a result stands where one is to be written
+    └── MachineError          disk, memory or permission               exit code 3
+        └── MissingExtraError an optional package is not installed
+
+The library raises these and nothing else for bad input; it never prints and never exits.
+"""
+
+from __future__ import annotations
+
+from os import fsencode
+
+
+class RakelightError(Exception):
+    """A failure that a person can act on.
+
+    Parameters
+    ----------
+    what : what is wrong, without a full stop
+    source : the file or argument it is about
+    seen, needed : what was found and what would have been right
+    remedy : what to do about it
+
+    Examples
+    --------
+    >>> print(CaptureError("8-bit depth", source="depth/000.png", seen="uint8", needed="uint16",
+    ...                    remedy="export the depth as 16-bit PNG"))
+    depth/000.png: 8-bit depth (seen uint8, needed uint16). Fix: export the depth as 16-bit PNG
+    """
+
+    exit_code = 1
+
+    def __init__(
+        self,
+        what: str,
+        *,
+        source: str = "",
+        seen: str = "",
+        needed: str = "",
+        remedy: str = "",
+    ) -> None:
+        self.what, self.source, self.seen = what, source, seen
+        self.needed, self.remedy = needed, remedy
+        super().__init__(what)
+
+    def __str__(self) -> str:
+        found = ", ".join(
+            f"{word} {value}"
+            for word, value in (("seen", self.seen), ("needed", self.needed))
+            if value
+        )
+        line = f"{self.source}: " if self.source else ""
+        line += self.what
+        line += f" ({found})" if found else ""
+        line += f". Fix: {self.remedy}" if self.remedy else ""
+        return printable(line)
+
+
+class InputError(RakelightError):
+    """The input or the call is wrong."""
+
+    exit_code = 2
+
+
+class CaptureError(InputError):
+    """A capture folder, or one of its files, is not what it has to be."""
+
+
+class MethodError(InputError):
+    """The method does not exist, or does not fit this capture."""
+
+
+class OutputExistsError(InputError):
+    """Something stands where the result is to be written."""
+
+
+class MachineError(RakelightError):
+    """The machine is at fault: disk, memory, permission."""
+
+    exit_code = 3
+
+
+class MissingExtraError(MachineError):
+    """An optional package is needed and not installed."""
+
+
+def printable(text: str) -> str:
+    r"""`text` on one line, safe for a terminal: control and undecodable characters escaped.
+
+    >>> printable("a\nb")
+    'a\\nb'
+    """
+    text = fsencode_safe(text)
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def fsencode_safe(path: str) -> str:
+    r"""`path` with the bytes that are not UTF-8 written as \\xNN.
+
+    >>> fsencode_safe("caf\udce9")
+    'caf\\xe9'
+    """
+    return fsencode(path).decode("utf-8", "backslashreplace")

@@ -1,0 +1,199 @@
+"""Result folders: written whole or not at all, and read back.
+
+What every file holds is in docs/conventions.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from rakelight.capture.images import decode_image
+from rakelight.errors import InputError
+from rakelight.export.albedo import albedo_png
+from rakelight.export.confidence import confidence_png
+from rakelight.export.depth import choose_values_per_metre, depth_png, depth_tiff
+from rakelight.export.finite import only_finite
+from rakelight.export.lights import lights_json
+from rakelight.export.mesh import mesh_glb, mesh_ply, result_mesh
+from rakelight.export.normals import NormalMap, normals_png, normals_tiff
+from rakelight.export.pictures import preview_png
+from rakelight.export.summary import (
+    Conventions,
+    MeshFormat,
+    Summary,
+    parse_summary,
+    summarise,
+    summary_json,
+)
+from rakelight.files import read_bytes, staged_folder, write_bytes
+from rakelight.model import Array, Finding, Floats, Result
+
+__all__ = ["LoadedResult", "Summary", "load_result", "save_result"]
+
+MARKER = "result.json"
+
+
+def save_result(
+    result: Result,
+    folder: str | PathLike[str],
+    *,
+    overwrite: bool = False,
+    mesh: MeshFormat = "ply",
+    normal_map: NormalMap = "opengl",
+    extra_files: Mapping[str, bytes] | None = None,
+) -> None:
+    """Write the result folder of docs/conventions.md; it appears complete or not at all.
+
+    Parameters
+    ----------
+    folder : where it is to appear; its parents are made
+    overwrite : replace an older result folder there; other folders and files are never replaced
+    mesh : format of the mesh file
+    normal_map : the axes of normals.png
+    extra_files : more files for the folder, name -> content, such as the report
+
+    Raises
+    ------
+    InputError
+        an option that does not exist, arrays of different sizes, nothing finite to write
+    OutputExistsError
+        something stands at `folder` and may not be replaced
+    MachineError
+        disk full, no permission, or another run is writing the same folder
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from rakelight.model import Camera, Lights
+    >>> plane, facing = np.ones((4, 4), np.float32), np.zeros((4, 4, 3), np.float32)
+    >>> facing[..., 2] = -1
+    >>> result = Result(depth=plane, normals=facing, albedo=-facing, confidence=plane,
+    ...                 lights=Lights(np.zeros((1, 1, 3)), np.ones((1, 1))),
+    ...                 camera=Camera(4, 4, 100.0, 100.0, 1.5, 1.5), prepared_depth=plane,
+    ...                 method="none")
+    >>> with TemporaryDirectory() as scratch:
+    ...     save_result(result, Path(scratch) / "out")
+    ...     load_result(Path(scratch) / "out").summary.pixels
+    16
+    """
+    _check_option("mesh", mesh, ("ply", "glb", "none"))
+    _check_option("normal_map", normal_map, ("opengl", "directx"))
+    result = only_finite(result)
+    with staged_folder(Path(folder), overwrite=overwrite, marker=MARKER) as staging:
+        _write(result, staging, mesh, normal_map, extra_files or {})
+
+
+def _write(
+    result: Result,
+    staging: Path,
+    mesh: MeshFormat,
+    normal_map: NormalMap,
+    extra_files: Mapping[str, bytes],
+) -> None:
+    """Write every file of a finite result into the staging folder; result.json last."""
+    written: list[str] = []
+
+    def write(name: str, data: bytes) -> None:
+        write_bytes(staging / name, data)
+        written.append(name)
+
+    values_per_metre = choose_values_per_metre(float(np.nanmax(result.depth)))
+    write("depth.tiff", depth_tiff(result.depth))
+    write("prepared_depth.tiff", depth_tiff(result.prepared_depth))
+    write("depth.png", depth_png(result.depth, values_per_metre))
+    write("normals.tiff", normals_tiff(result.normals))
+    write("normals.png", normals_png(result.normals, normal_map))
+    write("albedo.png", albedo_png(result.albedo))
+    write("confidence.png", confidence_png(result.confidence))
+    write("lights.json", lights_json(result.lights, result.photograph_names))
+    write("preview.png", preview_png(result))
+    if mesh != "none":
+        surface = result_mesh(result)
+        if len(surface.faces):
+            to_bytes = {"ply": mesh_ply, "glb": mesh_glb}[mesh]
+            write(f"mesh.{mesh}", to_bytes(surface, result.normals, result.albedo))
+        else:
+            result = replace(result, findings=(*result.findings, _NO_MESH))
+    for name, data in extra_files.items():
+        write(name, data)
+    conventions = Conventions(depth_png_values_per_metre=values_per_metre, normal_map=normal_map)
+    summary = summarise(result, conventions, [*written, MARKER])
+    write(MARKER, summary_json(summary))
+
+
+_NO_MESH = Finding(
+    "warning", "no-mesh", "no mesh was written: no three neighbouring pixels form a surface"
+)
+
+
+@dataclass(frozen=True)
+class LoadedResult:
+    """A result folder read back.
+
+    depth : (H, W) float32 metres along the optical axis, NaN outside the object
+    normals : (H, W, 3) float32 unit vectors, camera frame, NaN outside
+    prepared_depth : (H, W) float32 metres, what the method started from
+    confidence : (H, W) float32 in 0..1, None when the folder has none
+    summary : the content of result.json
+    """
+
+    depth: Floats
+    normals: Floats
+    prepared_depth: Floats
+    confidence: Floats | None
+    summary: Summary
+
+
+def load_result(folder: str | PathLike[str]) -> LoadedResult:
+    """Read the result folder that `save_result` wrote.
+
+    Raises InputError when `folder` is not one or one of its files is damaged, MachineError when
+    a file cannot be read.
+    """
+    folder = Path(folder)
+    if not (folder / MARKER).is_file():
+        raise InputError(
+            "not a result folder",
+            source=str(folder),
+            needed=f"a folder with {MARKER}",
+            remedy="name the folder that `rakelight refine` wrote",
+        )
+    summary = parse_summary(read_bytes(folder / MARKER), source=str(folder / MARKER))
+    shape = summary.camera.shape
+    confidence: Floats | None = None
+    if (folder / "confidence.png").is_file():
+        values = _read_map(folder / "confidence.png", shape, np.dtype(np.uint8))
+        confidence = values.astype(np.float32) / summary.conventions.confidence_one
+    float32 = np.dtype(np.float32)
+    return LoadedResult(
+        depth=_read_map(folder / "depth.tiff", shape, float32),
+        normals=_read_map(folder / "normals.tiff", (*shape, 3), float32),
+        prepared_depth=_read_map(folder / "prepared_depth.tiff", shape, float32),
+        confidence=confidence,
+        summary=summary,
+    )
+
+
+def _read_map(path: Path, shape: tuple[int, ...], dtype: np.dtype[np.generic]) -> Array:
+    """The image at `path`, which has to have this shape and type."""
+    values = decode_image(read_bytes(path), source=str(path))
+    if values.shape != shape or values.dtype != dtype:
+        raise InputError(
+            "this file does not belong to the result beside it",
+            source=str(path),
+            seen=f"{values.shape} {values.dtype}",
+            needed=f"{shape} {dtype}, as {MARKER} says",
+        )
+    return values
+
+
+def _check_option(name: str, value: str, allowed: tuple[str, ...]) -> None:
+    if value not in allowed:
+        raise InputError(
+            "no such option", source=name, seen=repr(value), needed=" or ".join(allowed)
+        )

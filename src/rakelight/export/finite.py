@@ -1,0 +1,79 @@
+"""What is written is finite: everything inside the object, and nothing but NaN or 0 outside."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from rakelight.errors import InputError
+from rakelight.model import Finding, Result
+
+
+def only_finite(result: Result) -> Result:
+    """`result` with NaN depth and normals and zero albedo and confidence outside the object.
+
+    A pixel whose depth or normal cannot be used leaves the object, an albedo or confidence that
+    is not finite becomes 0; both are counted in a finding, and the result is then not converged.
+
+    Raises InputError when the arrays differ in size or nothing usable is left.
+    """
+    _check_sizes(result)
+    with np.errstate(invalid="ignore"):
+        inside = np.isfinite(result.depth) & (result.depth > 0)
+    inside &= np.isfinite(result.normals).all(axis=-1)
+    if not inside.any():
+        raise InputError(
+            "the result has no pixel with a finite depth and normal",
+            source=result.source,
+            remedy="see its findings; `rakelight check` tells what is wrong with the capture",
+        )
+    shown = np.isfinite(result.albedo).all(axis=-1) & np.isfinite(result.confidence)
+    bad = ~np.isnan(result.depth) & ~(inside & shown)
+    lights_bad = not (
+        np.isfinite(result.lights.vector).all() and np.isfinite(result.lights.ambient).all()
+    )
+    findings, converged = result.findings, result.converged
+    if bad.any() or lights_bad:
+        findings, converged = (*findings, _finding(int(bad.sum()), lights_bad)), False
+    return replace(
+        result,
+        depth=np.where(inside, result.depth, np.nan),
+        normals=np.where(inside[..., None], result.normals, np.nan),
+        albedo=np.where((inside & shown)[..., None], result.albedo, 0),
+        confidence=np.where(inside & shown, result.confidence, 0),
+        findings=findings,
+        converged=converged,
+    )
+
+
+def _finding(pixels: int, lights_bad: bool) -> Finding:
+    parts = [f"{pixels} pixels"] if pixels else []
+    parts += ["the lights"] if lights_bad else []
+    return Finding(
+        "warning",
+        "not-finite",
+        f"not finite, and left out: {' and '.join(parts)}",
+        "do not rely on this result; report the capture that led to it",
+    )
+
+
+def _check_sizes(result: Result) -> None:
+    """Raise InputError unless every map has the camera's size."""
+    shape = result.camera.shape
+    needed = {
+        "depth": shape,
+        "normals": (*shape, 3),
+        "albedo": (*shape, 3),
+        "confidence": shape,
+        "prepared_depth": shape,
+    }
+    for name, size in needed.items():
+        seen = getattr(result, name).shape
+        if seen != size:
+            raise InputError(
+                "an array of the result has another size than its camera",
+                source=name,
+                seen=str(seen),
+                needed=str(size),
+            )

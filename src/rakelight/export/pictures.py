@@ -1,0 +1,85 @@
+"""Pictures for people: clay shading, before beside after."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rakelight.capture.images import encode_png
+from rakelight.export.albedo import srgb
+from rakelight.geometry.normals import normals_from_depth
+from rakelight.model import Array, Floats, Mask, Result
+
+BACKGROUND = 32
+
+# Towards a lamp low at the upper left, camera frame (x right, y down, z forward).
+RAKING = (-0.75, -0.6, -0.3)
+
+
+def shaded(normals: Floats, mask: Mask, light: tuple[float, float, float] = RAKING) -> Array:
+    """Grey clay under a raking lamp and a weak headlight.
+
+    Parameters
+    ----------
+    normals : (H, W, 3) unit vectors, camera frame
+    mask : (H, W) True = object; the rest is dark grey
+    light : towards the raking lamp, camera frame, any length
+
+    Returns
+    -------
+    (H, W) uint8, sRGB encoded
+
+    Examples
+    --------
+    >>> facing_the_lamp = np.array([[[0.0, 0.0, -1.0]]])
+    >>> int(shaded(facing_the_lamp, np.array([[True]]), light=(0, 0, -1))[0, 0])
+    255
+    """
+    lamp = np.asarray(light, np.float32) / np.linalg.norm(light)
+    n = np.where(mask[..., None], normals, 0).astype(np.float32)
+    brightness = 0.9 * np.clip(n @ lamp.astype(np.float32), 0, 1) + 0.1 * np.clip(-n[..., 2], 0, 1)
+    return np.where(mask, np.rint(srgb(brightness) * 255), BACKGROUND).astype(np.uint8)
+
+
+def side_by_side(*images: Array, gap: int = 16) -> Array:
+    """Pictures (H, W) or (H, W, 3) uint8 of one size in a row, `gap` dark pixels between them.
+
+    >>> side_by_side(np.zeros((2, 3), np.uint8), np.zeros((2, 3), np.uint8), gap=1).shape
+    (2, 7)
+    """
+    first = images[0]
+    space = np.full((first.shape[0], gap, *first.shape[2:]), BACKGROUND, np.uint8)
+    row = [first]
+    for image in images[1:]:
+        row += [space, image]
+    return np.concatenate(row, axis=1)
+
+
+def object_window(mask: Mask, *, margin: int = 8) -> tuple[slice, slice]:
+    """Rows and columns of the object with `margin` pixels around it, inside the image.
+
+    >>> mask = np.zeros((50, 60), bool)
+    >>> mask[20:30, 5:40] = True
+    >>> object_window(mask)
+    (slice(12, 38, None), slice(0, 48, None))
+    """
+    spans = []
+    for axis, size in ((1, mask.shape[0]), (0, mask.shape[1])):
+        hits = np.flatnonzero(mask.any(axis=axis))
+        first, last = (hits[0], hits[-1]) if hits.size else (0, size - 1)
+        spans.append(slice(max(0, int(first) - margin), min(size, int(last) + 1 + margin)))
+    return spans[0], spans[1]
+
+
+def preview(result: Result) -> Array:
+    """The prepared depth (left) and the refined one (right) as clay, cropped to the object."""
+    window = object_window(result.mask)
+    camera = result.camera.cropped(*window)
+    mask, before_m = result.mask[window], result.prepared_depth[window]
+    known = mask & np.isfinite(before_m) & (np.nan_to_num(before_m) > 0)
+    before = shaded(normals_from_depth(before_m, known, camera), known)
+    return side_by_side(before, shaded(result.normals[window], mask))
+
+
+def preview_png(result: Result) -> bytes:
+    """8-bit grey PNG of `preview`."""
+    return encode_png(preview(result))

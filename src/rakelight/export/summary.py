@@ -1,0 +1,125 @@
+"""result.json: what was done, with what, and how the other files are to be read."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import msgspec
+
+from rakelight.errors import InputError
+from rakelight.export.normals import NormalMap
+from rakelight.export.plain import json_bytes, plain
+from rakelight.model import Camera, Finding, Result
+
+SCHEMA = "rakelight-result/1"
+
+MeshFormat = Literal["ply", "glb", "none"]
+
+
+class Units(msgspec.Struct, frozen=True, kw_only=True):
+    """Of the numbers in the result folder."""
+
+    length: str = "metre"
+    normals: str = "unit vector"
+    albedo: str = "relative, 99th percentile = 1"
+    intensity: str = "photograph value (0..1, linear) per albedo"
+    timings: str = "second"
+
+
+class Conventions(msgspec.Struct, frozen=True, kw_only=True):
+    """How the files are to be read.
+
+    depth_png_values_per_metre : depth.png holds round(depth * this); 0 = outside the object
+    normal_map : the axes of normals.png, whose values are (n + 1)/2 * 255
+    normal_map_outside : the colour of normals.png outside the object
+    albedo_encoding, albedo_white : of albedo.png; the albedo that 65535 stands for
+    confidence_one : the value in confidence.png that stands for 1
+    """
+
+    depth_png_values_per_metre: float
+    normal_map: NormalMap
+    normal_map_outside: tuple[int, int, int] = (128, 128, 255)
+    albedo_encoding: Literal["srgb"] = "srgb"
+    albedo_white: float = 1.0
+    confidence_one: int = 255
+    camera_frame: str = "x right, y down, z forward"
+    pixels: str = "(u, v) = (column, row), centres at integers from 0"
+    depth: str = "along the optical axis; NaN = outside the object"
+    mesh_ply_frame: str = "camera frame"
+    mesh_glb_frame: str = "glTF: x right, y up, z to the viewer; linear vertex colours"
+
+
+class Summary(msgspec.Struct, frozen=True, kw_only=True):
+    """The content of result.json; numbers that were not finite are None."""
+
+    schema: str = SCHEMA
+    rakelight: str
+    method: str
+    options: dict[str, Any]
+    source: str
+    photographs: list[str]
+    camera: Camera
+    pixels: int
+    iterations: int
+    converged: bool
+    energy: list[float | None]
+    timings_s: dict[str, float | None]
+    findings: list[Finding]
+    units: Units = Units()
+    conventions: Conventions
+    files: list[str]
+
+
+def summarise(result: Result, conventions: Conventions, files: list[str]) -> Summary:
+    """The summary of a result that is written as `files`."""
+    return Summary(
+        rakelight=_version(),
+        method=result.method,
+        options=plain(result.options),
+        source=plain(result.source),
+        photographs=plain(result.photograph_names),
+        camera=result.camera,
+        pixels=int(result.mask.sum()),
+        iterations=int(result.iterations),
+        converged=bool(result.converged),
+        energy=plain(result.energy),
+        timings_s=plain(result.timings_s),
+        findings=list(result.findings),
+        conventions=conventions,
+        files=sorted(files),
+    )
+
+
+def summary_json(summary: Summary) -> bytes:
+    """The bytes of result.json."""
+    return json_bytes(summary)
+
+
+def parse_summary(data: bytes, *, source: str) -> Summary:
+    """The summary in the bytes of a result.json; `source` names the file in messages.
+
+    Raises InputError when it is not one, or of another version of the schema.
+    """
+    try:
+        schema = msgspec.json.decode(data, type=_Versioned).schema
+        if schema != SCHEMA:
+            raise InputError(
+                "a result.json of another version", source=source, seen=schema, needed=SCHEMA
+            )
+        return msgspec.json.decode(data, type=Summary)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise InputError("not a result.json", source=source, seen=str(error)) from error
+
+
+class _Versioned(msgspec.Struct):
+    schema: str
+
+
+def _version() -> str:
+    """The version of the installed package; a source tree that is not installed has none."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("rakelight")
+    except PackageNotFoundError:
+        return "unknown"

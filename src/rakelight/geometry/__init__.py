@@ -1,0 +1,1 @@
+"""Cameras, the masked pixel grid, normals of a depth map, meshes."""

@@ -1,0 +1,87 @@
+"""Compiled kernels: numba, cached on disk where that is possible, nothing compiled at import.
+
+This module is light.  Modules with kernels import numba; load those on use only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeAlias
+
+# Below this many pixels the cores wait for each other longer than they work.
+WORTH_SHARING = 1 << 14
+
+Function: TypeAlias = Callable[..., Any]
+
+_kernels: list[Any] = []
+
+
+def kernel(function: Function) -> Function:
+    """Compile `function` on its first call: prange on all cores, the interpreter's lock released.
+
+    The machine code is cached beside the source, else in the user's cache folder (or where
+    NUMBA_CACHE_DIR says).  Where none of them can be written it is compiled once per process.
+    """
+    return _compiled_lazily(function, parallel=True)
+
+
+def helper(function: Function) -> Function:
+    """As `kernel`, for a function without a parallel loop, called from kernels."""
+    return _compiled_lazily(function, parallel=False)
+
+
+@contextmanager
+def threads_for(pixels: int) -> Iterator[None]:
+    """Kernels called inside use one core unless there are enough pixels to share."""
+    from numba import get_num_threads, set_num_threads
+
+    before = get_num_threads()
+    set_num_threads(before if pixels >= WORTH_SHARING else 1)
+    try:
+        yield
+    finally:
+        set_num_threads(before)
+
+
+def share(columns: int) -> int:
+    """How many columns each thread takes: all that there are, split evenly, but 64 or more."""
+    from numba import get_num_threads
+
+    return max(-(-columns // get_num_threads()), 64)
+
+
+def compiled() -> bool:
+    """Whether every kernel imported so far has machine code, in memory or on disk.
+
+    False means that the next call may take seconds: worth announcing to a person.
+    """
+    return all(each.signatures or _on_disk(each) for each in _kernels)
+
+
+def _compiled_lazily(function: Function, *, parallel: bool) -> Function:
+    from numba import njit
+
+    # "contract": a*b + c in one rounding.  Sums keep their order, so results repeat.
+    options: dict[str, Any] = {
+        "parallel": parallel,
+        "nogil": True,
+        "error_model": "numpy",
+        "fastmath": {"contract"},
+    }
+    dispatcher: Function
+    try:
+        dispatcher = njit(cache=True, **options)(function)
+    except RuntimeError:  # numba found no folder to cache in
+        dispatcher = njit(**options)(function)
+    if parallel:
+        _kernels.append(dispatcher)
+    return dispatcher
+
+
+def _on_disk(dispatcher: Any) -> bool:
+    folder = dispatcher.stats.cache_path
+    stem = Path(dispatcher.py_func.__code__.co_filename).stem
+    pattern = f"{stem}.{dispatcher.py_func.__qualname__}-*.nbi"
+    return folder is not None and any(Path(folder).glob(pattern))

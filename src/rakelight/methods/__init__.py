@@ -1,0 +1,143 @@
+"""The methods by name, and `refine`, which runs one of them on a capture.
+
+A method is a function (Prepared, Options, progress) -> Estimate with a frozen `Options` class
+beside it, in a file of its own.  To add one, write the file and its line in `METHODS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from importlib import import_module
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from rakelight.errors import MethodError
+from rakelight.geometry.normals import normals_from_depth
+from rakelight.methods.estimate import Estimate
+from rakelight.model import Capture, Finding, Progress, ProgressCallback, Result, silent
+from rakelight.prepare import Prepared, Scale, prepare
+
+# Method name -> module; the module's function and class are `module` and `Options`.
+METHODS = {
+    "multi-light-alternating": "multi_light_alternating",
+}
+
+# What `auto` picks, best first, by what the capture holds.
+_FOR_MANY: tuple[str, ...] = ("multi-light", "multi-light-alternating")
+_FOR_LEDS: tuple[str, ...] = ("rgb-ratio",)
+_FOR_ONE: tuple[str, ...] = ("fusion-like",)
+
+PLANNED = ("multi-light", "rgb-ratio", "fusion-like", "rgbd-fusion", "ldr-ps")
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """A method's function and its options class."""
+
+    name: str
+    run: Callable[[Prepared, Any, ProgressCallback], Estimate]
+    options: type[Any]
+
+
+def load_method(name: str) -> Method:
+    """The method of that name; MethodError names the ones there are.
+
+    >>> load_method("multi-light-alternating").name
+    'multi-light-alternating'
+    """
+    if name not in METHODS:
+        known = name in PLANNED
+        raise MethodError(
+            f"method {name!r} " + ("is not available in this version" if known else "is unknown"),
+            needed="one of " + ", ".join(METHODS),
+            remedy="choose one of these with --method",
+        )
+    module = import_module(f"rakelight.methods.{METHODS[name]}")
+    return Method(name, getattr(module, METHODS[name]), module.Options)
+
+
+def choose_method(capture: Capture) -> str:
+    """The method that `auto` stands for: by the number of photographs and the kind of lamps.
+
+    Raises MethodError when no method of this version fits the capture.
+    """
+    one = _FOR_LEDS if capture.lighting == "rgb-leds" else _FOR_ONE
+    wanted = _FOR_MANY if len(capture.photographs) > 1 else one
+    for name in wanted:
+        if name in METHODS:
+            return name
+    raise MethodError(
+        f"one photograph needs the method {wanted[0]!r}, which is not available in this version",
+        source=capture.source,
+        seen="1 photograph",
+        needed="several photographs under a moving lamp, for one of " + ", ".join(METHODS),
+        remedy="keep the camera fixed, move a lamp and take at least 4 photographs",
+    )
+
+
+def refine(
+    capture: Capture,
+    method: str = "auto",
+    *,
+    scale: Scale = "auto",
+    options: Any = None,
+    progress: ProgressCallback = silent,
+) -> Result:
+    """Refine the depth of a capture by its photographs.
+
+    method : a name in `METHODS`, or "auto" for the one that fits the capture
+    scale : output resolution over the depth's, or "auto" for the colour camera's resolution
+    options : the method's `Options`, its defaults when None
+    progress : called with a `Progress` at every step
+
+    Returns a `Result` at the output resolution: metres and unit vectors in the camera frame.
+    Raises MethodError when the method does not fit, InputError for a bad scale.
+    """
+    began = perf_counter()
+    chosen = load_method(choose_method(capture) if method == "auto" else method)
+    options = chosen.options() if options is None else options
+    if not isinstance(options, chosen.options):
+        raise MethodError(
+            f"these options are not for {chosen.name}",
+            seen=type(options).__qualname__,
+            needed=f"{chosen.options.__module__}.{chosen.options.__qualname__}",
+        )
+    progress(Progress("prepare"))
+    prepared = prepare(capture, scale)
+    prepared_at = perf_counter()
+    estimate = chosen.run(prepared, options, progress)
+    refined_at = perf_counter()
+
+    depth_m = np.exp(estimate.log_depth)
+    normals = normals_from_depth(depth_m, prepared.mask, prepared.camera)
+    return Result(
+        depth=prepared.embed(depth_m, np.nan),
+        normals=prepared.embed(normals, np.nan),
+        albedo=prepared.embed(np.maximum(estimate.albedo, 0), 0.0),
+        confidence=prepared.embed(estimate.confidence, 0.0),
+        lights=estimate.lights,
+        camera=prepared.full_camera,
+        prepared_depth=prepared.embed(prepared.depth_m, np.nan),
+        method=chosen.name,
+        options=asdict(options),
+        iterations=estimate.iterations,
+        energy=estimate.energy,
+        converged=estimate.converged,
+        timings_s={"prepare": prepared_at - began, "refine": refined_at - prepared_at},
+        findings=prepared.findings + estimate.findings + _convergence(estimate),
+        source=capture.source,
+        photograph_names=capture.names,
+    )
+
+
+def _convergence(estimate: Estimate) -> tuple[Finding, ...]:
+    if estimate.converged:
+        return ()
+    message = f"not converged after {estimate.iterations} iterations"
+    return (Finding("warning", "not-converged", message, "raise max_iterations"),)
+
+
+__all__ = ["METHODS", "Method", "choose_method", "load_method", "refine"]

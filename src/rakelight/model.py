@@ -1,0 +1,264 @@
+"""The values that walk through rakelight: camera, capture, lights, result.
+
+Frames and units, everywhere: metres; camera frame with x right, y down, z forward; unit normals
+that face the camera (n_z < 0); pixel (u, v) = (column, row) with pixel centres at integers from
+0; images indexed [row, column] with channels red, green, blue.  See docs/conventions.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from os import PathLike
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+Array: TypeAlias = npt.NDArray[Any]
+Floats: TypeAlias = npt.NDArray[np.floating[Any]]
+Mask: TypeAlias = npt.NDArray[np.bool_]
+
+Encoding = Literal["linear", "srgb"]
+Lighting = Literal["moving-lamp", "rgb-leds", "ambient"]
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """A pinhole camera: image size and intrinsics in pixels, pixel centres at integers from 0.
+
+    >>> Camera(width=640, height=480, fx=525.0, fy=525.0, cx=319.5, cy=239.5).shape
+    (480, 640)
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(height, width), the shape of an image of this camera."""
+        return self.height, self.width
+
+    def scaled(self, factor: float) -> Camera:
+        """The same view with `factor` times as many pixels along each side.
+
+        >>> Camera(640, 480, 500.0, 500.0, 319.5, 239.5).scaled(2)
+        Camera(width=1280, height=960, fx=1000.0, fy=1000.0, cx=639.5, cy=479.5)
+        """
+        return Camera(
+            width=round(self.width * factor),
+            height=round(self.height * factor),
+            fx=self.fx * factor,
+            fy=self.fy * factor,
+            cx=(self.cx + 0.5) * factor - 0.5,
+            cy=(self.cy + 0.5) * factor - 0.5,
+        )
+
+    def cropped(self, rows: slice, columns: slice) -> Camera:
+        """The camera of the window image[rows, columns]."""
+        top, bottom, _ = rows.indices(self.height)
+        left, right, _ = columns.indices(self.width)
+        return replace(
+            self, width=right - left, height=bottom - top, cx=self.cx - left, cy=self.cy - top
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class RigidTransform:
+    """X_target = rotation @ X_source + translation_m; rotation (3, 3), translation in metres."""
+
+    rotation: Floats
+    translation_m: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Something a person should know about a capture or a result.
+
+    `code` is stable and short ("saturated"), `message` one line with figures, `remedy` what to
+    do about it.
+    """
+
+    severity: Literal["note", "warning"]
+    code: str
+    message: str
+    remedy: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Lights:
+    """First-order spherical harmonics of every photograph's light.
+
+    Photograph i, channel c sees a surface of albedo rho and normal n as
+    rho * (max(0, vector[i, c] @ n) + ambient[i, c]).
+
+    vector : (N, C, 3) direction towards the lamp times its intensity, camera frame; C is 1 for
+        white lamps (shared by the channels) or 3 for coloured ones
+    ambient : (N, C)
+    position_m : (N, 3) lamp positions in metres, None for distant lamps
+
+    >>> lights = Lights(vector=np.array([[[0.0, 0.0, -2.0]]]), ambient=np.array([[0.1]]))
+    >>> lights.direction[0, 0].tolist(), float(lights.intensity[0, 0])
+    ([0.0, 0.0, -1.0], 2.0)
+    """
+
+    vector: Floats
+    ambient: Floats
+    position_m: Floats | None = None
+
+    def __len__(self) -> int:
+        return len(self.vector)
+
+    @property
+    def intensity(self) -> Floats:
+        """(N, C) length of `vector`."""
+        return np.asarray(np.linalg.norm(self.vector, axis=-1))
+
+    @property
+    def direction(self) -> Floats:
+        """(N, C, 3) unit vectors towards the lamps (zero where the intensity is zero)."""
+        return self.vector / np.maximum(self.intensity, np.finfo(float).tiny)[..., None]
+
+
+@dataclass(frozen=True)
+class Capture:
+    """Photographs and depth of one object from one fixed camera, as they were read.
+
+    photographs : (N, H, W, 3) uint8 or uint16, red green blue, encoded as `encoding` says
+    depth_m : (K, h, w) float32 metres along the optical axis, NaN = no measurement
+    mask : (H, W) bool, True = object
+    camera : the colour camera
+    depth_camera, depth_to_color : set when the depth is not in the colour camera's frame;
+        without them the depth map covers the colour image's field of view exactly
+    names : the photographs' file names
+    findings : what the reader noticed
+    source : where it came from, for messages
+    """
+
+    photographs: Array
+    depth_m: Floats
+    mask: Mask
+    camera: Camera
+    encoding: Encoding = "linear"
+    lighting: Lighting = "moving-lamp"
+    depth_camera: Camera | None = None
+    depth_to_color: RigidTransform | None = None
+    names: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    source: str = ""
+
+    @property
+    def white(self) -> float:
+        """The largest value a photograph can hold: 255 or 65535."""
+        return float(np.iinfo(self.photographs.dtype).max)
+
+    def select(self, photographs: Iterable[int]) -> Capture:
+        """The capture with only these photographs (indices from 0); the depth stays whole."""
+        chosen = list(photographs)
+        return replace(
+            self,
+            photographs=self.photographs[chosen],
+            names=tuple(self.names[i] for i in chosen) if self.names else (),
+        )
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What a synthetic capture really shows, at the colour camera's resolution.
+
+    depth : (H, W) float32 metres, NaN outside the object
+    normals : (H, W, 3) float32, camera frame, facing the camera, NaN outside
+    albedo : (H, W, 3) float32 linear, 0 outside
+    lights : as rendered, None when they are not first-order harmonics
+    """
+
+    depth: Floats
+    normals: Floats
+    albedo: Floats
+    lights: Lights | None = None
+
+    @property
+    def mask(self) -> Mask:
+        """(H, W) True on the object."""
+        return np.isfinite(self.depth)
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """Where a long piece of work stands; handed to the `progress` callback."""
+
+    stage: str
+    step: int = 0
+    steps: int = 0
+    energy: float | None = None
+
+
+ProgressCallback: TypeAlias = Callable[[Progress], None]
+
+
+def silent(_: Progress) -> None:
+    """The progress callback that does nothing."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """A refined depth map and all that was estimated with it, at the output resolution.
+
+    depth : (H, W) float32 metres along the optical axis, NaN outside the object
+    normals : (H, W, 3) float32 unit vectors, camera frame, facing the camera, NaN outside
+    albedo : (H, W, 3) float32 linear, 0 outside; scaled so that its 99th percentile is 1
+    confidence : (H, W) float32 in 0..1, how much the photographs determine each pixel
+    lights : of every photograph, in the albedo's scale
+    camera : of these arrays
+    prepared_depth : (H, W) float32 metres, the depth that the method started from
+    method, options : name and every parameter with its value
+    energy : one value per iteration; converged says whether it came to rest
+    timings_s : seconds per stage
+    """
+
+    depth: Floats
+    normals: Floats
+    albedo: Floats
+    confidence: Floats
+    lights: Lights
+    camera: Camera
+    prepared_depth: Floats
+    method: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+    iterations: int = 0
+    energy: tuple[float, ...] = ()
+    converged: bool = False
+    timings_s: Mapping[str, float] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
+    source: str = ""
+    photograph_names: tuple[str, ...] = ()
+
+    @property
+    def mask(self) -> Mask:
+        """(H, W) True where there is depth."""
+        return np.isfinite(self.depth)
+
+    def timed(self, **seconds: float) -> Result:
+        """This result with the seconds of further stages."""
+        return replace(self, timings_s={**self.timings_s, **seconds})
+
+    def save(
+        self,
+        folder: str | PathLike[str],
+        *,
+        overwrite: bool = False,
+        mesh: Literal["ply", "glb", "none"] = "ply",
+        normal_map: Literal["opengl", "directx"] = "opengl",
+    ) -> None:
+        """Write the result folder of docs/conventions.md; it appears complete or not at all.
+
+        Raises OutputExistsError when `folder` exists and `overwrite` is False, MachineError
+        when the disk is full or may not be written to.
+        """
+        from rakelight.export import save_result
+
+        save_result(self, folder, overwrite=overwrite, mesh=mesh, normal_map=normal_map)

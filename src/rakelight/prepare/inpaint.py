@@ -1,0 +1,54 @@
+"""Missing depth filled from its neighbours (the paper's 3.1, figure 4)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rakelight.model import Floats, Mask
+from rakelight.solve import assemble, solve
+
+
+def inpaint(depth_m: Floats, mask: Mask) -> Floats:
+    """Depth (h, w) in metres with every hole inside `mask` (h, w) filled; NaN outside.
+
+    A hole is filled by the membrane that its rim carries: the log depth whose gradient has the
+    least energy, measured pixels staying exactly as they are.  A part of the mask without any
+    measurement takes the depth of the measured pixel nearest to it.
+
+    >>> depth = np.full((5, 5), 2.0); depth[2, 2] = np.nan
+    >>> round(float(inpaint(depth, np.ones((5, 5), bool))[2, 2]), 6)
+    2.0
+    """
+    known = mask & np.isfinite(depth_m)
+    holes = mask & ~known
+    if not holes.any():
+        return np.where(mask, depth_m, np.nan)
+    log_depth = np.log(nearest_fill(depth_m, known))
+    # Only the holes and their rims move: the rim (two pixels) is held by a heavy weight.
+    window = dilate(holes, 2) & mask
+    tensor = np.zeros((*mask.shape, 3))
+    tensor[..., [0, 2]] = 1.0
+    system = assemble(
+        window,
+        tensor=tensor,
+        vector=np.zeros((*mask.shape, 2)),
+        data_weight=np.where(holes, 0.0, 1e6),
+        data_target=log_depth,
+    )
+    filled = np.exp(solve(system, start=log_depth).value)
+    return np.where(holes, filled, np.where(mask, depth_m, np.nan))
+
+
+def nearest_fill(values: Floats, known: Mask) -> Floats:
+    """`values` (h, w) with every unknown pixel given the value of the known one nearest to it."""
+    from scipy.ndimage import distance_transform_edt
+
+    index = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return np.asarray(values[tuple(index)], dtype=np.float64)
+
+
+def dilate(mask: Mask, pixels: int) -> Mask:
+    """`mask` grown by `pixels` in all eight directions."""
+    from scipy.ndimage import binary_dilation
+
+    return np.asarray(binary_dilation(mask, np.ones((3, 3), dtype=bool), iterations=pixels))

@@ -1,0 +1,1 @@
+"""How light, albedo and normals make a photograph, and back."""

@@ -1,0 +1,57 @@
+"""The lights of the photographs from normals and albedo, by least squares."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rakelight.model import Floats, Lights, Mask
+from rakelight.shading.harmonics import lit
+
+# The set of lit pixels depends on the light; it settles after a few solves.
+HORIZON_ROUNDS = 3
+
+
+def frontal_lights(count: int) -> Lights:
+    """`count` white lights of unit intensity at the camera, no ambient light: the paper's start.
+
+    >>> frontal_lights(2).vector[:, 0].tolist()
+    [[0.0, 0.0, -1.0], [0.0, 0.0, -1.0]]
+    """
+    vector = np.zeros((count, 1, 3))
+    vector[..., 2] = -1.0
+    return Lights(vector=vector, ambient=np.zeros((count, 1)))
+
+
+def estimate_light(
+    image: Floats, weight: Floats | Mask, albedo: Floats, normals: Floats, start: Floats
+) -> Floats:
+    """Least-squares light (s_x, s_y, s_z, phi) of one photograph; phi is never negative.
+
+    image, albedo : (P, C) linear light and albedo; weight : (P, C), 0 leaves a value out
+    normals : (P, 3); start : (3,) a light vector that says which pixels are lit at first
+
+    Minimises sum_c sum_p w (rho_c (max(0, s.n) + phi) - I_c)^2, equation (3) over all channels.
+    A light that the pixels do not determine stays as small as it can (minimum norm).
+
+    >>> rng = np.random.default_rng(0)
+    >>> n = rng.normal(size=(99, 3)); n /= np.linalg.norm(n, axis=1, keepdims=True)
+    >>> image = (np.maximum(n @ [0.1, 0.2, -0.9], 0) + 0.05)[:, None]
+    >>> start = np.array([0.0, 0.0, -1.0])
+    >>> estimate_light(image, np.ones((99, 1)), np.ones((99, 1)), n, start).round(3).tolist()
+    [0.1, 0.2, -0.9, 0.05]
+    """
+    squares = (weight * albedo**2).sum(axis=1)
+    products = (weight * albedo * image).sum(axis=1)
+    vector, ambient = start, 0.0
+    for _ in range(HORIZON_ROUNDS):
+        basis = np.column_stack([normals * lit(normals, vector)[:, None], np.ones(len(normals))])
+        light = _least_squares(basis, squares, products)
+        if light[3] < 0:
+            light = np.append(_least_squares(basis[:, :3], squares, products), 0.0)
+        vector, ambient = light[:3], light[3]
+    return np.append(vector, ambient)
+
+
+def _least_squares(basis: Floats, squares: Floats, products: Floats) -> Floats:
+    matrix = basis.T @ (basis * squares[:, None])
+    return np.asarray(np.linalg.lstsq(matrix, basis.T @ products, rcond=1e-9)[0])

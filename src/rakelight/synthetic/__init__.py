@@ -1,0 +1,34 @@
+"""Captures with known truth to test against: shapes, paints, lamps and sensors."""
+
+from rakelight.synthetic.albedo import ALBEDOS, Albedo, make_albedo, texture_from_file
+from rakelight.synthetic.depth_file import shape_from_depth, shape_from_file
+from rakelight.synthetic.implicit import Surface
+from rakelight.synthetic.noise import (
+    PAPER_NOISE,
+    DepthNoise,
+    add_depth_noise,
+    calibrate_noise,
+)
+from rakelight.synthetic.scene import DEMO_OPTIONS, SceneOptions, demo_scene, render_scene
+from rakelight.synthetic.shapes import SHAPES, Shape, make_shape
+
+__all__ = [
+    "ALBEDOS",
+    "DEMO_OPTIONS",
+    "PAPER_NOISE",
+    "SHAPES",
+    "Albedo",
+    "DepthNoise",
+    "SceneOptions",
+    "Shape",
+    "Surface",
+    "add_depth_noise",
+    "calibrate_noise",
+    "demo_scene",
+    "make_albedo",
+    "make_shape",
+    "render_scene",
+    "shape_from_depth",
+    "shape_from_file",
+    "texture_from_file",
+]

@@ -1,0 +1,65 @@
+"""Cast shadows of a depth map, which hides all that is behind it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from rakelight.model import Camera, Floats, Mask
+
+
+def in_sight(depth_m: Floats, camera: Camera, points_m: Floats, to_lamp_m: Floats) -> Mask:
+    """(M,) True where the way to the lamp is free.
+
+    depth_m : (H, W), NaN outside the object
+    points_m, to_lamp_m : (M, 3) camera frame; `to_lamp_m` ends at the lamp (a distant one: far
+        enough to leave the object)
+
+    The surface is taken as a curtain that reaches from what is seen to infinity.
+
+    >>> camera = Camera(9, 1, fx=9.0, fy=9.0, cx=4.0, cy=0.0)
+    >>> depth = np.where(np.arange(9) < 5, 0.5, 1.0)[None]
+    >>> point, lamp = np.array([[2 / 9, 0.0, 1.0]]), np.array([[-4.0, 0.0, -1.0]])
+    >>> in_sight(depth, camera, point, lamp).tolist()
+    [False]
+    """
+    solid = np.ascontiguousarray(np.where(np.isfinite(depth_m), depth_m, np.inf), np.float64)
+    optics = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
+    points, lamps = (np.ascontiguousarray(a, np.float64) for a in (points_m, to_lamp_m))
+    return np.asarray(_march(solid, optics, float(solid.min()), points, lamps))
+
+
+STRIDE_PX = 0.5
+STRIDE_GROWTH = 1.02
+"""Steps begin at half a pixel and grow, for far occluders are large on the way."""
+CLEARANCE_PX = 1.5
+"""A point is hidden when this many pixel sizes behind the surface; less is its own slope."""
+
+
+@njit(cache=True)
+def _march(depth: Floats, optics: Floats, nearest: float, points: Floats, lamps: Floats) -> Mask:
+    fx, fy, cx, cy = optics
+    height, width = depth.shape
+    free = np.ones(len(points), dtype=np.bool_)
+    for i in range(len(points)):
+        x, y, z = points[i]
+        lx, ly, lz = lamps[i]
+        pixel_m = z / fx
+        # pixels sideways, or as much in depth for lamps near the axis
+        sideways = max(np.hypot(lx - lz * x / z, ly - lz * y / z), 0.2 * abs(lz))
+        stride = STRIDE_PX * pixel_m / max(sideways, 1e-12)
+        t = stride
+        while t < 1:
+            zt = z + t * lz
+            if zt <= nearest:
+                break
+            u = int(np.floor(fx * (x + t * lx) / zt + cx + 0.5))
+            v = int(np.floor(fy * (y + t * ly) / zt + cy + 0.5))
+            if u < 0 or v < 0 or u >= width or v >= height:
+                break
+            if depth[v, u] < zt - CLEARANCE_PX * pixel_m:
+                free[i] = False
+                break
+            stride *= STRIDE_GROWTH
+            t += stride
+    return free

@@ -1,0 +1,490 @@
+"""Each way in which a capture can be wrong: one clear line and exit code 2, or a note."""
+
+import shutil
+import tracemalloc
+
+import cv2
+import numpy as np
+import pytest
+from capture_builder import (
+    HEIGHT,
+    WIDTH,
+    build,
+    codes,
+    edit_config,
+    exif,
+    png,
+    png_chunk,
+    small_capture,
+)
+
+from rakelight.capture import load_capture, write_capture
+from rakelight.capture.images import encode_png, encode_tiff
+from rakelight.errors import CaptureError
+from rakelight.model import Camera, RigidTransform
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return build(tmp_path / "c")
+
+
+def refusal(folder, file, *words):
+    """The one line that `load_capture` ends with: about `file`, with all `words`."""
+    with pytest.raises(CaptureError) as caught:
+        load_capture(folder)
+    line = str(caught.value)
+    assert caught.value.exit_code == 2
+    assert line.startswith(f"{folder}/{file}: " if file else f"{folder}: ")
+    assert line.isprintable()
+    for word in words:
+        assert word in line, line
+    return line
+
+
+def jpeg(pixels):
+    return cv2.imencode(".jpg", pixels)[1].tobytes()
+
+
+def photograph(folder, index=1):
+    return folder / "rgb" / f"{index:03d}.png"
+
+
+# --- files that are not there ---
+
+
+def test_no_folder_or_a_file(tmp_path):
+    refusal(tmp_path / "no", "", "no such folder")
+    (tmp_path / "file").write_text("x")
+    refusal(tmp_path / "file", "", "a capture is a folder")
+
+
+def test_missing_parts(folder):
+    shutil.rmtree(folder / "depth")
+    refusal(folder, "", "no folder depth", "depth/000.png")
+    (folder / "depth").mkdir()
+    refusal(folder, "depth", "no depth maps", "an empty folder")
+    (folder / "depth" / "000.exr").write_bytes(b"v/1\x01")
+    refusal(folder, "depth", "000.exr")
+    shutil.rmtree(folder / "rgb")
+    refusal(folder, "", "no folder rgb")
+    (folder / "capture.toml").unlink()
+    refusal(folder, "", "no capture.toml", "depth_scale = 1000.0", "[intrinsics]", "cx = 319.5")
+
+
+# --- 1, 2, 3, 20, 21: image files ---
+
+
+@pytest.mark.parametrize("file", ["rgb/002.png", "depth/001.png", "mask.png"])
+def test_damaged_images(folder, file):
+    path = folder / file
+    whole = path.read_bytes()
+    path.write_bytes(b"")
+    refusal(folder, file, "the file is empty")
+    path.write_bytes(whole[:-12])
+    refusal(folder, file, "the end of the PNG is missing")
+    flipped = bytearray(whole)
+    flipped[len(whole) // 2] ^= 4
+    path.write_bytes(bytes(flipped))
+    refusal(folder, file, "wrong checksum")
+    path.write_text("<!DOCTYPE html>")
+    refusal(folder, file, "HTML")
+
+
+def test_intact_checksums_around_a_short_stream(folder):
+    photograph(folder).write_bytes(png(WIDTH, HEIGHT, 8, 2, [bytes(3 * WIDTH)]))
+    refusal(folder, "rgb/001.png", "cannot be decoded")
+
+
+def test_jpeg_for_depth_and_mask_is_refused(folder):
+    (folder / "depth" / "000.png").write_bytes(jpeg(np.full((12, 16), 90, np.uint8)))
+    refusal(folder, "depth/000.png", "JPEG cannot carry depth", "by its first bytes")
+    build(folder.parent / "d")
+    (folder.parent / "d" / "mask.png").write_bytes(jpeg(np.full((HEIGHT, WIDTH), 255, np.uint8)))
+    refusal(folder.parent / "d", "mask.png", "not a PNG", "JPEG")
+
+
+def test_jpeg_photographs_are_taken_with_a_warning(folder):
+    data = jpeg(small_capture().photographs[1])
+    photograph(folder).write_bytes(data)
+    assert {"jpeg", "misnamed"} <= set(codes(folder))
+    photograph(folder).rename(photograph(folder).with_suffix(".JPG"))
+    found = codes(folder)
+    assert "jpeg" in found
+    assert "misnamed" not in found
+    photograph(folder).with_suffix(".JPG").write_bytes(data[:-40])
+    refusal(folder, "rgb/001.JPG", "the end of the JPEG is missing")
+
+
+def test_the_same_image_in_two_formats(folder):
+    photograph(folder).with_suffix(".jpg").write_bytes(jpeg(small_capture().photographs[1]))
+    refusal(folder, "rgb", "two formats", "001.jpg and 001.png")
+
+
+def test_size_bomb_costs_nothing(folder):
+    photograph(folder).write_bytes(png(100_000, 100_000, 8, 2, [bytes(100_000)] * 100))
+    tracemalloc.start()
+    refusal(folder, "rgb/001.png", "100000x100000", "100 megapixels")
+    assert tracemalloc.get_traced_memory()[1] < 20e6
+    tracemalloc.stop()
+
+
+def each_photograph(folder, change):
+    for index, pixels in enumerate(small_capture().photographs):
+        photograph(folder, index).write_bytes(change(pixels))
+
+
+def test_alpha_is_dropped_grey_repeated(folder):
+    opaque = np.full((HEIGHT, WIDTH, 1), 9, np.uint8)
+    each_photograph(folder, lambda p: encode_png(np.dstack([p, opaque])))
+    assert "alpha-dropped" in codes(folder)
+    np.testing.assert_array_equal(load_capture(folder).photographs, small_capture().photographs)
+    each_photograph(folder, lambda p: encode_png(np.ascontiguousarray(p[..., 1])))
+    assert "grey" in codes(folder)
+    expected = np.repeat(small_capture().photographs[..., 1:2], 3, axis=3)
+    np.testing.assert_array_equal(load_capture(folder).photographs, expected)
+
+
+def test_float_photographs_are_refused(folder):
+    each_photograph(folder, lambda p: encode_tiff(p.astype(np.float32)))
+    refusal(folder, "rgb/000.png", "float32", "8 or 16 bit")
+
+
+# --- 4, 5, 6: depth ---
+
+
+def set_depth(folder, values, **config):
+    shutil.rmtree(folder / "depth")
+    (folder / "depth").mkdir()
+    data = encode_tiff(values) if values.dtype == np.float32 else encode_png(values)
+    (folder / "depth" / "000.png").write_bytes(data)
+
+
+def test_8_bit_depth(folder):
+    set_depth(folder, np.full((12, 16), 90, np.uint8))
+    refusal(folder, "depth/000.png", "256 levels cannot carry millimetres")
+
+
+def test_coloured_depth(folder):
+    set_depth(folder, np.full((12, 16, 3), 90, np.uint16))
+    refusal(folder, "depth/000.png", "one channel", "3 channels")
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ("0.001", ("median depth 6e+05 m", "depth_scale = 1000 would make the median 0.6 m")),
+        ("100000.0", ("median depth 0.00599 m", "0.05 to 20 m", "depth_scale = 1000")),
+        ("1.0", ("median depth 600 m", "5000 0.12 m", "4000 0.15 m")),
+    ],
+)
+def test_wrong_depth_unit(folder, given, words):
+    edit_config(folder, "depth_scale = 1000.0", f"depth_scale = {given}")
+    refusal(folder, "depth", *words)
+
+
+def test_missing_depth_scale_is_suggested(folder):
+    edit_config(folder, "depth_scale = 1000.0\n", "")
+    refusal(
+        folder,
+        "capture.toml",
+        "'depth_scale' is missing",
+        "depth_scale = 1000 would make the median 0.598 m",
+    )
+
+
+@pytest.mark.parametrize("value", ["0", "-1000.0", "nan", "inf"])
+def test_depth_scale_that_is_none(folder, value):
+    edit_config(folder, "depth_scale = 1000.0", f"depth_scale = {value}")
+    refusal(folder, "capture.toml", "'depth_scale' is not positive")
+
+
+def test_float_depth_takes_no_scale(folder):
+    set_depth(folder, np.full((12, 16), 0.6, np.float32))
+    refusal(folder, "capture.toml", "'depth_scale' does not apply", "1000")
+    edit_config(folder, "depth_scale = 1000.0", "depth_scale = 1.0")
+    assert load_capture(folder).depth_m[0, 5, 5] == np.float32(0.6)
+    set_depth(folder, np.full((12, 16), 600, np.float32))
+    edit_config(folder, "depth_scale = 1.0\n", "")
+    refusal(folder, "depth", "median depth 600 m", "millimetres: divide them by 1000")
+
+
+def test_invalid_depth_is_a_hole_and_counted(folder):
+    depth_m = np.full((12, 16), 0.6, np.float32)
+    depth_m[5, 5:10] = np.nan, np.inf, 0, -1, -np.inf
+    set_depth(folder, depth_m)
+    edit_config(folder, "depth_scale = 1000.0\n", "")
+    capture = load_capture(folder)
+    expected = depth_m.copy()
+    expected[5, 5:10] = np.nan
+    np.testing.assert_array_equal(capture.depth_m[0], expected)
+    message = next(f.message for f in capture.findings if f.code == "depth-holes")
+    assert message.endswith("(values: 1 zero, 2 negative, 2 not finite)")
+
+
+def test_the_largest_integer_is_no_measurement(folder):
+    values = np.full((12, 16), 600, np.uint16)
+    values[5, 5] = 65535
+    values[5, 6] = 65534
+    set_depth(folder, values)
+    capture = load_capture(folder)
+    assert np.isnan(capture.depth_m[0, 5, 5])
+    assert capture.depth_m[0, 5, 6] == np.float32(65.534)
+    assert any("1 at the largest value" in finding.message for finding in capture.findings)
+
+
+def test_no_depth_on_the_object(folder):
+    values = np.full((12, 16), 600, np.uint16)
+    values[1:11, 3:13] = 0
+    set_depth(folder, values)
+    refusal(folder, "depth", "almost no depth on the object", "0.00% measured", "zero")
+    (folder / "mask.png").unlink()
+    assert "no-mask" in codes(folder)
+    set_depth(folder, np.zeros((12, 16), np.uint16))
+    refusal(folder, "depth", "no depth at all")
+
+
+def test_depth_maps_of_different_kinds(folder):
+    (folder / "depth" / "001.png").write_bytes(encode_png(np.full((6, 8), 600, np.uint16)))
+    refusal(folder, "depth", "000.png 16x12x1 uint16; 001.png 8x6x1 uint16")
+
+
+# --- 7, 9, 10: geometry ---
+
+
+@pytest.mark.parametrize("shape", [(12, 15), (24, 16), (48, 64), (11, 16)])
+def test_sizes_that_do_not_fit(folder, shape):
+    set_depth(folder, np.full(shape, 600, np.uint16))
+    h, w = shape
+    refusal(folder, "depth", f"depth {w}x{h}, colour 32x24", "[depth_intrinsics]")
+
+
+def test_intrinsics_of_another_resolution(tmp_path):
+    folder = build(tmp_path / "c")
+    for old, new in (
+        ("width = 32", "width = 64"),
+        ("height = 24", "height = 48"),
+        ("fx = 40.0", "fx = 80.0"),
+        ("fy = 40.5", "fy = 81.0"),
+        ("cx = 15.25", "cx = 31.0"),
+        ("cy = 11.75", "cy = 24.0"),
+    ):
+        edit_config(folder, old, new)
+    rescaled = "width = 32, height = 24, fx = 40, fy = 40.5, cx = 15.25, cy = 11.75"
+    refusal(folder, "capture.toml", "seen 64x48, needed 32x24", rescaled)
+
+
+def test_turned_or_cropped_images(folder):
+    edit_config(folder, "width = 32\nheight = 24", "width = 24\nheight = 32")
+    refusal(folder, "capture.toml", "seen 24x32", "exchanged, or the images were turned")
+    edit_config(folder, "width = 24\nheight = 32", "width = 30\nheight = 30")
+    refusal(folder, "capture.toml", "other proportions")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("fx = 40.0", "fx = nan", ("'intrinsics.fx' is not a number", "nan")),
+        ("cy = 11.75", "cy = inf", ("'intrinsics.cy' is not a number",)),
+        ("fx = 40.0", "fx = -40.0", ("'intrinsics.fx' is not positive", "-40")),
+        ("fy = 40.5", "fy = 0", ("'intrinsics.fy' is not positive",)),
+        ("width = 32", "width = 0", ("'intrinsics.width' is not positive",)),
+        ("fx = 40.0", "fx = 1.25", ("'intrinsics.fx' is implausible", "in pixels")),
+        ("fx = 40.0", "fx = 400.0", ("fx and fy", "fx = 400, fy = 40.5")),
+        ("cx = 15.25", "cx = 40.0", ("principal point", "outside the image", "cx = 40")),
+        ("cx = 15.25\ncy = 11.75", "cx = 11.5\ncy = 15.5", ("transposed", "exchange cx and cy")),
+        (
+            "fx = 40.0\nfy = 40.5\ncx = 15.25\ncy = 11.75",
+            "fx = 15.25\nfy = 11.75\ncx = 40.0\ncy = 40.5",
+            ("outside the image", "fx, fy and cx, cy look exchanged"),
+        ),
+    ],
+)
+def test_implausible_intrinsics(folder, old, new, words):
+    edit_config(folder, old, new)
+    refusal(folder, "capture.toml", *words)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("fx =", "f_x =", ("unknown key 'intrinsics.f_x'", "did you mean 'fx'?")),
+        ("depth_scale", "depthscale", ("unknown key 'depthscale'", "did you mean 'depth_scale'?")),
+        ("[intrinsics]", "[intrinsic]", ("unknown key 'intrinsic'", "'intrinsics'")),
+        ("cy = 11.75", "cy = 11.75\nlighting = 'ambient'", ("it belongs above the first",)),
+        ("encoding", "cx = 3\nencoding", ("unknown key 'cx'", "it belongs in [intrinsics]")),
+        ("encoding", "colour = 3\nencoding", ("unknown key 'colour'", "the keys here are")),
+        ("fx = 40.0", "fx = 40.0\nfx = 41.0", ("key 'fx' is there twice", "line 9")),
+        ("cy = 11.75", "cy = 11.75\n[intrinsics]", ("key '[intrinsics]' is there twice",)),
+        ("fx = 40.0\n", "", ("key 'intrinsics.fx' is missing", "for example")),
+        ("fx = 40.0", 'fx = "40"', ("key 'intrinsics.fx'", "seen str, needed float")),
+        ("width = 32", "width = 32.5", ("key 'intrinsics.width'",)),
+        ("fx = 40.0", "fx = true", ("key 'intrinsics.fx'", "seen bool")),
+        ("fx = 40.0", "fx = ", ("not valid TOML", "line 8: 'fx ='")),
+        ('"linear"', '"sRGB"', ("'encoding' has an unknown value", "did you mean 'srgb'?")),
+        ('"linear"', "7", ("'encoding' has an unknown value", "seen 7")),
+        ('"moving-lamp"', '"rgb_leds"', ("'lighting'", "did you mean 'rgb-leds'?")),
+        ("[intrinsics]", "[depth_to_color]\n[intrinsics]", ("depth_to_color.rotation", "missing")),
+        ("encoding", "intrinsics = 5\nencoding", ("'[intrinsics]' is there twice",)),
+    ],
+)
+def test_wrong_keys(folder, old, new, words):
+    edit_config(folder, old, new)
+    refusal(folder, "capture.toml", *words)
+
+
+def test_no_intrinsics_or_no_table(folder):
+    config = folder / "capture.toml"
+    config.write_text("depth_scale = 1000.0")
+    refusal(folder, "capture.toml", "key 'intrinsics' is missing", "fx = 525.0")
+    config.write_text("depth_scale = 1000.0\nintrinsics = 5")
+    refusal(folder, "capture.toml", "key 'intrinsics' has a wrong value", "seen int")
+    config.write_bytes(b"encoding = \xff")
+    refusal(folder, "capture.toml", "not UTF-8")
+    config.write_text("a = " + "[" * 5000)
+    refusal(folder, "capture.toml", "not valid TOML")
+
+
+def test_windows_text_is_read(folder):
+    config = folder / "capture.toml"
+    config.write_bytes(b"\xef\xbb\xbf" + config.read_bytes().replace(b"\n", b"\r\n"))
+    assert load_capture(folder).camera == small_capture().camera
+
+
+@pytest.mark.parametrize(
+    ("rotation", "translation", "words"),
+    [
+        (np.diag([1.0, 1, -1]), [0, 0, 0], ("not a rotation", "determinant -1")),
+        (np.eye(3) * 1.01, [0, 0, 0], ("not a rotation",)),
+        (np.eye(3) * np.nan, [0, 0, 0], ("rotation' is not a number",)),
+        (np.eye(3), [25.0, 0, 0], ("translation", "25 m", "not millimetres")),
+        (np.eye(3), [np.nan, 0, 0], ("translation' is not a number",)),
+        (np.eye(2), [0, 0, 0], ("'depth_to_color.rotation' has a wrong shape", "3x3")),
+        (np.eye(3), [0, 0], ("'depth_to_color.translation' has a wrong shape",)),
+    ],
+)
+def test_wrong_transforms(tmp_path, rotation, translation, words):
+    capture = small_capture(
+        depth_camera=Camera(16, 12, 20.0, 20.0, 7.5, 5.5),
+        depth_to_color=RigidTransform(rotation, np.array(translation, float)),
+    )
+    write_capture(capture, tmp_path / "c")
+    refusal(tmp_path / "c", "capture.toml", *words)
+
+
+def test_transform_and_depth_camera_belong_together(tmp_path):
+    capture = small_capture(
+        depth_camera=Camera(17, 12, 20.0, 20.0, 7.5, 5.5),
+        depth_to_color=RigidTransform(np.eye(3), np.zeros(3)),
+    )
+    write_capture(capture, tmp_path / "c")
+    refusal(tmp_path / "c", "capture.toml", "[depth_intrinsics] is for another image size", "17x12")
+    config = tmp_path / "c" / "capture.toml"
+    before, after = config.read_text().split("[depth_intrinsics]")
+    config.write_text(before + "[depth_to_color]" + after.split("[depth_to_color]")[1])
+    refusal(tmp_path / "c", "capture.toml", "[depth_to_color] without [depth_intrinsics]")
+
+
+# --- 11 to 15: photographs ---
+
+
+def test_the_same_photograph_twice(folder):
+    shutil.copy(photograph(folder, 0), photograph(folder, 3))
+    refusal(folder, "rgb", "the same photograph twice", "000.png and 003.png", "remove 003.png")
+
+
+def test_photographs_of_different_size_or_channels(folder):
+    photograph(folder).write_bytes(encode_png(small_capture().photographs[1, :20]))
+    refusal(folder, "rgb", "000.png 32x24x3 uint8 and 2 more; 001.png 32x20x3 uint8")
+    photograph(folder).write_bytes(encode_png(small_capture().photographs[1, ..., 0].copy()))
+    refusal(folder, "rgb", "001.png 32x24x1 uint8", "channels")
+
+
+def test_8_bit_beside_16_bit(folder):
+    photograph(folder).write_bytes(encode_png(small_capture(dtype=np.uint16).photographs[1]))
+    refusal(folder, "rgb", "8-bit images beside 16-bit ones", "001.png 32x24x3 uint16")
+
+
+def test_exif_orientation_is_ignored_with_a_warning(folder):
+    rows = [row.tobytes() for row in small_capture().photographs[1]]
+    photograph(folder).write_bytes(png(WIDTH, HEIGHT, 8, 2, rows, png_chunk(b"eXIf", exif(6))))
+    capture = load_capture(folder)
+    warning = next(f for f in capture.findings if f.code == "exif-orientation")
+    assert warning.severity == "warning"
+    assert "001.png" in warning.message
+    np.testing.assert_array_equal(capture.photographs, small_capture().photographs)
+
+
+def exposed(share, value):
+    """Photographs with `value` on this share of the object in all but two of them."""
+    capture = small_capture()
+    where = np.zeros_like(capture.mask)
+    rows, columns = np.nonzero(capture.mask)
+    count = round(share * len(rows))
+    where[rows[:count], columns[:count]] = True
+    capture.photographs[:2, where] = value
+    return capture
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        ((250, 9, 99), ("saturated", "expose shorter")),
+        ((1, 0, 1), ("black", "expose longer")),
+    ],
+)
+def test_too_little_of_the_object_is_usable(tmp_path, value, words):
+    write_capture(exposed(0.25, value), tmp_path / "bad")
+    refusal(tmp_path / "bad", "rgb", "fewer than 3 usable photographs on 25% of the", *words)
+    write_capture(exposed(0.15, value), tmp_path / "good")
+    findings = load_capture(tmp_path / "good").findings
+    message = next(f.message for f in findings if f.code == words[0])
+    assert "7.4% of the object on average, most in 000.png (14.8%)" in message
+
+
+@pytest.mark.parametrize("value", [(249, 9, 99), (2, 0, 1)])
+def test_bright_and_dark_are_usable(tmp_path, value):
+    write_capture(exposed(0.25, value), tmp_path / "c")
+    assert not {"saturated", "black"} & set(codes(tmp_path / "c"))
+
+
+def test_two_photographs_may_be_saturated(tmp_path):
+    capture = exposed(1.0, 255)
+    capture.photographs[1] -= 1
+    write_capture(capture.select([0, 1]), tmp_path / "c")
+    assert "saturated" in codes(tmp_path / "c")
+
+
+# --- 17: mask ---
+
+
+def test_masks(folder):
+    mask = folder / "mask.png"
+    mask.write_bytes(encode_png(np.zeros((HEIGHT, WIDTH), np.uint8)))
+    refusal(folder, "mask.png", "the mask is empty")
+    mask.write_bytes(encode_png(np.ones((12, 16), np.uint8)))
+    refusal(folder, "mask.png", "another size", "seen 16x12, needed 32x24")
+    mask.write_bytes(encode_png(np.ones((HEIGHT, WIDTH), np.uint8)))
+    assert "mask-everything" in codes(folder)
+    mask.unlink()
+    capture = load_capture(folder)
+    warning = next(f for f in capture.findings if f.code == "no-mask")
+    assert warning.severity == "warning"
+    expected = np.isfinite(small_capture().depth_m).any(axis=0).repeat(2, 0).repeat(2, 1)
+    assert not expected.all()
+    np.testing.assert_array_equal(capture.mask, expected)
+
+
+def test_coloured_and_palette_masks(folder):
+    expected = small_capture().mask
+    blue = np.zeros((HEIGHT, WIDTH, 4), np.uint8)
+    blue[expected, 2] = 1
+    (folder / "mask.png").write_bytes(encode_png(blue))
+    np.testing.assert_array_equal(load_capture(folder).mask, expected)
+    palette = png_chunk(b"PLTE", bytes([9, 9, 9, 0, 0, 0]))
+    rows = [(~row).astype(np.uint8).tobytes() for row in expected]
+    (folder / "mask.png").write_bytes(png(WIDTH, HEIGHT, 8, 3, rows, palette))
+    np.testing.assert_array_equal(load_capture(folder).mask, expected)
+    bits = [np.packbits(row).tobytes() for row in expected]
+    (folder / "mask.png").write_bytes(png(WIDTH, HEIGHT, 1, 0, bits))
+    np.testing.assert_array_equal(load_capture(folder).mask, expected)

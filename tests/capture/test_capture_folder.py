@@ -1,0 +1,244 @@
+import os
+import shutil
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from capture_builder import HEIGHT, WIDTH, build, codes, edit_config, small_capture, small_truth
+
+from rakelight.capture import load_capture, load_truth, write_capture
+from rakelight.errors import CaptureError, InputError, MachineError, OutputExistsError
+from rakelight.model import Camera, RigidTransform
+
+REAL = Path(__file__).parents[3] / "shared" / "captures"
+
+
+def same_bits(a, b):
+    assert a.dtype == b.dtype
+    assert a.shape == b.shape
+    return np.ascontiguousarray(a).tobytes() == np.ascontiguousarray(b).tobytes()
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("factor", [1, 2, 4])
+def test_written_and_read_back_is_the_same(tmp_path, dtype, factor):
+    capture = small_capture(dtype=dtype, factor=factor, encoding="srgb", lighting="rgb-leds")
+    write_capture(capture, tmp_path / "c")
+    again = load_capture(tmp_path / "c")
+    for name in ("photographs", "depth_m", "mask"):
+        assert same_bits(getattr(again, name), getattr(capture, name)), name
+    assert again.camera == capture.camera
+    assert (again.encoding, again.lighting) == ("srgb", "rgb-leds")
+    assert again.depth_camera is None
+    assert again.depth_to_color is None
+    assert again.names == ("000.png", "001.png", "002.png", "003.png")
+    assert again.source == str(tmp_path / "c")
+    assert "median depth 0.60 m" in [finding.message for finding in again.findings]
+
+
+def test_depth_camera_comes_back(tmp_path):
+    c, s = np.cos(0.1), np.sin(0.1)
+    transform = RigidTransform(
+        np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]), np.array([0.05, 1 / 3, -1e-9])
+    )
+    capture = small_capture(
+        depth_m=np.full((1, 10, 14), 0.7, np.float32),
+        depth_camera=Camera(14, 10, 20.0, 20.0, 6.5, 4.5),
+        depth_to_color=transform,
+    )
+    write_capture(capture, tmp_path / "c")
+    again = load_capture(tmp_path / "c")
+    assert again.depth_camera == capture.depth_camera
+    assert same_bits(again.depth_to_color.rotation, transform.rotation)
+    assert same_bits(again.depth_to_color.translation_m, transform.translation_m)
+    nine = ", ".join(map(repr, transform.rotation.ravel().tolist()))
+    edit_config(tmp_path / "c", repr(transform.rotation.tolist()), f"[{nine}]")
+    assert same_bits(load_capture(tmp_path / "c").depth_to_color.rotation, transform.rotation)
+
+
+def test_depth_camera_alone_looks_from_the_same_place(tmp_path):
+    capture = small_capture(depth_camera=Camera(16, 12, 20.0, 20.0, 7.5, 5.5))
+    write_capture(capture, tmp_path / "c")
+    transform = load_capture(tmp_path / "c").depth_to_color
+    np.testing.assert_array_equal(transform.rotation, np.eye(3))
+    np.testing.assert_array_equal(transform.translation_m, np.zeros(3))
+
+
+def test_integer_depth_is_rounded_to_its_scale_once(tmp_path):
+    capture = small_capture()
+    write_capture(capture, tmp_path / "a", depth_scale=1000)
+    first = load_capture(tmp_path / "a")
+    holes = np.isnan(capture.depth_m)
+    np.testing.assert_array_equal(np.isnan(first.depth_m), holes)
+    error_m = np.abs(first.depth_m - capture.depth_m)[~holes].max()
+    assert 0.0004 < error_m <= 0.000501
+    write_capture(first, tmp_path / "b", depth_scale=1000)
+    assert same_bits(load_capture(tmp_path / "b").depth_m, first.depth_m)
+
+
+@pytest.mark.parametrize("depth_scale", [200_000.0, 0.5])
+def test_depth_that_does_not_fit_16_bit_is_not_written(tmp_path, depth_scale):
+    with pytest.raises(CaptureError, match="does not fit 16 bit"):
+        write_capture(small_capture(), tmp_path / "c", depth_scale=depth_scale)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_truth_comes_back(tmp_path):
+    truth = small_truth()
+    write_capture(small_capture(), tmp_path / "c", truth=truth)
+    again = load_truth(tmp_path / "c")
+    for name in ("depth", "normals", "albedo"):
+        assert same_bits(getattr(again, name), getattr(truth, name)), name
+    for name in ("vector", "ambient", "position_m"):
+        assert same_bits(getattr(again.lights, name), getattr(truth.lights, name)), name
+    write_capture(small_capture(), tmp_path / "d", truth=replace(truth, lights=None))
+    assert load_truth(tmp_path / "d").lights is None
+
+
+def test_broken_truth_is_refused(tmp_path):
+    write_capture(small_capture(), tmp_path / "c", truth=small_truth())
+    truth = tmp_path / "c" / "truth"
+    (truth / "lights.json").write_text('{"vector": [[[1, 2]]], "ambient": [[1]]}')
+    with pytest.raises(CaptureError, match=r"truth/lights.json: the lights do not fit"):
+        load_truth(tmp_path / "c")
+    (truth / "lights.json").write_text("{")
+    with pytest.raises(CaptureError, match="not the lights"):
+        load_truth(tmp_path / "c")
+    shutil.copy(truth / "depth.tiff", truth / "normals.tiff")
+    with pytest.raises(CaptureError, match=r"normals.tiff: this map does not fit"):
+        load_truth(tmp_path / "c")
+    shutil.rmtree(truth)
+    with pytest.raises(CaptureError, match="no truth"):
+        load_truth(tmp_path / "c")
+
+
+@pytest.mark.parametrize(
+    ("changes", "name"),
+    [
+        ({"mask": np.ones((5, 5), bool)}, "mask"),
+        ({"camera": Camera(WIDTH, HEIGHT + 1, 9.0, 9.0, 3.0, 3.0)}, "photographs"),
+        ({"depth_m": np.ones((12, 16), np.float32)}, "depth_m"),
+    ],
+)
+def test_arrays_that_do_not_fit_are_not_written(tmp_path, changes, name):
+    with pytest.raises(CaptureError, match=f"{name}: this array does not fit"):
+        write_capture(small_capture(**changes), tmp_path / "c")
+    truth = replace(small_truth(), normals=np.zeros((2, 2, 3), np.float32))
+    with pytest.raises(CaptureError, match=r"truth\.normals: this array"):
+        write_capture(small_capture(), tmp_path / "c", truth=truth)
+
+
+def test_overwriting(tmp_path):
+    folder = build(tmp_path / "c")
+    before = sorted((p, p.stat().st_mtime_ns) for p in folder.rglob("*"))
+    with pytest.raises(OutputExistsError):
+        build(folder)
+    with pytest.raises(OutputExistsError, match="never overwritten"):
+        write_capture(load_capture(folder), tmp_path / "." / "c", overwrite=True)
+    assert sorted((p, p.stat().st_mtime_ns) for p in folder.rglob("*")) == before
+    write_capture(small_capture(photographs=5), folder, overwrite=True)
+    assert len(load_capture(folder).photographs) == 5
+    assert [p.name for p in tmp_path.iterdir()] == ["c"]
+
+
+def test_reading_writes_nothing(tmp_path):
+    folder = build(tmp_path / "c")
+    before = sorted((p, p.stat().st_mtime_ns) for p in tmp_path.rglob("*"))
+    load_capture(folder)
+    assert sorted((p, p.stat().st_mtime_ns) for p in tmp_path.rglob("*")) == before
+
+
+def test_what_capture_toml_leaves_open(tmp_path):
+    eight = build(tmp_path / "8")
+    edit_config(eight, 'encoding = "linear"\n', "")
+    edit_config(eight, 'lighting = "moving-lamp"\n', "")
+    capture = load_capture(eight)
+    assert (capture.encoding, capture.lighting) == ("srgb", "moving-lamp")
+    assert "encoding-assumed" in [finding.code for finding in capture.findings]
+    sixteen = build(tmp_path / "16", dtype=np.uint16, photographs=1)
+    edit_config(sixteen, 'encoding = "linear"\n', "")
+    edit_config(sixteen, 'lighting = "moving-lamp"\n', "")
+    capture = load_capture(sixteen)
+    assert (capture.encoding, capture.lighting) == ("linear", "ambient")
+
+
+def test_photographs_come_in_the_order_of_their_numbers(tmp_path):
+    folder = build(tmp_path / "c")
+    for old, new in (("000", "img10"), ("001", "img9"), ("002", "img1"), ("003", "img02")):
+        (folder / "rgb" / f"{old}.png").rename(folder / "rgb" / f"{new}.png")
+    capture = load_capture(folder)
+    assert capture.names == ("img1.png", "img02.png", "img9.png", "img10.png")
+    np.testing.assert_array_equal(capture.photographs, small_capture().photographs[[2, 3, 1, 0]])
+
+
+def test_other_files_are_skipped_and_named(tmp_path):
+    folder = build(tmp_path / "c")
+    (folder / "rgb" / ".DS_Store").write_bytes(b"x")
+    (folder / "rgb" / "._000.png").write_bytes(b"x")
+    assert "ignored-files" not in codes(folder)
+    (folder / "rgb" / "Thumbs.db").write_bytes(b"x")
+    findings = load_capture(folder).findings
+    assert [finding.message for finding in findings if finding.code == "ignored-files"] == [
+        "rgb: not images, ignored: Thumbs.db"
+    ]
+
+
+WEIRD = ["with space", "Grabmal Müller", "new\nline", "-o", "日本", "100%", "*?[x]", "x" * 200]
+if sys.platform == "linux":
+    WEIRD.append(os.fsdecode(b"caf\xe9"))
+
+
+@pytest.mark.parametrize("name", WEIRD)
+def test_weird_paths(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    build(name)
+    (Path(name) / "rgb" / "000.png").rename(Path(name) / "rgb" / f"{name[:100]}.png")
+    capture = load_capture(name)
+    assert capture.source == name
+    assert len(capture.photographs) == 4
+    "".join(capture.names).encode()  # fit for result.json
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    (Path(name) / "mask.png").write_bytes(b"")
+    with pytest.raises(CaptureError) as caught:
+        load_capture(os.fsencode(name))
+    line = str(caught.value)
+    assert "\n" not in line
+    line.encode()
+    assert line.endswith("/mask.png: the file is empty")
+
+
+@pytest.mark.parametrize("name", ["nul\0byte", "y" * 300])
+def test_impossible_paths(tmp_path, name):
+    with pytest.raises(InputError, match=r"no such folder|File name too long"):
+        load_capture(tmp_path / name)
+    with pytest.raises(InputError, match=r"usable path|cannot be written"):
+        write_capture(small_capture(), tmp_path / name)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root reads all")
+def test_unreadable_file_is_the_machines_fault(tmp_path):
+    folder = build(tmp_path / "c")
+    (folder / "mask.png").chmod(0)
+    with pytest.raises(MachineError, match=r"mask.png: cannot be read"):
+        load_capture(folder)
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="the real captures are not here")
+@pytest.mark.parametrize(
+    ("name", "photographs", "lighting", "median_m"),
+    [
+        ("mitten", 20, "moving-lamp", "0.55"),
+        ("android", 1, "ambient", "0.59"),
+        ("monkey", 1, "ambient", "0.67"),
+    ],
+)
+def test_real_captures(name, photographs, lighting, median_m):
+    capture = load_capture(REAL / name)
+    assert capture.photographs.shape == (photographs, 960, 1280, 3)
+    assert capture.depth_m.shape == (photographs, 480, 640)
+    assert (capture.lighting, capture.encoding) == (lighting, "linear")
+    assert {finding.severity for finding in capture.findings} == {"note"}
+    assert capture.findings[0].message == f"median depth {median_m} m"
