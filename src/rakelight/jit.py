@@ -53,23 +53,18 @@ def share(columns: int) -> int:
 
 
 def compiled() -> bool:
-    """Whether every kernel imported so far has machine code, in memory or on disk.
+    """Whether kernels were compiled before, by this process or, cached on disk, by another.
 
-    False means that the next call may take seconds: worth announcing to a person.
+    False means that the next call takes seconds: worth announcing to a person.
     """
-    return all(each.signatures or _on_disk(each) for each in _kernels)
+    return any(each.signatures or _on_disk(each) for each in _kernels)
 
 
 def _compiled_lazily(function: Function, *, parallel: bool) -> Function:
     from numba import njit
 
-    # "contract": a*b + c in one rounding.  Sums keep their order, so results repeat.
-    options: dict[str, Any] = {
-        "parallel": parallel,
-        "nogil": True,
-        "error_model": "numpy",
-        "fastmath": {"contract"},
-    }
+    # No fastmath: the same numbers however the work is split.
+    options: dict[str, Any] = {"parallel": parallel, "nogil": True, "error_model": "numpy"}
     dispatcher: Function
     try:
         dispatcher = njit(cache=True, **options)(function)

@@ -1,0 +1,243 @@
+"""Geometric multigrid as the preconditioner of conjugate gradients.
+
+Stencils that jump by orders of magnitude from pixel to pixel, in any direction, on masks with
+holes and thin parts: the interpolation follows the matrix (Dendy 1982), the coarse matrices are
+Galerkin products, and the relaxation solves whole lines, rows then columns, every other one at a
+time.  After the coarse correction it runs backwards, so that the cycle is symmetric.
+
+The cycle works in single precision; conjugate gradients around it in double.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rakelight.errors import InputError
+from rakelight.jit import share, threads_for
+from rakelight.model import Floats, Mask
+from rakelight.solve.cg import conjugate_gradients
+from rakelight.solve.direct import stencil_matrix
+from rakelight.solve.stencil import DepthSystem, Laplacian
+
+# A level with no more unknowns than this is solved by a dense factorisation.
+COARSEST = 300
+
+
+@dataclass(frozen=True)
+class Level:
+    """One grid of the hierarchy, all float32 with a border of zeros, (h, w) counting it.
+
+    stencil (5, h, w); reciprocal pivots of its lines (h, w); north and south: the weights by
+    which a row between two coarse rows follows the one above and below (coarse h, w).
+    rhs and x are the level's scratch space.
+    """
+
+    stencil: Floats
+    row_pivots: Floats
+    column_pivots: Floats
+    north: Floats
+    south: Floats
+    rhs: Floats
+    x: Floats
+
+
+@dataclass(frozen=True)
+class Hierarchy:
+    """All levels of a multigrid cycle, from fine to coarse, for the mask they were built on.
+
+    top, left : where the window of the finest level begins on the grid with its border
+    scale : mean diagonal of the system; the levels hold the matrix divided by it
+    coarsest, coarsest_pixels : the Cholesky factor and the pixels of the last level
+    Not for use by two threads at once: the levels carry their scratch space.
+    """
+
+    mask: Mask
+    top: int
+    left: int
+    scale: float
+    levels: tuple[Level, ...]
+    coarsest: Any
+    coarsest_pixels: Mask
+
+    @property
+    def window(self) -> tuple[slice, slice]:
+        """Rows and columns of the grid (without border) that the finest level covers."""
+        h, w = self.levels[0].x.shape
+        return slice(self.top, self.top + h - 2), slice(self.left, self.left + w - 2)
+
+    def precondition(self, residual: Floats, norm: float) -> Floats:
+        """About A⁻¹ residual by one symmetric cycle, (h, w) float32, valid until the next call.
+
+        residual : (h, w) of the finest level; norm : its norm, to bring it into the range of
+        single precision.
+        """
+        finest = self.levels[0]
+        with threads_for(finest.x.size):
+            _kernels().scaled(1 / norm, residual, finest.rhs)
+            self._cycle(0)
+            _kernels().scaled(norm / self.scale, finest.x, finest.x)
+        return finest.x
+
+    def _cycle(self, depth: int) -> None:
+        level = self.levels[depth]
+        if depth == len(self.levels) - 1:
+            self._solve_coarsest(level)
+            return
+        coarser = self.levels[depth + 1]
+        with threads_for(level.x.size):
+            _relax(level)
+            _kernels().restrict(
+                level.stencil, level.rhs, level.x, level.north, level.south, coarser.rhs
+            )
+        self._cycle(depth + 1)
+        with threads_for(level.x.size):
+            _kernels().prolong(level.north, level.south, coarser.x, level.x)
+            _relax_back(level)
+
+    def _solve_coarsest(self, level: Level) -> None:
+        from scipy.linalg import cho_solve
+
+        pixels = self.coarsest_pixels
+        level.x[pixels] = cho_solve(self.coarsest, level.rhs[pixels])
+
+
+def _relax(level: Level) -> None:
+    """Solve the rows, every other one at a time, then the columns; x needs no start."""
+    A, b, x, width = level.stencil, level.rhs, level.x, share(level.x.shape[1] - 2)
+    k = _kernels()
+    k.relax_rows(A, level.row_pivots, b, x, 0, True)
+    k.relax_rows(A, level.row_pivots, b, x, 1, False)
+    k.relax_columns(A, level.column_pivots, b, x, 0, width)
+    k.relax_columns(A, level.column_pivots, b, x, 1, width)
+
+
+def _relax_back(level: Level) -> None:
+    """The same lines in the opposite order: the transpose of `_relax`."""
+    A, b, x, width = level.stencil, level.rhs, level.x, share(level.x.shape[1] - 2)
+    k = _kernels()
+    k.relax_columns(A, level.column_pivots, b, x, 1, width)
+    k.relax_columns(A, level.column_pivots, b, x, 0, width)
+    k.relax_rows(A, level.row_pivots, b, x, 1, False)
+    k.relax_rows(A, level.row_pivots, b, x, 0, False)
+
+
+@dataclass(frozen=True, slots=True)
+class Multigrid:
+    """Conjugate gradients, preconditioned by one multigrid cycle."""
+
+    def run(
+        self,
+        system: DepthSystem,
+        start: Floats,
+        tolerance: float,
+        max_iterations: int,
+        hierarchy: Hierarchy | None,
+    ) -> tuple[Floats, int]:
+        """The solution (H, W) and the iterations it took."""
+        if hierarchy is None:
+            hierarchy = build_hierarchy(system)
+        elif not np.array_equal(hierarchy.mask, system.mask):
+            raise InputError("built for another mask", source="hierarchy")
+        top, left, window = hierarchy.top, hierarchy.left, hierarchy.window
+        x = np.pad(np.where(system.mask, start, 0.0)[window], 1)
+        with threads_for(x.size):
+            iterations = conjugate_gradients(
+                lambda p, out: system.apply_window(p, out, top, left),
+                hierarchy.precondition,
+                system.rhs[window],
+                x,
+                tolerance,
+                max_iterations,
+            )
+        value = start.copy()
+        value[window] = x[1:-1, 1:-1]
+        return value, iterations
+
+
+def build_hierarchy(system: DepthSystem) -> Hierarchy:
+    """The multigrid levels of a system; they serve for any system that is close to it.
+
+    What does not fit a 9-point stencil enters by its surrogate: the laplacian by the second
+    order operator that bounds it, the extra term by its lumped diagonal.
+
+    >>> from rakelight.solve import assemble, solve
+    >>> tensor, none = np.broadcast_to([1.0, 0.0, 1.0], (40, 40, 3)), np.zeros((40, 40))
+    >>> system = assemble(none == 0, tensor, np.zeros((40, 40, 2)), none + 0.1, none + 2)
+    >>> hierarchy = build_hierarchy(system)
+    >>> [level.x.shape for level in hierarchy.levels]
+    [(42, 42), (22, 22), (12, 12)]
+    >>> solve(system, start=none, hierarchy=hierarchy).status
+    'converged'
+    """
+    from scipy.linalg import cho_factor
+
+    rows, columns = (np.flatnonzero(system.mask.any(axis=axis)) for axis in (1, 0))
+    top, left = int(rows[0]), int(columns[0])
+    h, w = int(rows[-1]) - top + 3, int(columns[-1]) - left + 3
+    window = np.s_[top : top + h, left : left + w]
+    scale = float(system.centre[system.mask].mean())
+    stencil = system.stencil[:, *window].astype(np.float32)
+    if system.laplacian is not None:
+        stencil += laplacian_surrogate(system.laplacian)[:, *window]
+    if system.extra is not None:
+        lumped = np.pad(np.where(system.mask, system.extra.diagonal(), 0.0), 1)
+        stencil[0] += lumped[window]
+    stencil /= np.float32(scale)
+
+    levels = []
+    while True:
+        with threads_for(stencil[0].size):
+            level, coarse = _level(stencil)
+        levels.append(level)
+        if coarse is None:
+            break
+        stencil = coarse
+    pixels = stencil[0] > 0
+    dense = stencil_matrix(stencil, pixels).toarray()
+    dense[np.diag_indices_from(dense)] *= 1 + 1e-6
+    return Hierarchy(system.mask, top, left, scale, tuple(levels), cho_factor(dense), pixels)
+
+
+def _level(stencil: Floats) -> tuple[Level, Floats | None]:
+    _, h, w = stencil.shape
+    row_pivots, column_pivots = np.zeros((2, h, w), np.float32)
+    _kernels().factor_lines(stencil, row_pivots, column_pivots, share(w - 2))
+    ch, cw = (h + 1) // 2 + 1, (w + 1) // 2 + 1
+    north, south = np.zeros((2, ch, cw), np.float32)
+    scratch = np.zeros((2, h, w), np.float32)
+    level = Level(stencil, row_pivots, column_pivots, north, south, *scratch)
+    if np.count_nonzero(stencil[0]) <= COARSEST or max(h, w) <= 4:
+        return level, None
+    P = np.zeros((h, w, 4), np.float32)
+    _kernels().interpolation(stencil, P)
+    coarse = np.zeros((5, ch, cw), np.float32)
+    _kernels().galerkin(stencil, P, coarse)
+    between = P[2:-1:2, 1::2]
+    rows, columns = between.shape[:2]
+    north[1 : 1 + rows, 1 : 1 + columns] = between[..., 0]
+    south[1 : 1 + rows, 1 : 1 + columns] = between[..., 2]
+    return level, coarse
+
+
+def _kernels() -> Any:
+    """The compiled loops, loaded on first use: numba is slow to import."""
+    from rakelight.solve import _kernels
+
+    return _kernels
+
+
+def laplacian_surrogate(laplacian: Laplacian) -> Floats:
+    """A stencil (5, H+2, W+2) of first differences that bounds Lᵀ lambda L from above.
+
+    (p_e - 2 p + p_w)² <= 2 (p_e - p)² + 2 (p - p_w)², and twice that for two axes together.
+    """
+    out = np.zeros((5, *laplacian.weight.shape))
+    for k, there in ((1, laplacian.along_u), (2, laplacian.along_v)):
+        strength = 4 * np.where(there, laplacian.weight, 0.0)
+        edge = strength + np.roll(strength, -1, axis=2 - k)  # with the pixel to the east, south
+        out[k] = -edge
+        out[0] += edge + np.roll(edge, 1, axis=2 - k)
+    return out

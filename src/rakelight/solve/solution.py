@@ -1,0 +1,46 @@
+"""What goes into a solve and what comes out: the kinds of solver, the answer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, Protocol
+
+from rakelight.model import Floats
+
+if TYPE_CHECKING:
+    from rakelight.solve.multigrid import Hierarchy
+    from rakelight.solve.stencil import DepthSystem
+
+Status = Literal["converged", "stalled", "iteration limit"]
+
+
+class Solver(Protocol):
+    """A way to solve a system: `Multigrid()` or `Direct()`."""
+
+    def run(
+        self,
+        system: DepthSystem,
+        start: Floats,
+        tolerance: float,
+        max_iterations: int,
+        hierarchy: Hierarchy | None,
+    ) -> tuple[Floats, int]:
+        """The solution (H, W) float64, found from `start`, and the iterations it took."""
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """What a solver found.
+
+    value : (H, W) float64, the target outside the mask
+    status : "converged" to the tolerance asked for; "iteration limit"; or "stalled" short of
+        it: rounding left nothing to gain, or the matrix is not positive definite.  `value` is
+        the last iterate in every case, and its energy is never above the start's.
+    relative_residual : |rhs - A value| / |rhs| over the unknowns, computed anew at the end
+    """
+
+    value: Floats
+    status: Status
+    iterations: int
+    relative_residual: float
+    seconds: float

@@ -1,0 +1,211 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rough_systems import disc, masks, rough
+
+from rakelight.errors import InputError
+from rakelight.solve import Direct, build_hierarchy, multigrid, solve
+from rakelight.solve.direct import stencil_matrix
+from rakelight.solve.multigrid import laplacian_surrogate
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(1)
+
+
+@pytest.mark.parametrize("name", masks(8))
+@pytest.mark.parametrize("options", [{}, {"anisotropy": 1e6, "direction": 0.5}, {"decades": 3}])
+def test_same_answer_as_the_factorisation(name, options):
+    system = rough(90, 90, mask=masks(90)[name], **options).system()
+    exact = solve(system, solver=Direct()).value
+    fast = solve(system, tolerance=1e-9, max_iterations=300)
+    assert fast.status == "converged"
+    assert np.linalg.norm(fast.value - exact) < 1e-5 * np.linalg.norm(exact)
+
+
+def _operator(system):
+    """The preconditioner as a dense matrix over the unknowns."""
+    hierarchy = build_hierarchy(system)
+    columns = []
+    for r, c in np.argwhere(np.pad(system.mask[hierarchy.window], 1)):
+        unit = np.zeros(hierarchy.levels[0].x.shape)
+        unit[r, c] = 1
+        z = hierarchy.precondition(unit, 1.0)[1:-1, 1:-1]
+        columns.append(z[system.mask[hierarchy.window]].astype(float))
+    return np.array(columns), hierarchy
+
+
+@pytest.mark.parametrize("name", ["disc", "holes", "thin", "parts"])
+def test_cycle_is_symmetric_and_positive_definite(name, monkeypatch):
+    monkeypatch.setattr(multigrid, "COARSEST", 20)
+    system = rough(25, 22, mask=masks(25)[name][:, :22]).system()
+    B, hierarchy = _operator(system)
+    assert len(hierarchy.levels) > 2
+    assert np.abs(B - B.T).max() < 2e-6 * np.abs(B).max()
+    # Near the inverse of A: with A = C Cᵀ the iterations hang on the spectrum of Cᵀ B C.
+    C = np.linalg.cholesky(system.to_sparse().toarray())
+    eigenvalues = np.linalg.eigvalsh(C.T @ (B + B.T) @ C / 2)
+    assert eigenvalues.min() > 0.1
+    assert eigenvalues.max() < 1 + 1e-4
+
+
+def test_cycle_is_symmetric_on_a_large_grid(rng):
+    system = rough(150, 170, mask=None).system()
+    hierarchy = build_hierarchy(system)
+    x, y = np.pad(rng.normal(size=(2, 150, 170)), ((0, 0), (1, 1), (1, 1)))
+    bx, by = (hierarchy.precondition(v, np.linalg.norm(v)).astype(float) for v in (x, y))
+    assert (bx * y).sum() == pytest.approx((x * by).sum(), rel=1e-4)
+
+
+@pytest.mark.parametrize("size", [64, 128, 256, 512, 1024])
+def test_iterations_do_not_grow_with_size(size):
+    solution = solve(rough(size, size, mask=disc(size)).system())
+    assert solution.status == "converged"
+    assert solution.iterations <= 9
+
+
+@pytest.mark.parametrize(("name", "most"), [("holes", 22), ("thin", 20), ("parts", 14)])
+def test_iterations_on_ragged_masks(name, most):
+    solution = solve(rough(400, 400, mask=masks(400)[name]).system())
+    assert solution.status == "converged"
+    assert solution.iterations <= most
+
+
+@pytest.mark.parametrize("direction", [0.0, 0.5, np.pi / 4, np.pi / 2])
+def test_iterations_on_one_light_only(direction):
+    """One photograph gives tensors of rank one, all in the same direction."""
+    problem = rough(300, 300, anisotropy=1e9, decades=1, direction=direction)
+    problem.weight[:] = 1e-2
+    solution = solve(problem.system())
+    assert solution.status == "converged"
+    assert solution.iterations <= 20
+
+
+def test_weak_anchors_far_away(rng):
+    """Rows that hang on one pixel each, 400 pixels away, through differences along u alone."""
+    problem = rough(40, 400)
+    problem.tensor[:] = [1.0, 0.0, 0.0]
+    problem.weight[:] = 0
+    problem.weight[:, 0] = 1
+    system = problem.system()
+    exact, fast = solve(system, solver=Direct()).value, solve(system, tolerance=1e-9)
+    assert fast.status == "converged"
+    assert np.abs(fast.value - exact).max() < 1e-4 * np.abs(exact).max()
+
+
+def test_a_hierarchy_serves_close_systems_too():
+    problem = rough(120, 120)
+    hierarchy = build_hierarchy(problem.system())
+    problem.tensor *= 1 + 0.2 * np.random.default_rng(3).random((120, 120, 1))
+    system = problem.system()
+    own, shared = solve(system, tolerance=1e-9), solve(system, tolerance=1e-9, hierarchy=hierarchy)
+    assert shared.iterations <= own.iterations + 3
+    np.testing.assert_allclose(shared.value, own.value, atol=1e-6 * np.abs(own.value).max())
+    with pytest.raises(InputError, match="another mask"):
+        solve(rough(120, 120, mask=disc(120)).system(), hierarchy=hierarchy)
+
+
+def test_a_good_start_saves_iterations():
+    system = rough(120, 120).system()
+    first = solve(system, tolerance=1e-8)
+    again = solve(system, start=first.value + 1e-6, tolerance=1e-6)
+    assert again.iterations < solve(system, tolerance=1e-6).iterations
+    assert solve(system, start=first.value, tolerance=1e-6).iterations == 0
+
+
+def test_scale_of_the_system_does_not_matter():
+    """Photometric weights and depth steps can be tiny: single precision must not feel it."""
+    problem = rough(100, 100)
+    plain = solve(problem.system())
+    for factor in (1e-25, 1e25):
+        scaled = rough(100, 100)
+        for name in ("tensor", "vector", "weight"):
+            setattr(scaled, name, getattr(problem, name) * factor)
+        solution = solve(scaled.system())
+        assert solution.iterations == plain.iterations
+        np.testing.assert_allclose(solution.value, plain.value, rtol=1e-5, atol=1e-6)
+
+
+def test_two_runs_give_the_same_numbers():
+    system = rough(200, 210).system()
+    np.testing.assert_array_equal(solve(system).value, solve(system).value)
+
+
+def test_result_does_not_depend_on_the_number_of_threads():
+    numba = pytest.importorskip("numba")
+    system = rough(200, 210).system()
+    many, before = solve(system).value, numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        np.testing.assert_array_equal(solve(system).value, many)
+    finally:
+        numba.set_num_threads(before)
+
+
+@pytest.mark.parametrize(("strength", "most"), [(0.01, 16), (0.1, 25), (1.0, 60)])
+def test_laplacian(strength, most):
+    system = rough(90, 90, mask=disc(90)).system(laplacian_weight=strength)
+    exact, fast = solve(system, solver=Direct()).value, solve(system, tolerance=1e-9)
+    assert fast.status == "converged"
+    assert np.linalg.norm(fast.value - exact) < 1e-5 * np.linalg.norm(exact)
+    assert fast.iterations <= most
+
+
+def test_laplacian_surrogate_is_a_bound():
+    mask = masks(14)["holes"]
+    system = rough(14, 14, mask=mask).system(laplacian_weight=0.7)
+    exact = (system.to_sparse() - replace(system, laplacian=None).to_sparse()).toarray()
+    bound = stencil_matrix(laplacian_surrogate(system.laplacian), np.pad(mask, 1)).toarray()
+    assert np.linalg.eigvalsh(bound - exact).min() > -1e-12
+
+
+class BlockMeans:
+    """K^T W K of super-resolution: K averages blocks of n x n pixels."""
+
+    def __init__(self, n, weight):
+        self.n, self.weight = n, weight
+
+    def apply(self, x):
+        h, w = x.shape
+        means = x.reshape(h // self.n, self.n, w // self.n, self.n).mean(axis=(1, 3))
+        return np.kron(self.weight * means, np.ones((self.n, self.n))) / self.n**2
+
+    def diagonal(self):
+        return np.kron(self.weight, np.ones((self.n, self.n))) / self.n**2
+
+
+def test_extra_operator_carries_the_data(rng):
+    """Super-resolution: no pixel has data of its own, every block of 4 x 4 has."""
+    truth = np.cumsum(np.cumsum(rng.normal(size=(80, 96)), 0), 1) / 1000
+    operator = BlockMeans(4, np.full((20, 24), 50.0))
+    problem = rough(80, 96)
+    problem.weight[:] = 0
+    system = problem.system(extra=operator, extra_rhs=operator.apply(truth))
+    assert not system.pinned.any()
+    solution = solve(system, tolerance=1e-9)
+    assert solution.status == "converged"
+    assert solution.iterations <= 60
+    residual = system.rhs - system.apply(solution.value)
+    assert np.linalg.norm(residual) < 1e-8 * np.linalg.norm(system.rhs)
+    with pytest.raises(InputError, match="no explicit matrix"):
+        solve(system, solver=Direct())
+
+
+def test_status_tells_the_truth():
+    system = rough(60, 60).system()
+    assert solve(system, max_iterations=2).status == "iteration limit"
+    assert solve(system, tolerance=1e-30, max_iterations=500).status == "stalled"
+    with pytest.raises(InputError, match="tolerance"):
+        solve(system, tolerance=0.0)
+    with pytest.raises(InputError, match="start"):
+        solve(system, start=np.full((60, 60), np.nan))
+
+
+def test_smallest_systems():
+    for shape in ((1, 1), (1, 7), (2, 2), (3, 2)):
+        problem = rough(*shape)
+        system = problem.system()
+        exact = solve(system, solver=Direct()).value
+        np.testing.assert_allclose(solve(system, tolerance=1e-10).value, exact, rtol=1e-7)
