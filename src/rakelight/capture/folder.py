@@ -69,7 +69,7 @@ def load_capture(folder: str | PathLike[str]) -> Capture:
     --------
     >>> load_capture("no/such/folder")
     Traceback (most recent call last):
-    rakelight.errors.CaptureError: no/such/folder: no such folder
+    rakelight.errors.CaptureError: no/such/folder: no such folder (needed ...)
     """
     root = Root(Path(os.fsdecode(folder)))
     with clear_errors(root.shown(), "cannot be read"):
@@ -200,7 +200,7 @@ def _config_bytes(root: Root) -> bytes:
             "a capture is a folder" if a_file else "no such folder",
             source=root.shown(),
             seen="a file" if a_file else "",
-            needed=f"a folder with {CONFIG}" if a_file else "",
+            needed=f"a folder with {CONFIG}",
         )
     if not (root.path / CONFIG).is_file():
         raise CaptureError(

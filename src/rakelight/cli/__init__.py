@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import traceback
 from importlib import import_module
+from io import TextIOWrapper
 from typing import Any
 
 import click
@@ -18,6 +18,7 @@ COMMANDS = {
     "refine": "refine the depth of a capture folder",
     "synth": "make a capture with known truth",
     "eval": "compare a result with the truth of a synthetic capture",
+    "paper": "the paper's tables on our captures",
 }
 
 
@@ -62,6 +63,8 @@ def rakelight() -> None:
 def main(arguments: list[str] | None = None) -> None:
     """Run the program and leave with its exit code (docs/conventions.md)."""
     given = sys.argv[1:] if arguments is None else arguments
+    if isinstance(sys.stdout, TextIOWrapper):  # a name may not fit the terminal's alphabet
+        sys.stdout.reconfigure(errors="backslashreplace")
     sys.exit(_run(given))
 
 
@@ -78,14 +81,16 @@ def _run(arguments: list[str]) -> int:
         return _fail(error.format_message().rstrip(".") + _where_to_look(error), 2, debug)
     except (KeyboardInterrupt, click.Abort):
         return _fail("interrupted; nothing was left behind", 130, debug)
-    except BrokenPipeError:  # the reader of our output has gone, as after `| head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except SystemExit:  # click's answer when the reader of our output has gone, as after `| head`
         return 0
     except MemoryError:
         return _fail("not enough memory. Fix: close other programs or use --scale 1", 3, debug)
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        return _fail(f"{where}the system refused it (seen {error.strerror or error})", 3, debug)
     except Exception as error:
-        kind = type(error).__name__
-        return _fail(f"a bug in rakelight: {kind}: {error}. Fix: report it with --debug", 1, debug)
+        what = f"a bug in rakelight: {type(error).__name__}: {error}"
+        return _fail(f"{what}. Fix: run it again with --debug and report all it prints", 1, debug)
     return code if isinstance(code, int) else 0
 
 

@@ -40,7 +40,7 @@ def command(output: Path, as_json: bool, quiet: bool, debug: bool) -> None:
     from rakelight.synthetic import demo_scene
 
     folder, result_folder = output / "capture", output / "result"
-    require_free(folder, overwrite=True, marker="capture.toml")
+    require_free(folder, overwrite=True, marker="truth/depth.tiff")  # never somebody's own capture
     require_free(result_folder, overwrite=True, marker="result.json")
     with shown_progress(quiet or as_json) as progress:
         progress(Progress("render"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -32,7 +33,7 @@ def parse_scale(text: str) -> Scale:
     """
     if text == "auto":
         return "auto"
-    if not text.isdecimal():
+    if not (text.isdecimal() and len(text) < 4):
         raise InputError("not a scale", source="--scale", seen=text, needed="auto, 1, 2 or 4")
     return int(text)
 
@@ -43,20 +44,19 @@ def parse_photographs(text: str, count: int) -> list[int]:
     >>> parse_photographs("0-2,5", 6)
     [0, 1, 2, 5]
     """
+
+    def refused(what: str, needed: str) -> InputError:
+        return InputError(what, source="--photographs", seen=repr(text), needed=needed)
+
     chosen: list[int] = []
     for part in text.split(","):
-        first, _, last = part.strip().partition("-")
-        if not (first.isdecimal() and (last or first).isdecimal()):
-            raise InputError(
-                "not a list of photographs", source="--photographs", seen=text, needed="as 0-14,17"
-            )
-        chosen += range(int(first), int(last or first) + 1)
-    wrong = [i for i in chosen if i >= count]
-    if wrong or len(set(chosen)) < len(chosen):
-        raise InputError(
-            "no such photographs" if wrong else "a photograph twice",
-            source="--photographs",
-            seen=text,
-            needed=f"different numbers from 0 to {count - 1}",
-        )
+        span = re.fullmatch(r"\s*([0-9]{1,18})(?:-([0-9]{1,18}))?\s*", part)
+        first, last = (int(span[1]), int(span[2] or span[1])) if span else (1, 0)
+        if last < first:
+            raise refused("not a list of photographs", "numbers and ranges as 0-14,17")
+        if last >= count:
+            raise refused("no such photographs", f"numbers from 0 to {count - 1}")
+        chosen += range(first, last + 1)
+    if len(set(chosen)) < len(chosen):
+        raise refused("a photograph twice", f"different numbers from 0 to {count - 1}")
     return chosen

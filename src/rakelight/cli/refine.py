@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from time import perf_counter
 from typing import Any, Literal
@@ -12,13 +13,26 @@ import click
 from rakelight.cli.options import output_options, parse_photographs, parse_scale
 from rakelight.cli.progress import shown_progress
 from rakelight.errors import OutputExistsError, printable
+from rakelight.methods import METHODS
 from rakelight.model import Progress, Result
 
 
 @click.command("refine")
 @click.argument("capture", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, metavar="OUT")
-@click.option("--method", default="auto", show_default=True, help="auto or a method's name.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    required=True,
+    metavar="OUT",
+    help="The result folder; appears complete or not at all.",
+)
+@click.option(
+    "--method",
+    default="auto",
+    show_default=True,
+    help=f"{', '.join(METHODS)}; auto is the best one that fits.",
+)
 @click.option(
     "--scale",
     default="auto",
@@ -34,7 +48,13 @@ from rakelight.model import Progress, Result
     show_default=True,
     help="Axes of normals.png.",
 )
-@click.option("--mesh", type=click.Choice(["ply", "glb", "none"]), default="ply", show_default=True)
+@click.option(
+    "--mesh",
+    type=click.Choice(["ply", "glb", "none"]),
+    default="ply",
+    show_default=True,
+    help="Format of the mesh; ply has the camera's axes, glb those of glTF (y up).",
+)
 @output_options
 def command(
     capture: Path,
@@ -68,19 +88,20 @@ def command(
         progress(Progress("write"))
         result = result.timed(read=read_s)
         result.save(output, overwrite=overwrite, mesh=mesh, normal_map=normal_map)
-    if not quiet:
+    if as_json or not quiet:
         report_result(result, output, as_json)
 
 
 def refuse_input_as_output(capture: Path, output: Path) -> None:
-    """Raise OutputExistsError when `output` is the capture or lies inside it."""
-    inside, outside = output.resolve(), capture.resolve()
-    if inside == outside or outside in inside.parents:
-        raise OutputExistsError(
-            "the result would be written into the capture, which is never changed",
-            source=str(output),
-            remedy="choose a folder outside it with -o",
-        )
+    """Raise OutputExistsError when `output` is the capture, or one lies inside the other."""
+    target, source = Path(os.path.realpath(output)), Path(os.path.realpath(capture))
+    if target.is_relative_to(source):
+        what = "the result would be written into the capture, which is never changed"
+    elif source.is_relative_to(target):
+        what = "the capture lies in this folder and would be replaced with it"
+    else:
+        return
+    raise OutputExistsError(what, source=str(output), remedy="choose a folder beside it with -o")
 
 
 def outcome(result: Result, folder: Path) -> dict[str, Any]:

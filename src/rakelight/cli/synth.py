@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -49,6 +51,21 @@ _SCENE: tuple[tuple[tuple[str, ...], Any, Any, str], ...] = (
     (("--holes", "hole_fraction"), float, 0.0, "Share of the depth that is missing, 0..1."),
     (("--seed",), int, 0, "Of everything random."),
 )  # fmt: skip
+_OPTION_OF = {
+    **{names[-1].lstrip("-").replace("-", "_"): names[0] for names, *_ in _SCENE},
+    "shape": "--shape",
+    "albedo": "--albedo",
+}
+
+
+@contextmanager
+def _options_named() -> Iterator[None]:
+    """Errors about a field of the scene name the option that sets it."""
+    try:
+        yield
+    except InputError as error:
+        error.source = _OPTION_OF.get(error.source, error.source)
+        raise
 
 
 @click.command("synth")
@@ -75,7 +92,7 @@ _SCENE: tuple[tuple[tuple[str, ...], Any, Any, str], ...] = (
     show_default=True,
     help="Scale of the camera's image, 480 x 360 for the built-in shapes.",
 )
-@click.option("--overwrite", is_flag=True, help="Replace an older capture at OUT.")
+@click.option("--overwrite", is_flag=True, help="Replace an older synthetic capture at OUT.")
 @scene_options
 @output_options
 def command(
@@ -107,13 +124,17 @@ def command(
     if not 0 < size <= 16:
         raise InputError("not a size", source="--size", seen=str(size), needed="above 0, up to 16")
     noise = {f.name: settings.pop(f.name) for f in fields(DepthNoise) if f.name in settings}
-    require_free(output, overwrite=overwrite, marker="capture.toml")
-    solid = make_shape(shape) if shape_file is None else shape_from_file(shape_file)
-    paint = make_albedo(albedo, settings["seed"]) if texture is None else texture_from_file(texture)
-    options = SceneOptions(
-        camera=solid.camera.scaled(size), depth_noise=DepthNoise(**noise), **settings
-    )
-    capture, truth = render_scene(solid, paint, options)
+    require_free(output, overwrite=overwrite, marker="truth/depth.tiff")  # never a real capture
+    with _options_named():
+        solid = make_shape(shape) if shape_file is None else shape_from_file(shape_file)
+        if texture is None:
+            paint = make_albedo(albedo, settings["seed"])
+        else:
+            paint = texture_from_file(texture)
+        options = SceneOptions(
+            camera=solid.camera.scaled(size), depth_noise=DepthNoise(**noise), **settings
+        )
+        capture, truth = render_scene(solid, paint, options)
     write_capture(capture, output, truth=truth, overwrite=overwrite)
     if as_json:
         click.echo(

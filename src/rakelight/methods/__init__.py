@@ -14,10 +14,19 @@ from typing import Any
 
 import numpy as np
 
-from rakelight.errors import MethodError
+from rakelight.errors import CaptureError, MethodError
+from rakelight.geometry.grid import has_gradient
 from rakelight.geometry.normals import normals_from_depth
 from rakelight.methods.estimate import Estimate
-from rakelight.model import Capture, Finding, Progress, ProgressCallback, Result, silent
+from rakelight.model import (
+    Capture,
+    Finding,
+    Lights,
+    Progress,
+    ProgressCallback,
+    Result,
+    silent,
+)
 from rakelight.prepare import Prepared, Scale, prepare
 
 # Method name -> module; the module's function and class are `module` and `Options`.
@@ -108,7 +117,7 @@ def refine(
     progress(Progress("prepare"))
     prepared = prepare(capture, scale)
     prepared_at = perf_counter()
-    estimate = chosen.run(prepared, options, progress)
+    estimate = _too_thin(prepared) or chosen.run(prepared, options, progress)
     refined_at = perf_counter()
 
     depth_m = np.exp(estimate.log_depth)
@@ -130,6 +139,37 @@ def refine(
         findings=prepared.findings + estimate.findings + _convergence(estimate),
         source=capture.source,
         photograph_names=capture.names,
+    )
+
+
+def _too_thin(prepared: Prepared) -> Estimate | None:
+    """The prepared depth, where the object is nowhere two pixels wide and so has no normals.
+
+    Raises CaptureError where no photograph has a usable value on the rest.
+    """
+    if has_gradient(prepared.mask).any():
+        if not any(prepared.pixels(i)[1].any() for i in range(len(prepared.photographs))):
+            raise CaptureError(
+                "the photographs show nothing of the object",
+                source=prepared.source,
+                seen="only black and saturated pixels",
+                remedy="change the exposure, or the mask if it is elsewhere",
+            )
+        return None
+    nothing = Finding(
+        "warning",
+        "too-thin",
+        "the object is nowhere two pixels wide, so the photographs say nothing about its slope",
+        "check the mask",
+    )
+    black, count = np.zeros((*prepared.mask.shape, 3)), len(prepared.photographs)
+    return Estimate(
+        log_depth=np.log(prepared.depth_m),
+        albedo=black,
+        confidence=black[..., 0],
+        lights=Lights(np.zeros((count, 1, 3)), np.zeros((count, 1))),
+        converged=True,
+        findings=(nothing,),
     )
 
 

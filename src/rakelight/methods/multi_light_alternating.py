@@ -30,6 +30,9 @@ from rakelight.shading.harmonics import lit, shading
 from rakelight.shading.lighting import estimate_light, frontal_lights
 from rakelight.solve import assemble, solve
 
+# No photograph is better than this (white is 1), even if the model explains it exactly.
+SMALLEST_NOISE = 1e-5
+
 
 @dataclass(frozen=True, slots=True)
 class Options:
@@ -188,7 +191,8 @@ def depth_terms(
         pull = (weight * albedo * constant).sum(axis=1)
         tensor += rho_squared[:, None] * np.column_stack([j_u * j_u, j_u * j_v, j_v * j_v])
         vector -= pull[:, None] * np.column_stack([j_u, j_v])
-    return DepthTerms(tensor, vector, float(np.sqrt(squares / observations)), observations)
+    noise = max(float(np.sqrt(squares / observations)), SMALLEST_NOISE)
+    return DepthTerms(tensor, vector, noise, observations)
 
 
 def _normals(log_depth: Floats, prepared: Prepared) -> tuple[Floats, Floats]:

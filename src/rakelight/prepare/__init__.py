@@ -17,7 +17,7 @@ from rakelight.model import Array, Camera, Capture, Encoding, Finding, Floats, M
 from rakelight.prepare.average import noise_sigma, robust_average
 from rakelight.prepare.denoise import bilateral
 from rakelight.prepare.inpaint import inpaint
-from rakelight.prepare.linear import to_linear, usable
+from rakelight.prepare.linear import SATURATED, to_linear, usable
 from rakelight.prepare.upsample import coarse_mask, upsample
 
 Scale = Literal["auto"] | int
@@ -80,8 +80,8 @@ def prepare(capture: Capture, scale: Scale = "auto") -> Prepared:
             seen="depth_intrinsics or depth_to_color",
             remedy="register the depth to the colour image and drop these tables",
         )
-    step = capture.camera.width // capture.depth_m.shape[2]
-    factor = _output_factor(capture, step, scale)
+    step = _colour_per_depth_pixel(capture)
+    factor = _output_factor(step, scale)
     shrink = step // factor
     camera = capture.camera.scaled(1 / shrink)
     mask = capture.mask if shrink == 1 else area_mean(capture.mask, shrink) == 1
@@ -122,32 +122,51 @@ def prepare(capture: Capture, scale: Scale = "auto") -> Prepared:
     )
 
 
-def _output_factor(capture: Capture, step: int, scale: Scale) -> int:
+def _colour_per_depth_pixel(capture: Capture) -> int:
+    """How many colour pixels lie along each side of a depth pixel; checks the arrays' sizes."""
+    height, width = size = capture.camera.shape
+    step = width // capture.depth_m.shape[-1] or 1
+    for name, seen, needed in (
+        ("photographs", capture.photographs.shape[1:], (*size, 3)),
+        ("mask", capture.mask.shape, size),
+        ("depth_m", capture.depth_m.shape[1:], (height / step, width / step)),
+    ):
+        if seen != needed:
+            raise CaptureError(
+                f"{name} and colour camera are of different size",
+                source=capture.source,
+                seen=str(seen),
+                needed=f"{needed}" if name != "depth_m" else f"a whole fraction of {size}",
+            )
+    return step
+
+
+def _output_factor(step: int, scale: Scale) -> int:
+    divisors = [d for d in range(1, step + 1) if step % d == 0]
     if scale == "auto":
         return step
-    if scale < 1 or step % scale:
-        divisors = [str(d) for d in range(1, step + 1) if step % d == 0]
+    if scale not in divisors:
         raise InputError(
             "the colour camera does not have that resolution",
             source=f"scale {scale}",
             seen=f"colour {step} times the depth's resolution",
-            needed=f"one of {', '.join(divisors)}",
+            needed=f"one of {', '.join(map(str, divisors))}",
             remedy="leave --scale away for the colour camera's own resolution",
         )
-    return scale
+    return int(scale)
 
 
 def _shrunk(capture: Capture, shrink: int) -> Array:
     """The photographs averaged over blocks in linear light, as linear 16-bit values.
 
-    A block with a saturated pixel stays saturated: its mean would be a lie.
+    A block with a saturated pixel stays saturated in that channel: its mean would be a lie.
     """
     white = np.iinfo(np.uint16).max
     height, width = (side // shrink for side in capture.mask.shape)
     small = np.empty((len(capture.photographs), height, width, 3), dtype=np.uint16)
     for photograph, out in zip(capture.photographs, small, strict=True):
         mean = area_mean(to_linear(photograph, capture.encoding), shrink)
-        clipped = photograph.max(axis=-1) >= 0.98 * capture.white
+        clipped = photograph >= SATURATED * capture.white
         mean[area_mean(clipped, shrink) > 0] = 1.0
         out[...] = np.round(mean * white)
     return small

@@ -16,6 +16,7 @@ MAD_TO_SIGMA = 1.4826
 def robust_average(depth_m: Floats) -> Floats:
     """One depth map (h, w) from several (K, h, w), metres, NaN = no measurement.
 
+    Infinite, zero and negative depth is no measurement either.
     Per pixel, measurements further than three noise widths from the median are left out and the
     rest averaged; the noise width is that of the whole stack, and never below that of the sensor
     model.  A pixel measured in less than a quarter of the maps has no measurement: what so few
@@ -26,15 +27,19 @@ def robust_average(depth_m: Floats) -> Floats:
     1.001
     """
     stack = np.asarray(depth_m, dtype=np.float64)
+    seen = np.isfinite(stack) & (stack > 0)
+    stack = np.where(seen, stack, np.nan)
     if len(stack) == 1:
-        return np.array(stack[0])
-    seen = np.isfinite(stack)
+        return np.asarray(stack[0])
     enough = seen.sum(axis=0) >= max(1.0, len(stack) / 4)
     median = np.full(stack.shape[1:], np.nan)
     median[enough] = np.nanmedian(stack[:, enough], axis=0)
-    deviation = np.abs(stack - median)
-    width = MAD_TO_SIGMA * np.median(deviation[seen & enough]) if enough.any() else 0.0
-    inlier = deviation <= 3 * np.maximum(width, KINECT_NOISE * median**2)
+    # The difference of two maps has twice the variance; deviations from the median of a few maps
+    # would be too small.
+    steps = np.abs(np.diff(stack, axis=0))
+    steps = steps[np.isfinite(steps)]
+    width = MAD_TO_SIGMA * np.median(steps) / np.sqrt(2) if steps.size else 0.0
+    inlier = np.abs(stack - median) <= 3 * np.maximum(width, KINECT_NOISE * median**2)
     total = np.where(inlier, stack, 0.0).sum(axis=0)
     count = inlier.sum(axis=0)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)

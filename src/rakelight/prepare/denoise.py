@@ -36,4 +36,4 @@ def bilateral(depth_m: Floats, mask: Mask, sigma_m: float, pixel_m: float) -> Fl
         sigmaSpace=SPATIAL_SIGMA_PX,
         borderType=cv2.BORDER_REPLICATE,
     )
-    return np.where(mask, smooth + lowest, np.nan)
+    return np.where(mask, lowest + smooth.astype(np.float64), np.nan)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from rakelight.model import Floats, Mask
@@ -35,7 +37,10 @@ def inpaint(depth_m: Floats, mask: Mask) -> Floats:
         data_weight=np.where(holes, 0.0, 1e6),
         data_target=log_depth,
     )
-    filled = np.exp(solve(system, start=log_depth).value)
+    # Solved for the change against the nearest fill: beside the rim's heavy right side the
+    # holes' own residual would not count.
+    change = replace(system, rhs=system.rhs - system.apply(log_depth), target=0 * log_depth)
+    filled = np.exp(log_depth + solve(change).value)
     return np.where(holes, filled, np.where(mask, depth_m, np.nan))
 
 

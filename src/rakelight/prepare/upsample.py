@@ -25,7 +25,7 @@ def upsample(depth_m: Floats, factor: int) -> Floats:
     log_depth = np.log(nearest_fill(depth_m, np.isfinite(depth_m)))
     if factor == 1:
         return np.exp(log_depth)
-    return np.exp(zoom(log_depth, factor, order=3, mode="nearest", grid_mode=True))
+    return np.asarray(np.exp(zoom(log_depth, factor, order=3, mode="nearest", grid_mode=True)))
 
 
 def coarse_mask(mask: Mask, factor: int) -> Mask:

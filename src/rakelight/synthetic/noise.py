@@ -57,7 +57,7 @@ class DepthNoise:
 PERFECT = DepthNoise()
 """A sensor without errors."""
 
-PAPER_NOISE = DepthNoise(rms_mm=3.5, correlation_length_px=14.0)
+PAPER_NOISE = DepthNoise(rms_mm=3.325, correlation_length_px=20.06)
 """The paper's sensor.  rms_mm and correlation_length_px come from `calibrate_noise`."""
 
 PAPER_INPUT = (3.33, 16.31)

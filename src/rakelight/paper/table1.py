@@ -1,0 +1,100 @@
+"""Table 1: RMSE of depth and mean angular error of normals, per method and paint."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rakelight.export.pictures import object_window, shaded, side_by_side
+from rakelight.geometry.normals import normals_from_depth
+from rakelight.metrics import Evaluation, evaluate
+from rakelight.model import Array, Capture, Lighting, Progress, ProgressCallback, Truth, silent
+from rakelight.paper.rows import ROWS, Row
+from rakelight.paper.scenes import SCENARIOS, paper_scene
+from rakelight.prepare import prepare
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One method on one scenario, beside the paper's numbers; None where there is none."""
+
+    method: str
+    scenario: str
+    rmse_mm: float | None
+    mae_deg: float | None
+    paper_rmse_mm: float | None
+    paper_mae_deg: float | None
+
+
+@dataclass(frozen=True)
+class Table1:
+    """The cells row by row, and a picture per scenario.
+
+    pictures : scenario -> uint8 picture: the truth, then every available row, as bare surfaces
+    """
+
+    cells: tuple[Cell, ...]
+    pictures: dict[str, Array]
+
+
+def table1(
+    size: float = 1.0, rows: Sequence[Row] = ROWS, progress: ProgressCallback = silent
+) -> Table1:
+    """Run every available method on the three scenarios.
+
+    size : scale of the photographs, 640 x 480 at 1
+
+    >>> table = table1(size=0.25, rows=ROWS[:2])
+    >>> [(cell.method, cell.rmse_mm is None) for cell in table.cells[::3]]
+    [('input reference', False), ('RGB-Fusion (no smooth)', True)]
+    """
+    scores: dict[tuple[str, str], Evaluation] = {}
+    pictures: dict[str, Array] = {}
+    steps = len(SCENARIOS) * sum(row.available for row in rows)
+    for scenario in SCENARIOS:
+        scenes: dict[Lighting, tuple[Capture, Truth]] = {}
+        strip: list[Array] = []
+        for row in (row for row in rows if row.available):
+            if row.lighting not in scenes:
+                scenes[row.lighting] = paper_scene(scenario, row.lighting, size)
+            capture, truth = scenes[row.lighting]
+            progress(Progress(f"{scenario}: {row.label}", len(scores), steps))
+            if not strip:
+                strip.append(_picture(truth.normals, truth))
+            scores[row.label, scenario], normals = _score(row, capture, truth)
+            strip.append(_picture(normals, truth))
+        pictures[scenario] = side_by_side(*strip)
+    cells = tuple(
+        _cell(row, index, scores.get((row.label, scenario)))
+        for row in rows
+        for index, scenario in enumerate(SCENARIOS)
+    )
+    return Table1(cells, pictures)
+
+
+def _score(row: Row, capture: Capture, truth: Truth) -> tuple[Evaluation, Array]:
+    if row.method is None:
+        prepared = prepare(capture)
+        depth = prepared.embed(prepared.depth_m, float("nan"))
+        normals = normals_from_depth(depth, truth.mask, capture.camera)
+    else:
+        result = row.run(capture, silent)
+        depth, normals = result.depth, result.normals
+    return evaluate(depth, normals, truth), normals
+
+
+def _picture(normals: Array, truth: Truth) -> Array:
+    window = object_window(truth.mask)
+    return shaded(normals[window], truth.mask[window])
+
+
+def _cell(row: Row, index: int, scores: Evaluation | None) -> Cell:
+    paper = row.paper[index] if row.paper else (None, None)
+    return Cell(
+        method=row.label,
+        scenario=SCENARIOS[index],
+        rmse_mm=scores.depth.rmse_mm if scores else None,
+        mae_deg=scores.normals.mae_deg if scores else None,
+        paper_rmse_mm=paper[0],
+        paper_mae_deg=paper[1],
+    )

@@ -1,0 +1,51 @@
+"""Table 2: runtimes of the methods, and how many parameters each has."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from time import perf_counter
+
+from rakelight.methods import load_method
+from rakelight.model import Progress, ProgressCallback, silent
+from rakelight.paper.rows import ROWS, Row
+from rakelight.paper.scenes import paper_scene
+
+
+@dataclass(frozen=True, slots=True)
+class Runtime:
+    """One method's time from capture to result, and the number of its parameters."""
+
+    method: str
+    seconds: float | None
+    parameters: int | None
+    paper_seconds: float | None
+
+
+def table2(
+    size: float = 1.0, rows: Sequence[Row] = ROWS, progress: ProgressCallback = silent
+) -> tuple[Runtime, ...]:
+    """Time every available method on the `pattern` scenario, after one run that compiles.
+
+    >>> [row.seconds for row in table2(size=0.25, rows=ROWS[1:2])]
+    [None]
+    """
+    timed = []
+    methods = [row for row in rows if row.method is not None]
+    for step, row in enumerate(methods):
+        progress(Progress(row.label, step, len(methods)))
+        timed.append(_time(row, size))
+    return tuple(timed)
+
+
+def _time(row: Row, size: float) -> Runtime:
+    if not row.available:
+        return Runtime(row.label, None, None, row.paper_seconds)
+    capture, _ = paper_scene("pattern", row.lighting, size)
+    small, _ = paper_scene("pattern", row.lighting, size / 4)
+    row.run(small, silent)
+    began = perf_counter()
+    row.run(capture, silent)
+    seconds = perf_counter() - began
+    parameters = len(fields(load_method(row.method or "").options))
+    return Runtime(row.label, seconds, parameters, row.paper_seconds)

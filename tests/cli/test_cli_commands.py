@@ -1,0 +1,419 @@
+"""What the commands do when all is well: refine's choices, synth, eval, demo."""
+
+import json
+import re
+import shutil
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_helpers import contents, small_scene
+
+from rakelight.capture import load_capture, load_truth, write_capture
+from rakelight.capture.images import decode_image
+from rakelight.export import load_result
+from rakelight.geometry.normals import normals_from_depth
+from rakelight.methods import METHODS
+from rakelight.metrics import evaluate
+from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
+
+REAL_CAPTURES = Path(__file__).resolve().parents[3] / "shared" / "captures"
+
+
+@pytest.fixture
+def one_method(monkeypatch):
+    """As if the method for many photographs were the only one."""
+    alternating = "multi-light-alternating"
+    monkeypatch.setattr("rakelight.methods.METHODS", {alternating: METHODS[alternating]})
+    return alternating
+
+
+# --- refine: its choices ---
+
+
+def test_photographs_chosen(run, capture, tmp_path):
+    ran = run("refine", capture, "-o", tmp_path / "chosen", "--photographs", "0-2, 3", "--json")
+    assert json.loads(ran.out)["photographs"] == 4
+    stored = json.loads((tmp_path / "chosen" / "result.json").read_text())
+    assert stored["photographs"] == ["000.png", "001.png", "002.png", "003.png"]
+    (capture / "rgb" / "004.png").unlink()
+    assert run("refine", capture, "-o", tmp_path / "only", "--quiet").code == 0
+    for name in ("depth.tiff", "albedo.png", "lights.json"):
+        chosen, only = (tmp_path / out / name for out in ("chosen", "only"))
+        assert chosen.read_bytes() == only.read_bytes()
+
+
+def test_photographs_in_another_order(run, capture, tmp_path):
+    assert run("refine", capture, "-o", tmp_path / "out", "--photographs", "4,0-2").code == 0
+    stored = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert stored["photographs"] == ["004.png", "000.png", "001.png", "002.png"]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", ("not a list", "needed numbers and ranges as 0-14,17")),
+        ("first", ("not a list", "seen 'first'")),
+        ("3-1", ("not a list", "seen '3-1'")),
+        ("1-", ("not a list", "seen '1-'")),
+        ("-1", ("not a list",)),
+        ("0..3", ("not a list",)),
+        ("0,1,", ("not a list",)),
+        ("0-5", ("no such photographs", "needed numbers from 0 to 4")),
+        ("0-999999999999999999", ("no such photographs",)),
+        ("9" * 5000, ("not a list",)),
+        ("0-3,2", ("a photograph twice", "different numbers from 0 to 4")),
+    ],
+)
+def test_photographs_that_are_none(refused, capture, tmp_path, text, words):
+    command = ("refine", capture, "-o", tmp_path / "out", f"--photographs={text}")
+    refused(*command, about="--photographs", words=words)
+
+
+@pytest.mark.parametrize("text", ["", "x", "1.5", "-1", "9" * 5000])
+def test_scales_that_are_none(refused, capture, tmp_path, text):
+    command = ("refine", capture, "-o", tmp_path / "out", f"--scale={text}")
+    refused(*command, about="--scale", words=("not a scale", "needed auto, 1, 2 or 4"))
+
+
+@pytest.mark.parametrize("scale", ["0", "3", "4"])
+def test_scales_that_the_camera_does_not_have(refused, capture, tmp_path, scale):
+    command = ("refine", capture, "-o", tmp_path / "out", "--scale", scale)
+    refused(*command, about=f"scale {scale}", words=("needed one of 1, 2",))
+
+
+@pytest.mark.parametrize(("scale", "shape"), [("auto", (36, 48)), ("2", (36, 48)), ("1", (18, 24))])
+def test_scale(run, capture, tmp_path, scale, shape):
+    assert run("refine", capture, "-o", tmp_path / "out", "--scale", scale).code == 0
+    assert load_result(tmp_path / "out").depth.shape == shape
+
+
+@pytest.mark.parametrize("mesh", ["ply", "glb", "none"])
+def test_mesh(run, capture, tmp_path, mesh):
+    assert run("refine", capture, "-o", tmp_path / "out", "--mesh", mesh).code == 0
+    meshes = [path.name for path in (tmp_path / "out").glob("mesh.*")]
+    assert meshes == ([] if mesh == "none" else [f"mesh.{mesh}"])
+
+
+def test_normal_map(run, capture, tmp_path):
+    for axes in ("opengl", "directx"):
+        command = ("refine", capture, "-o", tmp_path / axes, "--normal-map", axes)
+        assert run(*command).code == 0
+    opengl, directx = (
+        decode_image((tmp_path / axes / "normals.png").read_bytes()).astype(int)
+        for axes in ("opengl", "directx")
+    )
+    mask = load_capture(capture).mask
+    np.testing.assert_array_equal(opengl[mask][:, [0, 2]], directx[mask][:, [0, 2]])
+    assert np.abs(opengl[mask][:, 1] + directx[mask][:, 1] - 255).max() <= 1
+    top = mask.copy()
+    top[14:] = False  # the sphere's upper part faces up: green is bright in OpenGL's map
+    assert opengl[top][:, 1].min() > 128 > directx[top][:, 1].max()
+
+
+def test_every_method_can_be_named(run, capture, tmp_path):
+    for method in METHODS:
+        out = tmp_path / method
+        ran = run("refine", capture, "-o", out, "--method", method, "--json")
+        if ran.code == 0:
+            assert json.loads(ran.out)["method"] == method
+        else:  # it is for another kind of capture, and says so
+            assert (ran.code, ran.err.count("\n")) == (2, 1)
+            assert method in ran.err
+
+
+@pytest.mark.parametrize("method", ["", "Auto", "photometric"])
+def test_an_unknown_method(run, capture, tmp_path, method):
+    ran = run("refine", capture, "-o", tmp_path / "out", "--method", method)
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err.startswith(f"error: method {method!r} is unknown (needed one of ")
+    for known in METHODS:
+        assert known in ran.err
+    assert not (tmp_path / "out").exists()
+
+
+# --- refine: one photograph ---
+
+
+@pytest.mark.parametrize(
+    ("lighting", "wanted"), [("ambient", "fusion-like"), ("rgb-leds", "rgb-ratio")]
+)
+def test_one_photograph_without_its_method(refused, one_method, tmp_path, lighting, wanted):
+    capture, truth = small_scene(lighting=lighting, photographs=1)
+    write_capture(capture, tmp_path / "one", truth=truth)
+    words = (f"needs the method {wanted!r}", "not available", "seen 1 photograph", one_method)
+    command = ("refine", tmp_path / "one", "-o", tmp_path / "out")
+    refused(*command, about=tmp_path / "one", words=words)
+
+
+@pytest.mark.usefixtures("one_method")
+@pytest.mark.parametrize("name", ["android", "monkey"])
+def test_real_captures_of_one_photograph(run, tmp_path, name):
+    folder = REAL_CAPTURES / name
+    if not folder.is_dir():
+        pytest.skip("the real captures are not here")
+    before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+    capture = load_capture(folder)
+    assert len(capture.photographs) == 1
+    assert capture.mask.any()
+    ran = run("refine", folder, "-o", tmp_path / "out")
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err.startswith(f"error: {folder}: one photograph needs the method 'fusion-like'")
+    assert "multi-light-alternating" in ran.err
+    assert list(tmp_path.iterdir()) == []
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
+
+
+# --- synth ---
+
+SETTINGS = {
+    "--lights": ("photographs", 4),
+    "--cone": ("tilt_deg", (20.0, 50.0)),
+    "--lamp-distance": ("lamp_distance_m", 0.7),
+    "--ambient": ("ambient", 0.2),
+    "--specular": ("specular", 0.3),
+    "--specular-exponent": ("specular_exponent", 20.0),
+    "--exposure-spread": ("exposure_spread", 0.1),
+    "--exposure": ("exposure", 0.8),
+    "--image-noise": ("image_noise", 0.02),
+    "--bits": ("bits", 8),
+    "--encoding": ("encoding", "srgb"),
+    "--depth-factor": ("depth_factor", 3),
+    "--depth-frames": ("depth_frames", 2),
+    "--seed": ("seed", 5),
+}
+NOISE = {
+    "--depth-noise": ("rms_mm", 1.5),
+    "--depth-correlation": ("correlation_length_px", 2.0),
+    "--depth-step": ("step_mm", 1.0),
+    "--holes": ("hole_fraction", 0.1),
+}
+
+
+def assert_reads_back(folder, capture, truth):
+    """The folder holds this capture and truth, bit for bit."""
+    read, known = load_capture(folder), load_truth(folder)
+    for name in ("photographs", "depth_m", "mask"):
+        seen, expected = getattr(read, name), getattr(capture, name)
+        assert seen.dtype == expected.dtype
+        np.testing.assert_array_equal(seen, expected, err_msg=name)
+    assert (read.camera, read.encoding, read.lighting) == (
+        capture.camera,
+        capture.encoding,
+        capture.lighting,
+    )
+    for name in ("depth", "normals", "albedo"):
+        np.testing.assert_array_equal(getattr(known, name), getattr(truth, name), err_msg=name)
+    for name in ("vector", "ambient", "position_m"):
+        seen, expected = getattr(known.lights, name), getattr(truth.lights, name)
+        np.testing.assert_array_equal(seen, expected, err_msg=name)
+
+
+def test_synth_with_every_option(run, tmp_path):
+    options = []
+    for option, (_, value) in {**SETTINGS, **NOISE}.items():
+        options += [option, *map(str, value if isinstance(value, tuple) else [value])]
+    command = ("synth", tmp_path / "made", "--shape", "coin", "--albedo", "complicated")
+    ran = run(*command, "--size", "0.15", "--cast-shadows", *options, "--json")
+    assert json.loads(ran.out)["photographs"] == 4
+    coin = make_shape("coin")
+    scene = SceneOptions(
+        camera=coin.camera.scaled(0.15),
+        cast_shadows=True,
+        depth_noise=DepthNoise(**dict(NOISE.values())),
+        **dict(SETTINGS.values()),
+    )
+    assert_reads_back(tmp_path / "made", *render_scene(coin, make_albedo("complicated", 5), scene))
+
+
+def test_synth_by_default(run, tmp_path):
+    assert run("synth", tmp_path / "made", "--size", "0.1").code == 0
+    vase = make_shape("vase")
+    scene = SceneOptions(
+        camera=vase.camera.scaled(0.1), depth_factor=2, depth_noise=DepthNoise(2.5, 6.0)
+    )
+    assert_reads_back(tmp_path / "made", *render_scene(vase, make_albedo("pattern"), scene))
+
+
+def test_synth_then_refine_then_eval(run, tmp_path):
+    made, out = tmp_path / "made", tmp_path / "out"
+    assert run("synth", made, "--size", "0.2", "--lights", "8").code == 0
+    assert run("refine", made, "-o", out).code == 0
+    scores = json.loads(run("eval", out, "--truth", made, "--json").out)
+    before, after = (scores[key]["normals"]["mae_deg"] for key in ("prepared", "refined"))
+    assert after < 0.8 * before
+
+
+@pytest.mark.parametrize(
+    ("options", "about", "words"),
+    [
+        (["--shape", "dog"], "--shape", "needed one of head, vase"),
+        (["--albedo", "mud"], "--albedo", "needed one of simple"),
+        (["--size", "0"], "--size", "needed above 0"),
+        (["--size", "nan"], "--size", "needed above 0"),
+        (["--lights", "0"], "--lights", "needed a whole number from 1"),
+        (["--cone", "40", "12"], "--cone", "needed two angles"),
+        (["--lighting", "disco"], "--lighting", "needed moving-lamp, rgb-leds or ambient"),
+        (["--bits", "12"], "--bits", "needed 8 or 16"),
+        (["--depth-factor", "7"], "--depth-factor", "needed a divisor"),
+        (["--depth-noise", "-1"], "--depth-noise", "needed a number of at least 0"),
+        (["--seed", "-1"], "--seed", "needed at least 0"),
+        (["--shape-file", "none.npz"], "none.npz", "cannot be read"),
+        (["--texture", "none.png"], "none.png", "cannot be read"),
+    ],
+)
+def test_synth_names_the_option_that_is_wrong(run, tmp_path, monkeypatch, options, about, words):
+    monkeypatch.chdir(tmp_path)
+    ran = run("synth", "out", *options)
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err.startswith(f"error: {about}: ")
+    assert ran.err.count("\n") == 1
+    assert words in ran.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_synth_replaces_only_what_it_wrote(run, refused, capture, tmp_path):
+    command = ("synth", capture, "--size", "0.1", "--lights", "3")
+    refused(*command, about=capture, words=("the folder exists", "--overwrite"))
+    assert run(*command, "--overwrite").code == 0
+    assert len(load_capture(capture).photographs) == 3
+    shutil.rmtree(capture / "truth")  # now it is like somebody's real capture
+    refused(*command, "--overwrite", about=capture, words=("not overwritten",))
+
+
+# --- eval ---
+
+
+@pytest.fixture
+def result(run, capture, tmp_path):
+    assert run("refine", capture, "-o", tmp_path / "result", "--quiet").code == 0
+    return tmp_path / "result"
+
+
+def scores_of(result, truth):
+    """(prepared, refined) as rakelight.metrics finds them."""
+    loaded, known = load_result(result), load_truth(truth)
+    prepared_normals = normals_from_depth(loaded.prepared_depth, known.mask, loaded.summary.camera)
+    return (
+        evaluate(loaded.prepared_depth, prepared_normals, known),
+        evaluate(loaded.depth, loaded.normals, known),
+    )
+
+
+def test_eval_gives_the_numbers_of_metrics(run, capture, result):
+    prepared, refined = scores_of(result, capture)
+    assert refined.normals.mae_deg != prepared.normals.mae_deg
+    ran = run("eval", result, "--truth", capture, "--json")
+    assert json.loads(ran.out) == {
+        "result": str(result),
+        "prepared": asdict(prepared),
+        "refined": asdict(refined),
+    }
+
+
+def test_eval_table(run, capture, result):
+    lines = run("eval", result, "--truth", capture).out.splitlines()
+    assert lines[1].split() == [
+        "RMSE",
+        "median",
+        "95",
+        "%",
+        "mean",
+        "median",
+        "95",
+        "%",
+        "coverage",
+    ]
+    for line, scores in zip(lines[2:], scores_of(result, capture), strict=True):
+        numbers = [float(word) for word in re.findall(r"-?\d+\.\d+", line)]
+        depth, normals = scores.depth, scores.normals
+        expected = [depth.rmse_mm, depth.median_mm, depth.p95_mm]
+        expected += [normals.mae_deg, normals.median_deg, normals.p95_deg]
+        np.testing.assert_allclose(numbers[:6], expected, rtol=0, atol=0.0051)
+        assert numbers[6] == pytest.approx(100 * depth.coverage, abs=0.051)
+    assert [line.split()[0] for line in lines[2:]] == ["prepared", "refined"]
+
+
+def test_eval_maps(run, refused, capture, result, tmp_path):
+    maps = tmp_path / "maps"
+    command = ("eval", result, "--truth", capture, "--maps", maps)
+    assert run(*command).out.endswith(f"error maps: {maps}\n")
+    assert sorted(path.name for path in maps.iterdir()) == ["depth_error.png", "normal_error.png"]
+    mask = load_capture(capture).mask
+    for path in maps.iterdir():
+        picture = decode_image(path.read_bytes())
+        assert picture.shape[:2] == (36, 48)
+        assert len(np.unique(picture[mask].reshape(mask.sum(), -1), axis=0)) > 10
+        assert len(np.unique(picture[~mask].reshape((~mask).sum(), -1), axis=0)) == 1
+    refused(*command, about=maps, words=("the folder exists", "--overwrite"))
+    assert run(*command, "--overwrite").code == 0
+    refused(*command[:-1], capture, "--overwrite", about=capture, words=("not overwritten",))
+
+
+def test_eval_refuses_what_does_not_belong_together(run, refused, capture, result, tmp_path):
+    refused("eval", capture, "--truth", capture, about=capture, words=("not a result folder",))
+    refused("eval", result, "--truth", result, about=result, words=("has no truth",))
+    assert run("synth", tmp_path / "other", "--size", "0.2", "--lights", "3").code == 0
+    before = contents(tmp_path)
+    ran = run("eval", result, "--truth", tmp_path / "other")
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err.startswith("error: ")
+    assert ran.err.count("\n") == 1
+    assert "(36, 48)" in ran.err
+    assert "(72, 96)" in ran.err
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("file", "words"),
+    [
+        ("result.json", "not a result.json"),
+        ("depth.tiff", "the file is empty"),
+        ("normals.tiff", "the file is empty"),
+    ],
+)
+def test_eval_of_a_damaged_result(run, capture, result, file, words):
+    (result / file).write_bytes(b"")
+    ran = run("eval", result, "--truth", capture)
+    assert (ran.code, ran.out, ran.err.count("\n")) == (2, "", 1)
+    assert ran.err.startswith(f"error: {result}/{file}: {words}")
+
+
+# --- demo ---
+
+
+@pytest.fixture
+def small_demo(monkeypatch):
+    monkeypatch.setattr("rakelight.synthetic.demo_scene", small_scene)
+
+
+@pytest.mark.usefixtures("small_demo")
+def test_demo(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    ran = run("demo")
+    assert ran.code == 0
+    assert_reads_back(Path("out/demo/capture"), *small_scene())
+    prepared, refined = scores_of(Path("out/demo/result"), Path("out/demo/capture"))
+    lines = ran.out.splitlines()
+    assert [line.split()[:2] for line in lines[2:4]] == [
+        ["prepared", f"{prepared.depth.rmse_mm:.2f}"],
+        ["refined", f"{refined.depth.rmse_mm:.2f}"],
+    ]
+    factor = prepared.normals.mae_deg / refined.normals.mae_deg
+    assert lines[4] == f"normals: {factor:.1f} times better"
+    for line in lines[5:]:
+        assert Path(line.strip()).is_file()
+    assert len(lines) > 6
+
+
+@pytest.mark.usefixtures("small_demo")
+def test_demo_replaces_an_earlier_demo_but_nothing_else(run, refused, capture, tmp_path):
+    mine = tmp_path / "mine"
+    assert run("demo", "-o", mine, "--quiet").code == 0
+    (mine / "result" / "stale").write_text("x")
+    assert run("demo", "-o", mine, "--quiet").code == 0
+    assert sorted(path.name for path in mine.iterdir()) == ["capture", "result"]
+    assert not (mine / "result" / "stale").exists()
+    shutil.rmtree(mine / "capture" / "truth")  # now it is like somebody's real capture
+    refused("demo", "-o", mine, about=mine / "capture", words=("not overwritten",))

@@ -1,0 +1,298 @@
+"""faults.md 23-27: odd paths, occupied outputs, full disks, interruptions, two runs at once."""
+
+import errno
+import os
+import shutil
+import signal
+from pathlib import Path
+
+import pytest
+from cli_helpers import contents
+from cli_process import PROGRAM, run_process
+
+from rakelight.files import staged_folder
+
+ODD_NAMES = [
+    b"with space",
+    "Größe Ω 日本".encode(),
+    b"new\nline",
+    b"-o",
+    b"--",
+    b"caf\xe9",
+    b"\x1b[31mred",
+    b"quote'\"$HOME;#*?",
+]
+
+
+def copied(capture, name):
+    """The capture under another name; skips where the file system refuses that."""
+    try:
+        return shutil.copytree(capture, capture.with_name(os.fsdecode(name)))
+    except OSError as error:
+        pytest.skip(f"this file system has no such names: {error}")
+
+
+def failing(error):
+    def fail(*_, **__):
+        raise error
+
+    return fail
+
+
+@pytest.fixture
+def old_result(run, capture, tmp_path):
+    """An earlier result at `out`, with a file that only it has."""
+    assert run("refine", capture, "-o", tmp_path / "out", "--quiet").code == 0
+    (tmp_path / "out" / "of the old one").write_text("x")
+    return tmp_path / "out"
+
+
+# --- 23: paths ---
+
+
+@pytest.mark.parametrize("name", ODD_NAMES)
+def test_23_odd_paths(run, capture, tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    before = contents(copied(capture, name))
+    out = name + b"out"
+    ran = run("refine", b"--output=" + out, "--", name)
+    assert ran.code == 0, ran.err
+    assert ran.out.count("\n") == 2
+    assert all(line.isprintable() for line in (ran.out + ran.err).splitlines())
+    assert (tmp_path / os.fsdecode(out) / "result.json").is_file()
+    assert contents(tmp_path / os.fsdecode(name)) == before
+    (tmp_path / os.fsdecode(name) / "mask.png").write_bytes(b"")
+    ran = run("refine", "-o", "other", "--", name)
+    assert ran.code == 2
+    assert ran.err.removesuffix("\n").isprintable()
+    assert "mask.png: the file is empty" in ran.err
+
+
+@pytest.mark.parametrize("name", [b"caf\xe9\n \xff", "Größe Ω".encode(), b"-o"])
+def test_23_odd_paths_from_a_shell(capture, tmp_path, name):
+    copied(capture, name)
+    code, out, err = run_process("refine", "-o", b"out" + name, "--", name, cwd=tmp_path)
+    assert code == 0, err
+    assert out.count(b"\n") == 2
+    assert (tmp_path / os.fsdecode(b"out" + name) / "depth.tiff").is_file()
+    (tmp_path / os.fsdecode(name) / "mask.png").write_bytes(b"")
+    code, out, err = run_process("refine", "-o", "other", "--", name, cwd=tmp_path)
+    assert (code, out) == (2, b"")
+    assert err.startswith(b"error: ")
+    assert err.endswith(b"/mask.png: the file is empty\n")
+    assert err.count(b"\n") == 1
+
+
+def test_23_a_terminal_that_lacks_the_letters(capture, tmp_path):
+    latin = {"PYTHONIOENCODING": "latin-1"}
+    command = ("refine", capture, "-o", "größe Ω", "--overwrite")
+    code, out, err = run_process(*command, cwd=tmp_path, env=latin)
+    assert code == 0, err
+    assert "größe \\u03a9".encode("latin-1") in out
+
+
+@pytest.mark.parametrize("name", ["x" * 300, "file/out", "loop", "loop/out"])
+def test_23_impossible_outputs(run, capture, tmp_path, name):
+    (tmp_path / "file").write_text("x")
+    (tmp_path / "loop").symlink_to("loop")
+    before = contents(capture)
+    ran = run("refine", capture, "-o", tmp_path / name)
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err.startswith(f"error: {tmp_path / name}: ")
+    assert ran.err.count("\n") == 1
+    assert contents(capture) == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["capture", "file", "loop"]
+
+
+@pytest.mark.parametrize("name", ["no such folder", "capture/capture.toml", "loop"])
+@pytest.mark.usefixtures("capture")
+def test_23_impossible_captures(refused, tmp_path, name):
+    (tmp_path / "loop").symlink_to(tmp_path / "loop2")
+    (tmp_path / "loop2").symlink_to(tmp_path / "loop")
+    source = tmp_path / name
+    refused("refine", source, "-o", tmp_path / "out", about=source)
+
+
+# --- 24: outputs ---
+
+
+def test_24_an_existing_result_needs_overwrite(run, refused, capture, old_result, tmp_path):
+    words = ("the folder exists", "--overwrite")
+    refused("refine", capture, "-o", old_result, about=old_result, words=words)
+    assert run("refine", capture, "-o", old_result, "--overwrite", "--quiet").code == 0
+    assert not (old_result / "of the old one").exists()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["capture", "out"]
+
+
+def test_24_what_is_not_a_result_is_never_replaced(refused, capture, tmp_path):
+    mine, file = tmp_path / "mine", tmp_path / "file"
+    mine.mkdir()
+    (mine / "thesis.tex").write_text("x")
+    file.write_text("x")
+    command = ("refine", capture, "--overwrite", "-o")
+    refused(*command, mine, about=mine, words=("not written by rakelight", "Fix: "))
+    refused(*command, file, about=file, words=("a file stands", "Fix: choose another name"))
+
+
+@pytest.mark.parametrize("overwrite", [(), ("--overwrite",)])
+@pytest.mark.parametrize("inside", ["", "rgb", "new/one", "../capture", "../link", "../link/new"])
+def test_24_the_capture_is_never_written_to(refused, capture, tmp_path, inside, overwrite):
+    (tmp_path / "link").symlink_to(capture)
+    (capture / "result.json").write_text("{}")  # looks like a result, too
+    out = f"{capture}/{inside}"
+    command = ("refine", capture, "-o", out, *overwrite)
+    about = Path(out)  # as given, without a trailing slash
+    refused(*command, about=about, words=("into the capture, which is never changed", "Fix: "))
+
+
+def test_24_a_capture_in_an_older_result_is_not_replaced_with_it(refused, capture, old_result):
+    inner = old_result / "my" / "capture"
+    shutil.copytree(capture, inner)
+    words = ("the capture lies in this folder", "Fix: ")
+    command = ("refine", inner, "-o", old_result, "--overwrite")
+    refused(*command, about=old_result, words=words)
+
+
+# --- 25: the machine ---
+
+
+def full_disk(self, data):
+    """Path.write_bytes on a disk that is full at the mesh."""
+    with self.open("wb") as file:
+        file.write(data[: len(data) // 2 if self.suffix == ".ply" else None])
+    if self.suffix == ".ply":
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self))
+    return len(data)
+
+
+def test_25_full_disk(run, capture, tmp_path, monkeypatch):
+    monkeypatch.setattr(Path, "write_bytes", full_disk)
+    before = contents(tmp_path)
+    ran = run("refine", capture, "-o", tmp_path / "out")
+    assert (ran.code, ran.out, ran.err.count("\n")) == (3, "", 1)
+    assert ran.err.startswith(f"error: {tmp_path}/.out.rakelight-")
+    assert "mesh.ply: cannot be written (seen No space left on device, needed 1" in ran.err
+    assert " bytes). Fix: free some space" in ran.err
+    assert contents(tmp_path) == before
+
+
+def test_25_full_disk_leaves_the_old_result_whole(run, capture, old_result, tmp_path, monkeypatch):
+    monkeypatch.setattr(Path, "write_bytes", full_disk)
+    before = contents(tmp_path)
+    assert run("refine", capture, "-o", old_result, "--overwrite").code == 3
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("code", [errno.EROFS, errno.EACCES])
+def test_25_read_only_place(refused, capture, tmp_path, monkeypatch, code):
+    made = Path.mkdir
+
+    def mkdir(self, *arguments, **options):
+        if self.suffix == ".partial":
+            raise OSError(code, os.strerror(code), str(self))
+        made(self, *arguments, **options)
+
+    monkeypatch.setattr(Path, "mkdir", mkdir)
+    words = ("cannot be written", os.strerror(code), "Fix: choose a folder that you may write to")
+    out = tmp_path / "out"
+    refused("refine", capture, "-o", out, about=out, words=words, code=3)
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write")
+def test_25_a_folder_without_permission(run, capture, tmp_path):
+    locked = tmp_path / "locked"
+    locked.mkdir(0o500)
+    ran = run("refine", capture, "-o", locked / "out")
+    assert ran.code == 3
+    assert ran.err.startswith(f"error: {locked}/out: cannot be written (seen Permission denied")
+    assert list(locked.iterdir()) == []
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+def test_25_a_full_disk_behind_stdout(capture, tmp_path):
+    with open("/dev/full", "wb") as full:  # noqa: PTH123
+        code, _, err = run_process("refine", capture, "-o", tmp_path / "out", stdout=full)
+    assert code == 3
+    assert err.splitlines()[-1].startswith(b"error: ")
+    assert b"No space left on device" in err
+
+
+def test_25_too_little_memory(run, capture, tmp_path, monkeypatch):
+    monkeypatch.setattr("rakelight.methods.normals_from_depth", failing(MemoryError()))
+    ran = run("refine", capture, "-o", tmp_path / "out")
+    assert (ran.code, ran.out) == (3, "")
+    assert ran.err == "error: not enough memory. Fix: close other programs or use --scale 1\n"
+    assert not (tmp_path / "out").exists()
+
+
+# --- 26, 27: interrupted, killed, twice at once ---
+
+WHILE_REFINING = "rakelight.methods.normals_from_depth"
+WHILE_WRITING = "rakelight.export.lights_json"
+
+
+@pytest.mark.parametrize("where", [WHILE_REFINING, WHILE_WRITING])
+def test_26_interrupted(run, capture, tmp_path, monkeypatch, where):
+    monkeypatch.setattr(where, failing(KeyboardInterrupt()))
+    before = contents(tmp_path)
+    ran = run("refine", capture, "-o", tmp_path / "out")
+    assert (ran.code, ran.out) == (130, "")
+    assert ran.err.strip() == "error: interrupted; nothing was left behind"
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("where", [WHILE_REFINING, WHILE_WRITING])
+def test_26_interrupted_beside_an_old_result(
+    run, capture, old_result, tmp_path, monkeypatch, where
+):
+    monkeypatch.setattr(where, failing(KeyboardInterrupt()))
+    before = contents(tmp_path)
+    assert run("refine", capture, "-o", old_result, "--overwrite").code == 130
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no SIGKILL")
+def test_26_killed_while_writing(run, capture, old_result, tmp_path):
+    dies = "import os, rakelight.export as e; e.lights_json = lambda *_: os.kill(os.getpid(), 9)\n"
+    command = ("refine", capture, "-o", old_result, "--overwrite")
+    before = contents(old_result)
+    code, out, _ = run_process(*command, program=dies + PROGRAM)
+    assert (code, out) == (-signal.SIGKILL, b"")
+    assert contents(old_result) == before
+    assert any(path.suffix == ".partial" for path in tmp_path.iterdir())
+    assert run(*command).code == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["capture", "out"]
+
+
+def test_27_two_runs_into_one_folder(run, capture, tmp_path):
+    pytest.importorskip("fcntl")
+    out = tmp_path / "out"
+    with staged_folder(out) as staging:
+        ran = run("refine", capture, "-o", out)
+        (staging / "result.json").write_text("of the first")
+    assert (ran.code, ran.out) == (3, "")
+    assert ran.err.startswith(f"error: {out}: another run is writing this folder. Fix: wait for it")
+    assert (out / "result.json").read_text() == "of the first"
+
+
+# --- and a bug of ours, and a reader that goes ---
+
+
+def test_a_bug_is_code_1_and_leaves_nothing(run, capture, tmp_path, monkeypatch):
+    monkeypatch.setattr(WHILE_WRITING, failing(ZeroDivisionError("one\ntwo")))
+    before = contents(tmp_path)
+    ran = run("refine", capture, "-o", tmp_path / "out")
+    assert (ran.code, ran.out) == (1, "")
+    assert ran.err.startswith("error: a bug in rakelight: ZeroDivisionError: one\\ntwo. Fix: ")
+    assert ran.err.count("\n") == 1
+    assert contents(tmp_path) == before
+
+
+def test_a_reader_that_has_gone_is_no_failure(capture, tmp_path):
+    reading, writing = os.pipe()
+    os.close(reading)
+    command = ("refine", capture, "-o", tmp_path / "out", "--json")
+    code, _, err = run_process(*command, stdout=writing)
+    os.close(writing)
+    assert (code, err) == (0, b"")
+    assert (tmp_path / "out" / "result.json").is_file()

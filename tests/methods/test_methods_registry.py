@@ -1,0 +1,226 @@
+"""Choosing a method, its options, progress, and the way from folder to folder."""
+
+import tomllib
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+import rakelight
+from rakelight.capture import load_capture, load_truth, write_capture
+from rakelight.errors import InputError, MethodError
+from rakelight.export import load_result
+from rakelight.methods import METHODS, PLANNED, choose_method, load_method, refine
+from rakelight.methods.estimate import photometric_confidence, scatter
+from rakelight.methods.multi_light_alternating import Options
+from rakelight.model import Camera
+from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return render_scene(
+        make_shape("vase"),
+        make_albedo("pattern"),
+        SceneOptions(
+            camera=make_shape("vase").camera.scaled(0.15),
+            photographs=5,
+            depth_factor=2,
+            depth_frames=2,
+            depth_noise=DepthNoise(rms_mm=2.0, hole_fraction=0.02),
+            bits=8,
+            encoding="srgb",
+        ),
+    )
+
+
+@pytest.fixture(scope="module")
+def capture(scene):
+    return scene[0]
+
+
+# ---- choice
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_every_method_loads_under_its_name(name):
+    method = load_method(name)
+    assert method.name == name
+    assert method.options() == method.options()
+
+
+def test_unknown_methods_name_the_available_ones(capture):
+    with pytest.raises(MethodError, match="'shape-from-hope' is unknown") as error:
+        refine(capture, "shape-from-hope")
+    for name in METHODS:
+        assert name in error.value.needed
+
+
+@pytest.mark.parametrize("name", [name for name in PLANNED if name not in METHODS])
+def test_planned_methods_say_so(capture, name):
+    with pytest.raises(MethodError, match="not available in this version"):
+        refine(capture, name)
+
+
+def test_auto_takes_a_method_that_exists(capture):
+    assert choose_method(capture) in METHODS
+    assert refine(capture).method == choose_method(capture)
+
+
+@pytest.mark.parametrize(
+    ("lighting", "method"),
+    [("moving-lamp", "fusion-like"), ("rgb-leds", "rgb-ratio"), ("ambient", "fusion-like")],
+)
+def test_auto_with_one_photograph(capture, lighting, method):
+    one = replace(capture.select([0]), lighting=lighting)
+    if method in METHODS:
+        assert choose_method(one) == method
+        return
+    with pytest.raises(MethodError, match=f"'{method}', which is not available") as error:
+        choose_method(one)
+    assert error.value.seen == "1 photograph"
+
+
+# ---- options
+
+
+@dataclass(frozen=True)
+class OtherOptions:
+    max_iterations: int = 3
+
+
+@pytest.mark.parametrize("options", [OtherOptions(), {"max_iterations": 3}, 3, Options])
+def test_options_of_another_method_are_refused(capture, options):
+    with pytest.raises(MethodError, match="options are not for multi-light-alternating") as error:
+        refine(capture, "multi-light-alternating", options=options)
+    assert error.value.needed == "rakelight.methods.multi_light_alternating.Options"
+
+
+def test_options_are_kept_with_the_result(capture):
+    result = refine(capture, options=Options(max_iterations=2, depth_trust=3.0))
+    assert result.options == {
+        "max_iterations": 2,
+        "tolerance": Options().tolerance,
+        "depth_trust": 3.0,
+        "min_photographs": 4,
+    }
+    assert result.iterations <= 2
+
+
+@pytest.mark.parametrize("trust", [-1.0, np.nan])
+def test_impossible_options(capture, trust):
+    with pytest.raises(InputError):
+        refine(capture, options=Options(depth_trust=trust))
+
+
+def test_bad_scale(capture):
+    with pytest.raises(InputError, match="resolution"):
+        refine(capture, scale=3)
+
+
+# ---- progress
+
+
+def test_progress_is_told_in_rising_steps(capture):
+    told = []
+    result = refine(capture, progress=told.append)
+    assert told[0].stage == "prepare"
+    rounds = told[1:]
+    assert {p.stage for p in rounds} == {"refine"}
+    assert [p.step for p in rounds] == list(range(1, result.iterations + 1))
+    assert {p.steps for p in rounds} == {Options().max_iterations}
+    assert tuple(p.energy for p in rounds) == result.energy[:-1]
+
+
+def test_what_progress_raises_comes_through(capture):
+    class StopError(Exception):
+        pass
+
+    def stop(progress):
+        if progress.step == 2:
+            raise StopError
+
+    with pytest.raises(StopError):
+        refine(capture, progress=stop)
+
+
+def test_the_capture_is_not_changed(capture):
+    before = [a.copy() for a in (capture.photographs, capture.depth_m, capture.mask)]
+    for array in (capture.photographs, capture.depth_m, capture.mask):
+        array.setflags(write=False)
+    refine(capture)
+    for array, copy in zip(
+        (capture.photographs, capture.depth_m, capture.mask), before, strict=True
+    ):
+        np.testing.assert_array_equal(array, copy)
+
+
+def test_the_same_capture_gives_the_same_result(capture):
+    first, second = refine(capture), refine(capture)
+    np.testing.assert_array_equal(first.depth, second.depth)
+    assert first.energy == second.energy
+
+
+# ---- shared measures
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.1])
+def test_confidence_is_one_half_at_three_degrees_of_doubt(noise):
+    # Information 1 / doubt^2 in every direction: f / |m| turns a gradient into an angle.
+    camera, length = Camera(1, 1, 50.0, 50.0, 0.0, 0.0), 1.7
+    for doubt_deg, expected in ((3.0, 0.5), (1.0, 0.9), (9.0, 0.1)):
+        information = (noise / np.radians(doubt_deg) * camera.fx / length) ** 2
+        tensor = np.array([[information, 0.0, information]])
+        found = photometric_confidence(tensor, noise, np.array([length]), camera)
+        assert found[0] == pytest.approx(expected, rel=1e-9)
+
+
+def test_confidence_counts_the_weakest_direction():
+    camera = Camera(1, 1, 50.0, 50.0, 0.0, 0.0)
+    angles = np.radians([0, 30, 90, 135])
+    strong, weak = 1e6, 4.0
+    tensor = np.stack(
+        [
+            strong * np.cos(angles) ** 2 + weak * np.sin(angles) ** 2,
+            (strong - weak) * np.cos(angles) * np.sin(angles),
+            strong * np.sin(angles) ** 2 + weak * np.cos(angles) ** 2,
+        ],
+        axis=-1,
+    )
+    even = photometric_confidence(np.array([[weak, 0.0, weak]]), 0.01, np.ones(1), camera)
+    found = photometric_confidence(tensor, 0.01, np.ones(4), camera)
+    np.testing.assert_allclose(found, even[0], rtol=1e-6)
+
+
+def test_scatter_is_the_inverse_of_indexing():
+    mask = np.random.default_rng(0).random((6, 7)) < 0.5
+    for channels in ((), (3,)):
+        values = np.random.default_rng(1).normal(size=(int(mask.sum()), *channels))
+        image = scatter(values, mask)
+        np.testing.assert_array_equal(image[mask], values)
+        assert not image[~mask].any()
+
+
+# ---- from folder to folder
+
+
+def test_from_capture_folder_to_result_folder(scene, tmp_path):
+    capture, truth = scene
+    write_capture(capture, tmp_path / "capture", truth=truth)
+    again = load_capture(tmp_path / "capture")
+    for name in ("photographs", "depth_m", "mask"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(capture, name))
+    assert again.camera == capture.camera
+    np.testing.assert_array_equal(load_truth(tmp_path / "capture").depth, truth.depth)
+    assert tomllib.loads((tmp_path / "capture" / "capture.toml").read_text())["encoding"] == "srgb"
+
+    result, direct = rakelight.refine(again), rakelight.refine(capture)
+    np.testing.assert_array_equal(result.depth, direct.depth)
+    result.save(tmp_path / "out")
+    loaded = load_result(tmp_path / "out")
+    np.testing.assert_array_equal(loaded.depth, result.depth)
+    np.testing.assert_array_equal(loaded.normals, result.normals)
+    np.testing.assert_array_equal(loaded.prepared_depth, result.prepared_depth)
+    np.testing.assert_allclose(loaded.confidence, result.confidence, atol=0.5 / 255)
+    assert loaded.summary.method == result.method
+    assert loaded.summary.camera == result.camera

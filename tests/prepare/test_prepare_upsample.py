@@ -1,0 +1,95 @@
+"""Depth on a finer grid that covers the same field of view."""
+
+import numpy as np
+import pytest
+
+from rakelight.geometry.grid import area_mean
+from rakelight.prepare.upsample import coarse_mask, upsample
+
+SHAPE = (30, 40)
+FACTORS = [2, 4]
+
+
+def centres(shape, factor):
+    """Rows and columns of the fine pixels' centres, in pixels of the coarse grid."""
+    v, u = np.indices((shape[0] * factor, shape[1] * factor))
+    return (v + 0.5) / factor - 0.5, (u + 0.5) / factor - 0.5
+
+
+def inner(factor, pixels=8):
+    edge = pixels * factor
+    return slice(edge, -edge), slice(edge, -edge)
+
+
+def log_surface(kind, v, u):
+    if kind == "plane":
+        return -0.2 + 0.01 * u - 0.004 * v
+    return -0.2 + 0.02 * np.sin(u / 5 + 1) * np.cos(v / 6)
+
+
+@pytest.mark.parametrize("factor", [1, 2, 3, 4])
+def test_planes_in_log_depth_are_exact_inside(factor):
+    # A shift of half a fine pixel would be an error of 0.01 / (2 factor).
+    coarse = log_surface("plane", *np.indices(SHAPE))
+    fine = np.log(upsample(np.exp(coarse), factor))
+    assert fine.shape == (SHAPE[0] * factor, SHAPE[1] * factor)
+    exact = log_surface("plane", *centres(SHAPE, factor))
+    assert np.abs(fine - exact)[inner(factor)].max() < 1e-6
+
+
+@pytest.mark.parametrize("factor", FACTORS)
+def test_a_smooth_surface_is_met_without_a_shift(factor):
+    coarse = log_surface("waves", *np.indices(SHAPE))
+    fine = np.log(upsample(np.exp(coarse), factor))[inner(factor)]
+    v, u = centres(SHAPE, factor)
+    here = np.abs(fine - log_surface("waves", v, u)[inner(factor)]).max()
+    assert here < 1e-5
+    for dv, du in ((0, 0.1), (0.1, 0), (0, -0.1), (-0.1, 0)):
+        shifted = log_surface("waves", v + dv, u + du)[inner(factor)]
+        assert np.abs(fine - shifted).max() > 20 * here
+
+
+@pytest.mark.parametrize("factor", FACTORS)
+def test_blocks_average_to_about_what_the_sensor_saw(factor):
+    coarse = np.exp(log_surface("waves", *np.indices(SHAPE)))
+    back = area_mean(upsample(coarse, factor), factor)
+    # what remains is the curvature within a block
+    assert np.abs(back - coarse)[inner(1)].max() < 2e-4
+
+
+@pytest.mark.parametrize("factor", FACTORS)
+@pytest.mark.parametrize("flip", [np.s_[::-1], np.s_[:, ::-1]])
+def test_no_side_is_preferred(factor, flip):
+    depth = np.exp(0.1 * np.random.default_rng(0).normal(size=SHAPE))
+    depth[:10, :20] = np.nan
+    whole = np.where(np.isfinite(depth), depth, 1.0)
+    np.testing.assert_allclose(
+        upsample(whole[flip], factor), upsample(whole, factor)[flip], rtol=1e-12
+    )
+
+
+@pytest.mark.parametrize("factor", [1, 2, 4])
+def test_a_constant_object_is_constant_everywhere(factor):
+    depth = np.full(SHAPE, np.nan)
+    depth[10:20, 12:25] = 0.9
+    np.testing.assert_allclose(upsample(depth, factor), 0.9, rtol=1e-12)
+
+
+def test_scaled_depth_gives_scaled_depth():
+    depth = np.exp(0.1 * np.random.default_rng(0).normal(size=SHAPE))
+    np.testing.assert_allclose(upsample(3 * depth, 2), 3 * upsample(depth, 2), rtol=1e-12)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 5), (2, 1)])
+@pytest.mark.parametrize("factor", FACTORS)
+def test_tiny_maps(shape, factor):
+    np.testing.assert_allclose(upsample(np.full(shape, 0.7), factor), 0.7, rtol=1e-12)
+
+
+@pytest.mark.parametrize("factor", [1, 2, 3])
+def test_coarse_mask_has_every_block_that_touches_the_object(factor):
+    mask = np.random.default_rng(0).random((12, 18)) < 0.15
+    coarse = coarse_mask(mask, factor)
+    for r, c in np.ndindex(coarse.shape):
+        block = mask[r * factor : (r + 1) * factor, c * factor : (c + 1) * factor]
+        assert coarse[r, c] == block.any()

@@ -1,0 +1,212 @@
+"""README.md and docs/ say what the program does: commands, options, methods, files, exit codes."""
+
+import ast
+import re
+import shlex
+from pathlib import Path
+
+import click
+import msgspec
+import numpy as np
+import pytest
+
+import rakelight
+from rakelight import errors
+from rakelight.capture.config import CaptureTable, IntrinsicsTable, TransformTable, parse_config
+from rakelight.cli import COMMANDS
+from rakelight.cli import rakelight as program
+from rakelight.errors import InputError, MachineError, RakelightError
+from rakelight.export.summary import Conventions, Summary
+from rakelight.methods import METHODS
+from rakelight.model import Camera, Lights, Result
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("**/*.md")])
+FENCED = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+CALL = re.compile(r"^(?:\$ )?rakelight (.+)$")
+
+
+def text_of(name):
+    return (ROOT / name).read_text(encoding="utf-8")
+
+
+def blocks(text, language):
+    """The contents of the fenced blocks of one language."""
+    return [content for name, content in FENCED.findall(text) if name == language]
+
+
+def code(text):
+    """Every piece of code a reader would type: inline, indented, and fenced shell blocks."""
+    prose = FENCED.sub("", text)
+    indented = re.findall(r"^    (\S.*)$", prose, re.MULTILINE)
+    shell = [line for name in ("", "sh", "bash", "console") for line in blocks_lines(text, name)]
+    return re.findall(r"`([^`\n]+)`", prose) + indented + shell
+
+
+def blocks_lines(text, language):
+    return [line.strip() for block in blocks(text, language) for line in block.splitlines()]
+
+
+def table(text, heading):
+    """The rows below the header that starts with `heading`, each a list of its cells."""
+    lines = text.splitlines()
+    start = next(i for i, line in enumerate(lines) if line.startswith(f"| {heading} |"))
+    rows = []
+    for line in lines[start + 2 :]:
+        if not line.startswith("|"):
+            break
+        rows.append([cell.strip() for cell in line.strip("|").split("|")])
+    return rows
+
+
+def command(name):
+    return program.get_command(click.Context(program), name)
+
+
+def options_of(name):
+    return {spelling for option in command(name).params for spelling in option.opts}
+
+
+def calls(text):
+    """Every `rakelight COMMAND …` in a text, as its words after `rakelight`."""
+    for piece in code(text):
+        found = CALL.match(piece.split("  #")[0].strip())
+        if found:
+            yield shlex.split(found[1])
+
+
+def test_the_readme_names_every_command():
+    named = {words[0] for words in calls(text_of("README.md"))}
+    assert set(COMMANDS) <= named
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_commands_that_are_named_exist(page):
+    for words in calls(page.read_text(encoding="utf-8")):
+        assert words[0] in COMMANDS or words[0].startswith("-"), words
+        if len(words) > 1 and "..." not in words and "…" not in words:
+            command(words[0]).make_context(words[0], words[1:])  # raises where it cannot be
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_options_that_are_named_exist(page):
+    everywhere = {"--help", "--version"}.union(*map(options_of, COMMANDS))
+    for line in page.read_text(encoding="utf-8").splitlines():
+        named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", " ".join(re.findall(r"`[^`]+`", line))))
+        (*about,) = {words[0] for words in calls(line)} & set(COMMANDS)
+        known = options_of(about[0]) | {"--help"} if len(about) == 1 else everywhere
+        if line.startswith("`make") or "pip" in line or "ruff" in line or "mypy" in line:
+            continue
+        assert named <= known, line
+
+
+def test_values_that_are_named_exist():
+    for piece in code(text_of("README.md")):
+        found = re.fullmatch(r"(--[a-z-]+) (\S+)", piece)
+        if found and found[1] in options_of("refine"):
+            context = ["capture", "-o", "out", *found.groups()]
+            assert command("refine").make_context("refine", context)
+
+
+def test_the_readme_mentions_the_options_of_refine():
+    row = next(row for row in table(text_of("README.md"), "command") if "refine" in row[0])
+    short = {"-o", "--output"}
+    assert options_of("refine") - short - {"capture"} <= set(re.findall(r"--[a-z-]+", row[1]))
+
+
+def test_the_readme_lists_the_methods():
+    listed = [row[0].strip("`") for row in table(text_of("README.md"), "`--method`")]
+    assert sorted(listed) == sorted(METHODS)
+    assert "`auto`" in text_of("README.md")
+
+
+def test_the_capture_toml_of_the_readme_is_read():
+    (example,) = blocks(text_of("README.md"), "toml")
+    read = parse_config(example.encode())
+    assert read.depth_scale == 1000.0
+    assert read.intrinsics.camera().shape == (960, 1280)
+
+
+def test_the_python_of_the_readme_uses_names_that_exist():
+    (example,) = blocks(text_of("README.md"), "python")
+    fields = set(Result.__dataclass_fields__) | set(dir(Result))
+    for node in ast.walk(ast.parse(example)):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            known = {"rakelight": set(rakelight.__all__), "result": fields}[node.value.id]
+            assert node.attr in known
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_and_make_targets_exist(page):
+    text = page.read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)#]+)[^)]*\)", text):
+        if "://" not in target:
+            assert (page.parent / target).exists(), target
+    targets = set(re.findall(r"^([a-z]+):", text_of("Makefile"), re.MULTILINE))
+    for piece in code(text):
+        found = re.match(r"make ([a-z]+)", piece)
+        assert not found or found[1] in targets, piece
+
+
+# --- docs/conventions.md ---
+
+
+def conventions():
+    return text_of("docs/conventions.md")
+
+
+def classes_below(root):
+    return [root, *(each for child in root.__subclasses__() for each in classes_below(child))]
+
+
+def test_exit_codes():
+    meaning = {int(code): what for code, what in table(conventions(), "code")}
+    assert set(meaning) == {0, 1, 2, 3, 4, 130}
+    assert RakelightError.exit_code == 1
+    for error in (InputError, MachineError):
+        assert meaning[error.exit_code] == error.__doc__[0].lower() + error.__doc__[1:].rstrip(".")
+    for error in classes_below(RakelightError):
+        assert error.exit_code in meaning
+    drawn = dict(re.findall(r"(\w+Error) .*exit code (\d)", errors.__doc__))
+    assert drawn == {"InputError": "2", "MachineError": "3"}
+
+
+def test_keys_of_capture_toml():
+    listed = " ".join(row[0] for row in table(conventions(), "key of `capture.toml`"))
+    keys = {key.strip("[]") for key in re.findall(r"`([^`]+)`", listed)}
+    assert keys == {field.name for field in msgspec.structs.fields(CaptureTable)}
+    section = conventions().split("key of `capture.toml`")[1].split("\n\n")[0]
+    for struct in (IntrinsicsTable, TransformTable):
+        for field in msgspec.structs.fields(struct):
+            assert f"`{field.name}`" in section
+
+
+def test_keys_of_result_json():
+    section = conventions().split("### result.json")[1]
+    for heading, struct in (("key", Summary), ("key of `conventions`", Conventions)):
+        first_cells = " ".join(row[0] for row in table(section, heading))
+        listed = set(re.findall(r"`([a-z_]+)`", first_cells))
+        assert listed == {field.name for field in msgspec.structs.fields(struct)}
+
+
+@pytest.mark.parametrize("mesh", ["ply", "glb"])
+def test_files_of_the_result_folder(tmp_path, mesh):
+    plane, facing = np.ones((4, 4), np.float32), np.zeros((4, 4, 3), np.float32)
+    facing[..., 2] = -1
+    result = Result(
+        depth=plane,
+        normals=facing,
+        albedo=-facing,
+        confidence=plane,
+        lights=Lights(np.zeros((1, 1, 3)), np.ones((1, 1))),
+        camera=Camera(4, 4, 100.0, 100.0, 1.5, 1.5),
+        prepared_depth=plane,
+        method="none",
+    )
+    result.save(tmp_path / "out", mesh=mesh)
+    section = conventions().split("## Result folder")[1]
+    listed = {
+        name for row in table(section, "file") for name in re.findall(r"`([\w.]+\.\w+)`", row[0])
+    }
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert written == listed - {"mesh.ply" if mesh == "glb" else "mesh.glb"}

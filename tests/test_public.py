@@ -1,0 +1,138 @@
+"""The public names: they exist, are documented, and the examples in their docstrings are run."""
+
+import ast
+import inspect
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import rakelight
+
+PACKAGE = Path(rakelight.__file__).resolve().parent
+SOURCES = sorted(PACKAGE.rglob("*.py"))
+
+
+def module_name(path):
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def with_all():
+    """The modules that say what is public in them."""
+    for path in SOURCES:
+        if any(
+            isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
+            for node in ast.parse(path.read_text()).body
+        ):
+            yield module_name(path)
+
+
+EXPORTED = [(module, name) for module in with_all() for name in import_module(module).__all__]
+FUNCTIONS = sorted(
+    {
+        f"{thing.__module__}.{thing.__qualname__}"
+        for module, name in EXPORTED
+        if inspect.isfunction(thing := getattr(import_module(module), name))
+    }
+)
+
+# A public function, or its module, shows an example that runs, unless:
+WITHOUT_EXAMPLE = {
+    "rakelight.capture.truth.load_truth": "needs a synthetic capture on the disk",
+    "rakelight.export.load_result": "save_result's example reads back with it",
+    "rakelight.methods.choose_method": "needs a whole capture; tests/cli run it",
+    "rakelight.methods.refine": "needs a whole capture; rakelight's own docstring shows it",
+    "rakelight.prepare.prepare": "needs a whole capture; tests/prepare run it",
+    "rakelight.synthetic.albedo.texture_from_file": "needs a picture on the disk",
+    "rakelight.synthetic.depth_file.shape_from_depth": "needs a depth map; its tests show one",
+    "rakelight.synthetic.depth_file.shape_from_file": "needs a depth map on the disk",
+}
+
+
+@pytest.mark.parametrize("name", rakelight.__all__)
+def test_public_names_resolve(name):
+    assert getattr(rakelight, name) is not None
+
+
+def test_the_three_lists_of_public_names_agree():
+    assert rakelight.__all__ == sorted(rakelight.__all__)
+    assert dir(rakelight) == rakelight.__all__
+    homes = {name for names in rakelight._HOMES.values() for name in names}
+    tree = ast.parse((PACKAGE / "__init__.py").read_text())
+    (typing,) = (node for node in tree.body if isinstance(node, ast.If))
+    typed = {(n.module, alias.name) for n in typing.body for alias in n.names}
+    assert homes == set(rakelight.__all__) - {"__version__"}
+    assert {name for _, name in typed} == homes
+    assert {(home, name) for home, names in rakelight._HOMES.items() for name in names} == typed
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="no attribute 'refin'"):
+        rakelight.refin  # noqa: B018
+
+
+@pytest.mark.parametrize(("module", "name"), EXPORTED, ids=[".".join(pair) for pair in EXPORTED])
+def test_exported_names_are_documented(module, name):
+    thing = getattr(import_module(module), name)
+    if inspect.isclass(thing) or inspect.isfunction(thing):
+        assert len(inspect.getdoc(thing) or "") > 20
+        assert thing.__module__.startswith("rakelight.")
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=module_name)
+def test_everything_public_has_a_docstring(path):
+    tree = ast.parse(path.read_text())
+    documented = (ast.FunctionDef, ast.ClassDef)
+    assert ast.get_docstring(tree)
+    for node in tree.body:
+        if not isinstance(node, documented) or node.name.startswith("_"):
+            continue
+        assert ast.get_docstring(node), node.name
+        methods = node.body if isinstance(node, ast.ClassDef) else []
+        for method in methods:
+            if isinstance(method, ast.FunctionDef) and not method.name.startswith("_"):
+                assert ast.get_docstring(method), f"{node.name}.{method.name}"
+
+
+@pytest.mark.parametrize("full_name", FUNCTIONS)
+def test_exported_functions_have_an_example(full_name):
+    module, _, name = full_name.rpartition(".")
+    home = import_module(module)
+    own, shared = inspect.getdoc(getattr(home, name)), inspect.getdoc(home)
+    shown = ">>>" in own or any(
+        line.startswith((">>>", "...")) and f"{name}(" in line for line in shared.splitlines()
+    )
+    assert "+SKIP" not in own
+    if full_name in WITHOUT_EXAMPLE:
+        assert not shown, f"{full_name} has an example now: take it off the list"
+    else:
+        assert shown, f"{full_name} shows no example"
+
+
+def test_the_exempt_functions_exist():
+    assert set(WITHOUT_EXAMPLE) <= set(FUNCTIONS)
+
+
+def test_errors_carry_their_exit_codes():
+    codes = {
+        name: getattr(rakelight, name).exit_code
+        for name in rakelight.__all__
+        if inspect.isclass(getattr(rakelight, name))
+        and issubclass(getattr(rakelight, name), Exception)
+    }
+    assert codes == {
+        "RakelightError": 1,
+        "InputError": 2,
+        "CaptureError": 2,
+        "MethodError": 2,
+        "OutputExistsError": 2,
+        "MachineError": 3,
+    }
+
+
+def test_no_module_hides_behind_a_name():
+    assert not [
+        name for name in rakelight.__all__ if isinstance(getattr(rakelight, name), ModuleType)
+    ]
