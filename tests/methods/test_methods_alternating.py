@@ -413,6 +413,12 @@ def test_confidence_grows_with_the_photographs(capture):
     assert np.median(few.confidence) < np.median(many.confidence)
 
 
+@pytest.mark.parametrize("photograph", [0, 3])
+def test_one_lamp_seen_many_times_determines_nothing(capture, photograph):
+    result = refine(capture.select([photograph] * 6))
+    assert result.confidence.max() < 0.05
+
+
 def test_noise_lowers_the_confidence():
     clean, noisy = (refine(make_scene(image_noise=noise)[0]).confidence for noise in (0.005, 0.05))
     assert np.median(noisy) < np.median(clean) - 0.1
