@@ -24,7 +24,7 @@ types: $(VENV)/dev.stamp
 
 pytest: $(VENV)/dev.stamp
 	@echo "== tests"
-	$(BIN)/python -m pytest
+	OMP_WAIT_POLICY=PASSIVE OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
 
 format: $(VENV)/dev.stamp
 	$(BIN)/ruff check --fix $(SOURCES)

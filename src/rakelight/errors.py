@@ -13,8 +13,6 @@ The library raises these and nothing else for bad input; it never prints and nev
 
 from __future__ import annotations
 
-from os import fsencode
-
 
 class RakelightError(Exception):
     """A failure that a person can act on.
@@ -105,4 +103,4 @@ def fsencode_safe(path: str) -> str:
     >>> fsencode_safe("caf\udce9")
     'caf\\xe9'
     """
-    return fsencode(path).decode("utf-8", "backslashreplace")
+    return path.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")

@@ -7,6 +7,7 @@ from rakelight.geometry.grid import (
     area_mean,
     bounding_window,
     differences,
+    gradient_matrices,
     has_gradient,
     mean_gradient,
     neighbours,
@@ -111,6 +112,17 @@ def test_has_gradient_where_both_axes_have_a_neighbour(mask):
         ]
     ).reshape(mask.shape)
     np.testing.assert_array_equal(has_gradient(mask), expected)
+
+
+def test_gradient_matrices_are_the_mean_gradient(mask):
+    values, active = values_on(mask), has_gradient(mask)
+    for found, image in zip(gradient_matrices(mask), mean_gradient(values, mask), strict=True):
+        assert found.shape == (mask.sum(), mask.sum())
+        dense = found @ values[mask]
+        np.testing.assert_allclose(dense[active[mask]], image[active], atol=1e-14)
+        # pixels without a normal have no gradient, though one of their differences may exist
+        np.testing.assert_array_equal(dense[~active[mask]], 0)
+        np.testing.assert_allclose(found @ np.ones(mask.sum()), 0, atol=1e-15)
 
 
 def test_thin_parts_have_no_gradient():

@@ -6,24 +6,28 @@ import numpy as np
 import pytest
 
 from rakelight.errors import InputError, MethodError
-from rakelight.geometry.grid import has_gradient, mean_gradient
 from rakelight.geometry.normals import normals_from_depth, normals_from_gradient
 from rakelight.methods import refine
+from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light_alternating import (
+    HORIZON_ROUNDS,
     Options,
-    depth_terms,
+    frontal_lamps,
     light_and_albedo,
     multi_light_alternating,
 )
 from rakelight.metrics import evaluate
-from rakelight.model import Camera, Lights, silent
+from rakelight.model import Camera, silent
 from rakelight.prepare import prepare
+from rakelight.shading.albedo import AlbedoFit
 from rakelight.shading.harmonics import lit, shading
-from rakelight.shading.lighting import frontal_lights
+from rakelight.shading.photographs import Lamps
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
 # Close to the object, as at full resolution, but only a small window of it.
 CAMERA = make_shape("cloth").camera.cropped(slice(140, 200), slice(200, 280))
+# More rounds than a good surface needs: the lights creep to their place.
+PATIENT = Options(max_iterations=40, tolerance=5e-3)
 
 
 def make_scene(**changes):
@@ -64,7 +68,7 @@ def moved_mm(result):
 def test_normals_are_three_times_better_than_the_prepared_ones(factor):
     noise = DepthNoise(rms_mm=2.5, correlation_length_px=6.0)
     capture, truth = make_scene(depth_factor=factor, depth_noise=noise, photographs=8)
-    result = refine(capture)
+    result = refine(capture, options=replace(Options(), max_iterations=40))
     before = normals_from_depth(result.prepared_depth, truth.mask, result.camera)
     first = evaluate(result.prepared_depth, before, truth)
     last = evaluate(result.depth, result.normals, truth)
@@ -73,8 +77,8 @@ def test_normals_are_three_times_better_than_the_prepared_ones(factor):
     assert result.converged
 
 
-def test_lights_are_found(scene, result):
-    truth = scene[1].lights
+def test_lights_are_found(scene):
+    result, truth = refine(scene[0], options=PATIENT), scene[1].lights
     angle = np.degrees(np.arccos((result.lights.direction * truth.direction).sum(axis=-1)))
     assert angle.max() < 8
     # intensities up to the common factor that albedo and light share
@@ -100,33 +104,39 @@ def test_the_image_is_explained_to_its_noise(capture, result):
 # ---- the terms of one depth step
 
 
-def step_inputs(capture, seed=0):
-    """A prepared capture and a rough surface with its albedo and lights."""
+def rough_fit(capture, seed=0):
+    """A prepared capture, its level, and a rough surface with the albedo and lights that fit it."""
     prepared = prepare(capture)
+    level = finest_level(prepared)
     rng = np.random.default_rng(seed)
-    log_depth = np.log(prepared.depth_m) + 1e-3 * rng.normal(size=prepared.mask.shape)
-    gradient = mean_gradient(log_depth, prepared.mask)
-    normals, length = (a[prepared.mask] for a in normals_from_gradient(*gradient, prepared.camera))
-    count = len(prepared.photographs)
-    lights, albedo = frontal_lights(count), np.ones((int(prepared.mask.sum()), 3))
-    for _ in range(2):
-        lights, albedo = light_and_albedo(prepared, normals, albedo, lights)
-    at = np.stack(gradient, axis=-1)[prepared.mask]
-    return prepared, at, normals, length, albedo, lights
+    log_depth = level.prior + 1e-3 * rng.normal(size=level.mask.shape)
+    fit = light_and_albedo(
+        level, log_depth, np.ones((*level.mask.shape, 3)), frontal_lamps(len(prepared))
+    )
+    return prepared, level, light_and_albedo(level, log_depth, fit.explanation.albedo, fit.lamps)
 
 
-def lagged_squares(prepared, gradient, normals, length, albedo, lights):
+def normals_of(fit, level):
+    """Normals (P, 3) and |m| (P,) on the mask."""
+    g = fit.surface.gradient
+    both = normals_from_gradient(g[..., 0], g[..., 1], level.photographs.camera)
+    return tuple(each[level.mask] for each in both)
+
+
+def lagged_squares(prepared, level, fit, gradient):
     """(P,) squared residuals of the image model at `gradient` (P, 2), |m| and shadows lagged."""
-    inner = has_gradient(prepared.mask)[prepared.mask]
-    rows, columns = np.nonzero(prepared.mask)
+    inner = level.photographs.active[level.mask]
+    normals, length = normals_of(fit, level)
+    albedo = fit.explanation.albedo[level.mask]
+    rows, columns = np.nonzero(level.mask)
     camera = prepared.camera
     x, y = columns - camera.cx, rows - camera.cy
     p_u, p_v = gradient.T
     m = np.stack([camera.fx * p_u, camera.fy * p_v, -(1 + x * p_u + y * p_v)], axis=-1)
     total = np.zeros(len(m))
-    for i in range(len(lights)):
+    for i in range(len(prepared)):
         image, good = prepared.pixels(i)
-        s, phi = lights.vector[i, 0], lights.ambient[i, 0]
+        s, phi = fit.lamps.vector[i, 0], fit.lamps.ambient[i, 0]
         model = albedo * (lit(normals, s) * (m @ s) / length + phi)[:, None]
         total += ((model - image) ** 2 * good * inner[:, None]).sum(axis=1)
     return total
@@ -136,37 +146,35 @@ def test_depth_terms_are_the_lagged_squares(capture):
     mask = capture.mask.copy()
     mask[20, 30:50] = False
     mask[19:22, 40] = True  # pixels without a neighbour along u
-    prepared, at, *rest = step_inputs(replace(capture, mask=mask))
-    terms = depth_terms(prepared, *rest)
-    uu, uv, vv = terms.tensor.T
+    prepared, level, fit = rough_fit(replace(capture, mask=mask))
+    tensor, aim = (each[level.mask] for each in fit.explanation.aim(fit.surface))
+    uu, uv, vv = tensor.T
 
     def quadratic(g):
         u, v = g.T
-        return uu * u * u + 2 * uv * u * v + vv * v * v - 2 * (terms.vector * g).sum(axis=1)
+        return uu * u * u + 2 * uv * u * v + vv * v * v - 2 * (aim * g).sum(axis=1)
 
     rng = np.random.default_rng(1)
-    here = lagged_squares(prepared, at, *rest)
+    at = fit.surface.gradient[level.mask]
+    here = lagged_squares(prepared, level, fit, at)
     for size in (1e-3, 0.1):
         other = at + size * rng.normal(size=at.shape)
-        change = lagged_squares(prepared, other, *rest) - here
+        change = lagged_squares(prepared, level, fit, other) - here
         np.testing.assert_allclose(
             quadratic(other) - quadratic(at), change, atol=1e-9 * np.abs(change).max()
         )
 
 
 def test_depth_terms_are_the_derivative(capture):
-    prepared, at, *rest = step_inputs(capture)
-    terms = depth_terms(prepared, *rest)
-    uu, uv, vv = terms.tensor.T
-    slope = 2 * np.stack([uu * at[:, 0] + uv * at[:, 1], uv * at[:, 0] + vv * at[:, 1]], axis=-1)
-    slope -= 2 * terms.vector
-    step = 1e-4
+    prepared, level, fit = rough_fit(capture)
+    slope = -2 * fit.explanation.vector[level.mask]
+    at, step = fit.surface.gradient[level.mask], 1e-4
     for axis in (0, 1):
         ahead, behind = at.copy(), at.copy()
         ahead[:, axis] += step
         behind[:, axis] -= step
-        difference = lagged_squares(prepared, ahead, *rest) - lagged_squares(
-            prepared, behind, *rest
+        difference = lagged_squares(prepared, level, fit, ahead) - lagged_squares(
+            prepared, level, fit, behind
         )
         np.testing.assert_allclose(
             slope[:, axis], difference / (2 * step), atol=1e-6 * np.abs(slope).max()
@@ -174,30 +182,97 @@ def test_depth_terms_are_the_derivative(capture):
 
 
 def test_noise_is_the_rms_of_what_is_counted(capture):
-    prepared, at, *rest = step_inputs(capture)
-    terms = depth_terms(prepared, *rest)
-    squares = lagged_squares(prepared, at, *rest).sum()
-    assert terms.observations == sum(prepared.pixels(i)[1].sum() for i in range(6))
-    assert terms.noise == pytest.approx(np.sqrt(squares / terms.observations), rel=1e-9)
+    prepared, level, fit = rough_fit(capture)
+    squares = lagged_squares(prepared, level, fit, fit.surface.gradient[level.mask]).sum()
+    counted = fit.explanation.observations
+    assert counted == sum(prepared.pixels(i)[1].sum() for i in range(6))
+    assert fit.noise == pytest.approx(np.sqrt(squares / counted), rel=1e-9)
+
+
+def plain_lights(prepared, normals, albedo, lamps):
+    """(N, 4) the light of each photograph in plain numpy, by least squares without bounds."""
+    lights = []
+    for i in range(len(prepared)):
+        image, good = prepared.pixels(i)
+        light = np.append(lamps.vector[i, 0], lamps.ambient[i, 0])
+        for _ in range(HORIZON_ROUNDS):
+            shown = lit(normals, light[:3])[:, None]
+            rows = np.concatenate([normals * shown, np.ones((len(normals), 1))], axis=1)
+            matrix = (albedo[..., None] * rows[:, None])[good]
+            light = np.linalg.lstsq(matrix, image[good], rcond=None)[0]
+        lights.append(light)
+    return np.array(lights)
+
+
+def test_light_and_albedo_are_the_plain_ones(capture):
+    prepared, level, fit = rough_fit(capture)
+    assert level.photographs.active.sum() == level.mask.sum()
+    normals, _ = normals_of(fit, level)
+    albedo = fit.explanation.albedo
+    found = light_and_albedo(level, fit.log_depth, albedo, fit.lamps)
+
+    lights = plain_lights(prepared, normals, albedo[level.mask], fit.lamps)
+    images = AlbedoFit(len(normals))
+    for i, light in enumerate(lights):
+        image, good = prepared.pixels(i)
+        images.add(image, shading(normals, light[:3], light[3]), good)
+    scale = np.percentile(images.albedo(), 99)
+    assert np.abs(found.lamps.vector - fit.lamps.vector).max() > 1e-3
+    np.testing.assert_allclose(found.lamps.vector[:, 0], scale * lights[:, :3], atol=1e-6)
+    np.testing.assert_allclose(found.lamps.ambient, scale * lights[:, 3:], atol=1e-6)
+    np.testing.assert_allclose(
+        found.explanation.albedo[level.mask], images.albedo() / scale, atol=1e-6
+    )
+
+
+def synthetic(prepared, level, fit, lamps, ambient):
+    """The level with clean photographs of the fit's surface and albedo under other lights."""
+    normals, _ = normals_of(fit, level)
+    albedo = np.clip(fit.explanation.albedo[level.mask], 0.2, 0.9)
+    photographs = np.zeros((len(ambient), *level.mask.shape, 3), np.uint16)
+    for photograph, vector, phi in zip(photographs, lamps, ambient, strict=True):
+        light = np.maximum(albedo * (np.maximum(normals @ vector, 0) + phi)[:, None], 0)
+        assert light.max() < 0.98
+        photograph[level.mask] = np.rint(65535 * light)
+    scene = finest_level(replace(prepared, photographs=photographs))
+    return scene, np.clip(fit.explanation.albedo, 0.2, 0.9)
+
+
+VECTOR = np.array([[0.3, 0.1, -0.6], [-0.2, 0.4, -0.5], [0.1, -0.3, -0.7]])
 
 
 def test_light_and_albedo_come_back_from_a_clean_image(capture):
     # From the true albedo one step finds the true lights, and the albedo stays.
-    prepared, _, normals, _, albedo, _ = step_inputs(capture)
-    vector = np.array([[[0.3, 0.1, -0.6]], [[-0.2, 0.4, -0.5]], [[0.1, -0.3, -0.7]]])
-    true = Lights(vector, np.array([[0.05], [0.1], [0.02]]))
-    albedo = np.clip(albedo, 0.2, 0.9)
-    photographs = np.zeros((3, *prepared.mask.shape, 3), np.uint16)
+    prepared, level, fit = rough_fit(capture)
+    ambient = np.array([0.05, 0.1, 0.02])
+    clean, albedo = synthetic(prepared, level, fit, VECTOR, ambient)
+    true = Lamps.distant(VECTOR[:, None], ambient[:, None])
+    found = light_and_albedo(clean, fit.log_depth, albedo, true)
+    scale = np.percentile(albedo[level.mask], 99)
+    np.testing.assert_allclose(found.lamps.vector, scale * true.vector, atol=2e-4)
+    np.testing.assert_allclose(found.lamps.ambient, scale * true.ambient, atol=2e-4)
+    np.testing.assert_allclose(
+        found.explanation.albedo[level.mask], albedo[level.mask] / scale, atol=1e-3
+    )
+
+
+def test_where_ambient_light_would_be_negative_the_rest_is_the_best_without(capture):
+    # A black level set too high: the best fit by far would be -0.1.
+    prepared, level, fit = rough_fit(capture)
+    dark, albedo = synthetic(prepared, level, fit, VECTOR, np.full(3, -0.1))
+    start = Lamps.distant(VECTOR[:, None], np.zeros((3, 1)))
+    found = light_and_albedo(dark, fit.log_depth, albedo, start)
+    assert (found.lamps.ambient == 0).all()
+    # at the optimum no change of a light's vector lowers the squares
+    normals, _ = normals_of(fit, level)
+    values = dark.photographs.values[:, level.mask]
     for i in range(3):
-        light = albedo * shading(normals, vector[i, 0], true.ambient[i, 0])[:, None]
-        assert light.max() < 0.98
-        photographs[i][prepared.mask] = np.rint(65535 * light)
-    clean = replace(prepared, photographs=photographs)
-    lights, found = light_and_albedo(clean, normals, albedo, true)
-    scale = np.percentile(albedo, 99)
-    np.testing.assert_allclose(lights.vector, scale * true.vector, atol=2e-4)
-    np.testing.assert_allclose(lights.ambient, scale * true.ambient, atol=2e-4)
-    np.testing.assert_allclose(found, albedo / scale, atol=1e-3)
+        good = (values[i] >= dark.photographs.low) & (values[i] <= dark.photographs.high)
+        shown = lit(normals, found.lamps.vector[i, 0])[:, None]
+        matrix = (albedo[level.mask][..., None] * (normals * shown)[:, None])[good]
+        best = np.linalg.lstsq(matrix, values[i][good] / 65535, rcond=None)[0]
+        direction = found.lamps.vector[i, 0] / np.linalg.norm(found.lamps.vector[i, 0])
+        np.testing.assert_allclose(direction, best / np.linalg.norm(best), atol=0.01)
 
 
 # ---- how it ends
@@ -270,6 +345,17 @@ def test_depth_trust_keeps_the_surface(capture, result):
 # ---- laws
 
 
+@pytest.fixture
+def exact(monkeypatch):
+    """Depth solves to the last digits, so that laws are not blurred by what a solve leaves."""
+    from rakelight.methods import multi_light_alternating as module
+
+    real = module.solve
+    monkeypatch.setattr(
+        module, "solve", lambda system, **how: real(system, **{**how, "tolerance": 1e-8})
+    )
+
+
 def test_the_order_of_the_photographs_does_not_matter(capture, result):
     order = [3, 0, 5, 1, 4, 2]
     other = refine(capture.select(order))
@@ -284,13 +370,15 @@ def test_exposure_goes_into_the_light(gain):
     capture, _ = make_scene(image_noise=0.0)
     photographs = capture.photographs.copy()
     photographs[2] = np.rint(gain * photographs[2].astype(float))
-    first, second = refine(capture), refine(replace(capture, photographs=photographs))
+    first = refine(capture, options=PATIENT)
+    second = refine(replace(capture, photographs=photographs), options=PATIENT)
     ratio = second.lights.intensity / first.lights.intensity
     assert ratio[2] / np.delete(ratio, 2).mean() == pytest.approx(gain, rel=0.03)
     np.testing.assert_allclose(np.delete(ratio, 2), np.delete(ratio, 2).mean(), rtol=0.03)
     assert largest_change_mm(second.depth, first.depth) < 0.4 * moved_mm(first)
 
 
+@pytest.mark.usefixtures("exact")
 def test_twice_the_distance_gives_twice_the_depth():
     # Where the noise is read from the map, it doubles with it, and so does all the rest.  (The
     # sensor's own noise would grow fourfold: at 1.6 m it is 3.6 mm, hence the 5 mm here.)
@@ -325,6 +413,7 @@ def turned(capture):
     )
 
 
+@pytest.mark.usefixtures("exact")
 @pytest.mark.parametrize("factor", [1, 2])
 def test_left_and_right_up_and_down_are_alike(factor):
     # A shift of half a pixel anywhere on the way would break this.
@@ -483,6 +572,14 @@ def test_photographs_that_all_show_nothing(capture, value):
     blank = replace(capture, photographs=np.full_like(capture.photographs, value))
     with pytest.raises(InputError):
         refine(blank)
+
+
+def test_photographs_that_show_only_pixels_without_a_normal(capture):
+    part = with_mask(capture, np.s_[:, :40], np.s_[10, 60])
+    photographs = part.photographs.copy()
+    photographs[:, :, :41] = 0
+    with pytest.raises(InputError):
+        refine(replace(part, photographs=photographs))
 
 
 def test_photographs_without_any_contrast(capture):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import traceback
 from importlib import import_module
@@ -62,6 +63,10 @@ def rakelight() -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the program and leave with its exit code (docs/conventions.md)."""
+    # Threads that wait sleep: a machine busy with other work would else stand still with us.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    # Our dense systems are small; BLAS threads would only wait for each other.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     given = sys.argv[1:] if arguments is None else arguments
     if isinstance(sys.stdout, TextIOWrapper):  # a name may not fit the terminal's alphabet
         sys.stdout.reconfigure(errors="backslashreplace")
@@ -78,7 +83,8 @@ def _run(arguments: list[str]) -> int:
         click.echo(error.format_message(), err=True)
         return 2
     except click.ClickException as error:
-        return _fail(error.format_message().rstrip(".") + _where_to_look(error), 2, debug)
+        message = " ".join(error.format_message().split()).rstrip(".")
+        return _fail(message + _where_to_look(error), 2, debug)
     except (KeyboardInterrupt, click.Abort):
         return _fail("interrupted; nothing was left behind", 130, debug)
     except SystemExit:  # click's answer when the reader of our output has gone, as after `| head`

@@ -129,7 +129,9 @@ def report_result(result: Result, folder: Path, as_json: bool) -> None:
         return
     for finding in result.findings:
         line = f"{finding.severity}: {finding.message}"
-        click.echo(printable(line + (f". {finding.remedy}" if finding.remedy else "")), err=True)
+        click.echo(
+            printable(line + (f". Fix: {finding.remedy}" if finding.remedy else "")), err=True
+        )
     height, width = result.depth.shape
     ended = "converged" if result.converged else "stopped"
     click.echo(

@@ -6,6 +6,8 @@ pixel and its right (lower) neighbour inside the mask; a backward one its left (
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from rakelight.model import Array, Floats, Mask
@@ -96,3 +98,34 @@ def area_mean(image: Array, factor: int) -> Floats:
     height, width = image.shape[0] // factor, image.shape[1] // factor
     blocks = image.reshape(height, factor, width, factor, *image.shape[2:])
     return np.asarray(blocks.mean(axis=(1, 3), dtype=np.float64))
+
+
+def gradient_matrices(mask: Mask) -> tuple[Any, Any]:
+    """`mean_gradient` as two sparse (P, P) matrices on the mask's P pixels in row order.
+
+    Rows of pixels that lack a neighbour along one of the axes are empty: no normal, no gradient.
+
+    >>> u, v = gradient_matrices(np.ones((2, 3), bool))
+    >>> (u @ np.arange(6.0)).tolist(), (v @ np.arange(6.0)).tolist()
+    ([1.0, 1.0, 1.0, 1.0, 1.0, 1.0], [3.0, 3.0, 3.0, 3.0, 3.0, 3.0])
+    """
+    from scipy.sparse import csr_array
+
+    number = np.full(mask.shape, -1)
+    number[mask] = np.arange(np.count_nonzero(mask))
+    active = has_gradient(mask)
+    matrices = []
+    for axis, stride in ((1, 1), (0, mask.shape[1])):
+        forward, backward = (side & active for side in neighbours(mask, axis))
+        count = (forward.astype(np.float64) + backward).ravel()
+        rows, columns, entries = [], [], []
+        for side, sign in ((forward, 1), (backward, -1)):
+            here = np.flatnonzero(side)
+            share = sign / count[here]
+            rows += [number.ravel()[here]] * 2
+            columns += [number.ravel()[here + sign * stride], number.ravel()[here]]
+            entries += [share, -share]
+        place = (np.concatenate(rows), np.concatenate(columns))
+        size = int(np.count_nonzero(mask))
+        matrices.append(csr_array((np.concatenate(entries), place), shape=(size, size)))
+    return matrices[0], matrices[1]

@@ -135,7 +135,11 @@ def refine(
         iterations=estimate.iterations,
         energy=estimate.energy,
         converged=estimate.converged,
-        timings_s={"prepare": prepared_at - began, "refine": refined_at - prepared_at},
+        timings_s={
+            "prepare": prepared_at - began,
+            "refine": refined_at - prepared_at,
+            **estimate.timings_s,
+        },
         findings=prepared.findings + estimate.findings + _convergence(estimate),
         source=capture.source,
         photograph_names=capture.names,
@@ -148,7 +152,8 @@ def _too_thin(prepared: Prepared) -> Estimate | None:
     Raises CaptureError where no photograph has a usable value on the rest.
     """
     if has_gradient(prepared.mask).any():
-        if not any(prepared.pixels(i)[1].any() for i in range(len(prepared.photographs))):
+        inner = has_gradient(prepared.mask)[prepared.mask]
+        if not any(prepared.pixels(i)[1][inner].any() for i in range(len(prepared))):
             raise CaptureError(
                 "the photographs show nothing of the object",
                 source=prepared.source,
@@ -177,7 +182,7 @@ def _convergence(estimate: Estimate) -> tuple[Finding, ...]:
     if estimate.converged:
         return ()
     message = f"not converged after {estimate.iterations} iterations"
-    return (Finding("warning", "not-converged", message, "raise max_iterations"),)
+    return (Finding("warning", "not-converged", message, "look at the result before you use it"),)
 
 
 __all__ = ["METHODS", "Method", "choose_method", "load_method", "refine"]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,6 +21,7 @@ class Estimate:
 
     log_depth : (h, w) log metres; albedo : (h, w, 3) linear; confidence : (h, w) 0..1
     energy : one value per iterate, the prepared depth's first
+    timings_s : seconds of parts of the work, such as "solve"
     """
 
     log_depth: Floats
@@ -29,6 +31,7 @@ class Estimate:
     energy: tuple[float, ...] = ()
     converged: bool = False
     findings: tuple[Finding, ...] = ()
+    timings_s: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def iterations(self) -> int:
@@ -53,11 +56,11 @@ def require_photographs(prepared: Prepared, method: str, least: int) -> None:
 
 
 def photometric_confidence(tensor: Floats, noise: float, length: Floats, camera: Camera) -> Floats:
-    """Confidence (P,) from what the photographs say about each normal.
+    """Confidence (...) from what the photographs say about each normal.
 
-    tensor : (P, 3) summed squared derivatives (uu, uv, vv) of the pixel values with respect to
+    tensor : (..., 3) summed squared derivatives (uu, uv, vv) of the pixel values with respect to
         the gradient of log depth; noise : standard deviation of a pixel value
-    length : (P,) |m| of the normals
+    length : (...) |m| of the normals
 
     The standard deviation d of the normal in its weakest direction, in degrees, gives
     1 / (1 + (d / 3)^2): 1 where the photographs settle the normal, 0 where they say nothing.
@@ -68,7 +71,7 @@ def photometric_confidence(tensor: Floats, noise: float, length: Floats, camera:
     ...  for t in (strong, weak)]
     [1.0, 0.0]
     """
-    uu, uv, vv = tensor.T
+    uu, uv, vv = np.moveaxis(tensor, -1, 0)
     weakest = (uu + vv) / 2 - np.hypot((uu - vv) / 2, uv)
     focal = np.sqrt(camera.fx * camera.fy)
     # A change d of the gradient turns the normal by about f d / |m|.

@@ -11,27 +11,24 @@ published procedure, kept as the baseline for the joint method.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rakelight.geometry.grid import has_gradient, mean_gradient
-from rakelight.geometry.normals import gradient_directions, normals_from_gradient
-from rakelight.methods.estimate import (
-    Estimate,
-    photometric_confidence,
-    require_photographs,
-    scatter,
-)
-from rakelight.model import Floats, Lights, Progress, ProgressCallback
+from rakelight.geometry.normals import normals_from_gradient
+from rakelight.methods.estimate import Estimate, photometric_confidence, require_photographs
+from rakelight.methods.levels import Level, finest_level
+from rakelight.model import Floats, Progress, ProgressCallback
 from rakelight.prepare import Prepared
-from rakelight.shading.albedo import AlbedoFit
-from rakelight.shading.harmonics import lit, shading
-from rakelight.shading.lighting import estimate_light, frontal_lights
-from rakelight.solve import assemble, solve
+from rakelight.shading.photographs import Explanation, Lamps, Surface
+from rakelight.solve import Solution, assemble, solve
 
 # No photograph is better than this (white is 1), even if the model explains it exactly.
 SMALLEST_NOISE = 1e-5
+# So many pixels settle the four numbers of a light; more would only take longer.
+LIGHT_PIXELS = 10_000
+# The set of lit pixels depends on the light; it settles after a few solves.
+HORIZON_ROUNDS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,10 +44,22 @@ class Options:
     min_photographs : fewer are refused.
     """
 
-    max_iterations: int = 25
-    tolerance: float = 5e-3
+    max_iterations: int = 15
+    tolerance: float = 1e-2
     depth_trust: float = 1.0
     min_photographs: int = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """A log depth (h, w), lamps that fit it, and how well both explain the photographs."""
+
+    log_depth: Floats
+    lamps: Lamps
+    surface: Surface
+    explanation: Explanation
+    noise: float
+    energy: float
 
 
 def multi_light_alternating(
@@ -61,142 +70,98 @@ def multi_light_alternating(
     Raises MethodError for fewer photographs than `options.min_photographs`.
     """
     require_photographs(prepared, "multi-light-alternating", options.min_photographs)
-    prior = np.log(prepared.depth_m)
-    prior_weight = options.depth_trust * (prepared.depth_m / prepared.sigma_m) ** 2
-
-    def explain(log_depth: Floats, albedo: Floats, lights: Lights) -> Explanation:
-        normals, length = _normals(log_depth, prepared)
-        # 1. Light of each photograph, 2. albedo from all of them: least squares on equation (3).
-        lights, albedo = light_and_albedo(prepared, normals, albedo, lights)
-        terms = depth_terms(prepared, normals, length, albedo, lights)
-        # Negative log-likelihood per observation, the photographs' noise being estimated too.
-        misfit = float((prior_weight * (log_depth - prior) ** 2)[prepared.mask].sum())
-        energy = float(np.log(terms.noise)) + misfit / (2 * terms.observations)
-        return Explanation(log_depth, albedo, lights, length, terms, energy)
+    level = finest_level(prepared).trusting(options.depth_trust)
 
     # The start: the sensor's shape, albedo 1, frontal lights (3.4).
-    now = explain(
-        prior,
-        albedo=np.ones((int(prepared.mask.sum()), 3)),
-        lights=frontal_lights(len(prepared.photographs)),
-    )
-    best, energies, gain = now, [now.energy], np.inf
+    albedo = np.ones((*level.mask.shape, 3))
+    now = best = light_and_albedo(level, level.prior, albedo, frontal_lamps(len(prepared)))
+    energies, gain, solve_s = [now.energy], np.inf, 0.0
     while len(energies) <= options.max_iterations and gain > options.tolerance:
         progress(Progress("refine", len(energies), options.max_iterations, now.energy))
-        # 3. Depth: with its normalisation |m| lagged, (3) is linear in the gradient of log depth.
-        system = assemble(
-            prepared.mask,
-            tensor=scatter(now.terms.tensor / now.terms.noise**2, prepared.mask),
-            vector=scatter(now.terms.vector / now.terms.noise**2, prepared.mask),
-            data_weight=prior_weight,
-            data_target=prior,
-        )
-        now = explain(solve(system, start=now.log_depth).value, now.albedo, now.lights)
+        solution = depth(level, now)
+        solve_s += solution.seconds
+        now = light_and_albedo(level, solution.value, now.explanation.albedo, now.lamps)
         gain = energies[-1] - now.energy
         energies.append(now.energy)
         if now.energy < best.energy:  # lagging can overshoot: a worse iterate is never returned
             best = now
+    estimate = finished(level, best, energies, converged=abs(gain) <= options.tolerance)
+    return replace(estimate, timings_s={"solve": solve_s})
+
+
+def frontal_lamps(count: int) -> Lamps:
+    """White lamps of unit intensity at the camera, no ambient light: the paper's start."""
+    vector = np.zeros((count, 1, 3))
+    vector[..., 2] = -1.0
+    return Lamps.distant(vector, np.zeros((count, 1)))
+
+
+def light_and_albedo(level: Level, log_depth: Floats, albedo: Floats, lamps: Lamps) -> Fit:
+    """1. Each photograph's light, rho and n fixed; 2. the albedo, s and n fixed: equation (3).
+
+    The product of light and albedo is what the photographs determine; it is shared out so that
+    the albedo's 99th percentile is 1.
+    """
+    photographs, surface = level.photographs, level.surface(log_depth)
+    for _ in range(HORIZON_ROUNDS):
+        hessian, slope, _coupling = photographs.light_terms(
+            surface, lamps, albedo, project=False, active=photographs.some(LIGHT_PIXELS)
+        )
+        before = np.concatenate([lamps.vector, lamps.ambient[..., None]], axis=-1)[:, 0]
+        lights = [
+            least_squares_light(hessian[k : k + 4, k : k + 4], slope[k : k + 4], light)
+            for k, light in zip(range(0, len(slope), 4), before, strict=True)
+        ]
+        lamps = lamps.moved((np.array(lights) - before)[:, None])
+    explanation = photographs.explain(surface, lamps, lagged=True, project=False)
+    gain = max(float(np.percentile(explanation.albedo[photographs.active], 99)), 1e-6)
+    lamps, explanation = lamps.brighter(gain), explanation.darker(gain)
+
+    # Negative log-likelihood per observation, the photographs' noise being estimated too.
+    noise = max(explanation.rms, SMALLEST_NOISE)
+    misfit = float((level.prior_weight * (log_depth - level.prior) ** 2)[level.mask].sum())
+    energy = float(np.log(noise)) + misfit / (2 * explanation.observations)
+    return Fit(log_depth, lamps, surface, explanation, noise, energy)
+
+
+def least_squares_light(hessian: Floats, slope: Floats, light: Floats) -> Floats:
+    """The light (s_x, s_y, s_z, phi) where the derivatives at `light` vanish; phi at least 0.
+
+    What the pixels do not determine is as small as it can be (minimum norm).
+    """
+    right = hessian @ light - slope
+    best = np.linalg.lstsq(hessian, right, rcond=1e-9)[0]
+    if best[3] < 0:
+        best = np.append(np.linalg.lstsq(hessian[:3, :3], right[:3], rcond=1e-9)[0], 0.0)
+    return np.asarray(best)
+
+
+def depth(level: Level, fit: Fit) -> Solution:
+    """3. The log depth, s and rho fixed: with |m| lagged, (3) is linear in its gradient."""
+    tensor, aim = fit.explanation.aim(fit.surface)
+    system = assemble(
+        level.mask,
+        tensor / fit.noise**2,
+        aim / fit.noise**2,
+        level.prior_weight,
+        level.prior,
+    )
+    return solve(system, start=fit.log_depth, tolerance=1e-4)
+
+
+def finished(level: Level, fit: Fit, energies: list[float], converged: bool) -> Estimate:
+    """The estimate that `fit` is."""
+    photographs = level.photographs
+    gradient = fit.surface.gradient
+    _, length = normals_from_gradient(gradient[..., 0], gradient[..., 1], photographs.camera)
     confidence = photometric_confidence(
-        best.terms.tensor, best.terms.noise, best.length, prepared.camera
+        fit.explanation.tensor, fit.noise, length, photographs.camera
     )
     return Estimate(
-        log_depth=best.log_depth,
-        albedo=scatter(best.albedo, prepared.mask),
-        confidence=scatter(confidence, prepared.mask),
-        lights=best.lights,
+        log_depth=fit.log_depth,
+        albedo=fit.explanation.albedo,
+        confidence=np.where(photographs.active, confidence, 0.0),
+        lights=fit.lamps.as_lights(level.middle_m),
         energy=tuple(energies),
-        converged=abs(gain) <= options.tolerance,
+        converged=converged,
     )
-
-
-@dataclass(frozen=True, slots=True)
-class Explanation:
-    """A log depth (h, w), the albedo (P, 3) and lights that fit it, and how well they do.
-
-    length : (P,) |m| of the normals; terms : what the photographs ask of the depth next
-    """
-
-    log_depth: Floats
-    albedo: Floats
-    lights: Lights
-    length: Floats
-    terms: DepthTerms
-    energy: float
-
-
-def light_and_albedo(
-    prepared: Prepared, normals: Floats, albedo: Floats, lights: Lights
-) -> tuple[Lights, Floats]:
-    """White lights given the albedo (P, 3), then the albedo given those lights.
-
-    The product of the two is what the photographs determine; it is shared out so that the 99th
-    percentile of the albedo is 1.
-    """
-    fitted = np.empty((len(lights), 4))
-    inner = has_gradient(prepared.mask)[prepared.mask]  # the pixels that have a normal
-    fit = AlbedoFit(len(albedo))
-    for i in range(len(lights)):
-        image, good = prepared.pixels(i)
-        weight = good & inner[:, None]
-        fitted[i] = estimate_light(image, weight, albedo, normals, lights.vector[i, 0])
-        fit.add(image, shading(normals, fitted[i, :3], fitted[i, 3]), weight)
-    albedo = fit.albedo()
-    scale = max(float(np.percentile(albedo[inner], 99)), 1e-6)
-    return Lights(fitted[:, None, :3] * scale, fitted[:, 3:] * scale), albedo / scale
-
-
-@dataclass(frozen=True, slots=True)
-class DepthTerms:
-    """The photographs' say on the gradient g = (p_u, p_v) of log depth, summed per pixel.
-
-    Their squared residuals are  g^T M g - 2 b . g + const:  M is `tensor` (P, 3) as uu, uv, vv and
-    b is `vector` (P, 2).  noise : rms residual of a pixel value at the present surface;
-    observations : how many values were counted.
-    """
-
-    tensor: Floats
-    vector: Floats
-    noise: float
-    observations: int
-
-
-def depth_terms(
-    prepared: Prepared,
-    normals: Floats,
-    length: Floats,
-    albedo: Floats,
-    lights: Lights,
-) -> DepthTerms:
-    """Equation (3) as a least squares problem in the gradient of log depth, |m| lagged.
-
-    Where the lamp is above the horizon, s . n = (g . (s . dm/dg) - s_z) / |m|; elsewhere the
-    photograph sees ambient light only and says nothing about the surface.
-    """
-    along_u, along_v = (d[prepared.mask] for d in gradient_directions(prepared.camera))
-    tensor, vector = np.zeros((len(albedo), 3)), np.zeros((len(albedo), 2))
-    squares, observations = 0.0, 0
-    inner = has_gradient(prepared.mask)[prepared.mask]
-    for i in range(len(lights)):
-        image, good = prepared.pixels(i)
-        weight = good & inner[:, None]
-        s, phi = lights.vector[i, 0], float(lights.ambient[i, 0])
-        residual = albedo * shading(normals, s, phi)[:, None] - image
-        squares += float((residual[weight] ** 2).sum())
-        observations += int(weight.sum())
-
-        over_length = lit(normals, s) / length
-        j_u, j_v = over_length * (along_u @ s), over_length * (along_v @ s)
-        constant = albedo * (phi - s[2] * over_length)[:, None] - image
-        rho_squared = (weight * albedo**2).sum(axis=1)
-        pull = (weight * albedo * constant).sum(axis=1)
-        tensor += rho_squared[:, None] * np.column_stack([j_u * j_u, j_u * j_v, j_v * j_v])
-        vector -= pull[:, None] * np.column_stack([j_u, j_v])
-    noise = max(float(np.sqrt(squares / observations)), SMALLEST_NOISE)
-    return DepthTerms(tensor, vector, noise, observations)
-
-
-def _normals(log_depth: Floats, prepared: Prepared) -> tuple[Floats, Floats]:
-    """Normals (P, 3) and |m| (P,) on the mask."""
-    gradient = mean_gradient(log_depth, prepared.mask)
-    normals, length = normals_from_gradient(*gradient, prepared.camera)
-    return normals[prepared.mask], length[prepared.mask]

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 from rakelight.model import Capture, Lighting, Truth
 from rakelight.synthetic import (
     PAPER_NOISE,
     SceneOptions,
+    Shape,
     make_albedo,
     make_shape,
     render_scene,
@@ -22,9 +24,18 @@ PAPER_OPTIONS = SceneOptions(
 )
 
 
-def paper_scene(scenario: str, lighting: Lighting, size: float = 1.0) -> tuple[Capture, Truth]:
+def paper_object() -> Shape:
+    """The bust; its surface is traced once per camera, for however many scenes."""
+    bust = make_shape("head")
+    return replace(bust, render=lru_cache(maxsize=4)(bust.render))
+
+
+def paper_scene(
+    scenario: str, lighting: Lighting, size: float = 1.0, shape: Shape | None = None
+) -> tuple[Capture, Truth]:
     """The bust painted as `scenario` says, lit as `lighting` says, and its truth.
 
+    shape : a `paper_object` that several scenes share, which saves most of their time
     size : scale of the camera's image, 640 x 480 at 1.  Shape, noise and paint are the same for
         every lighting, so that methods which need different lamps are compared on one object.
 
@@ -35,4 +46,4 @@ def paper_scene(scenario: str, lighting: Lighting, size: float = 1.0) -> tuple[C
     camera = PAPER_OPTIONS.camera
     assert camera is not None
     options = replace(PAPER_OPTIONS, lighting=lighting, camera=camera.scaled(size))
-    return render_scene(make_shape("head"), make_albedo(scenario), options)
+    return render_scene(shape or paper_object(), make_albedo(scenario), options)

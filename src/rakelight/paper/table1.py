@@ -10,7 +10,7 @@ from rakelight.geometry.normals import normals_from_depth
 from rakelight.metrics import Evaluation, evaluate
 from rakelight.model import Array, Capture, Lighting, Progress, ProgressCallback, Truth, silent
 from rakelight.paper.rows import ROWS, Row
-from rakelight.paper.scenes import SCENARIOS, paper_scene
+from rakelight.paper.scenes import SCENARIOS, paper_object, paper_scene
 from rakelight.prepare import prepare
 
 
@@ -50,13 +50,14 @@ def table1(
     """
     scores: dict[tuple[str, str], Evaluation] = {}
     pictures: dict[str, Array] = {}
+    bust = paper_object()
     steps = len(SCENARIOS) * sum(row.available for row in rows)
     for scenario in SCENARIOS:
         scenes: dict[Lighting, tuple[Capture, Truth]] = {}
         strip: list[Array] = []
         for row in (row for row in rows if row.available):
             if row.lighting not in scenes:
-                scenes[row.lighting] = paper_scene(scenario, row.lighting, size)
+                scenes[row.lighting] = paper_scene(scenario, row.lighting, size, bust)
             capture, truth = scenes[row.lighting]
             progress(Progress(f"{scenario}: {row.label}", len(scores), steps))
             if not strip:

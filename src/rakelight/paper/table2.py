@@ -9,7 +9,8 @@ from time import perf_counter
 from rakelight.methods import load_method
 from rakelight.model import Progress, ProgressCallback, silent
 from rakelight.paper.rows import ROWS, Row
-from rakelight.paper.scenes import paper_scene
+from rakelight.paper.scenes import paper_object, paper_scene
+from rakelight.synthetic import Shape
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,19 +31,19 @@ def table2(
     >>> [row.seconds for row in table2(size=0.25, rows=ROWS[1:2])]
     [None]
     """
-    timed = []
+    timed, bust = [], paper_object()
     methods = [row for row in rows if row.method is not None]
     for step, row in enumerate(methods):
         progress(Progress(row.label, step, len(methods)))
-        timed.append(_time(row, size))
+        timed.append(_time(row, size, bust))
     return tuple(timed)
 
 
-def _time(row: Row, size: float) -> Runtime:
+def _time(row: Row, size: float, bust: Shape) -> Runtime:
     if not row.available:
         return Runtime(row.label, None, None, row.paper_seconds)
-    capture, _ = paper_scene("pattern", row.lighting, size)
-    small, _ = paper_scene("pattern", row.lighting, size / 4)
+    capture, _ = paper_scene("pattern", row.lighting, size, bust)
+    small, _ = paper_scene("pattern", row.lighting, size / 4, bust)
     row.run(small, silent)
     began = perf_counter()
     row.run(capture, silent)

@@ -51,6 +51,9 @@ class Prepared:
     source: str = ""
     findings: tuple[Finding, ...] = ()
 
+    def __len__(self) -> int:
+        return len(self.photographs)
+
     def pixels(self, photograph: int) -> tuple[Floats, Mask]:
         """Linear light (P, 3) of one photograph on the mask, and which values are usable."""
         values = self.photographs[photograph][self.mask]
@@ -87,7 +90,10 @@ def prepare(capture: Capture, scale: Scale = "auto") -> Prepared:
     mask = capture.mask if shrink == 1 else area_mean(capture.mask, shrink) == 1
 
     sensor_mask = coarse_mask(mask, factor)
-    average = robust_average(capture.depth_m)
+    average = np.full(sensor_mask.shape, np.nan)
+    if sensor_mask.any():
+        window = bounding_window(sensor_mask)
+        average[window] = robust_average(capture.depth_m[:, *window])
     measured = sensor_mask & np.isfinite(average)
     if not measured.any():
         raise CaptureError("no depth on the object", source=capture.source)

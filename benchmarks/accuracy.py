@@ -1,0 +1,235 @@
+"""Where the errors of a method lie, on the paper's bust (docs/accuracy.md quotes these tables).
+
+    python benchmarks/accuracy.py photographs          against the number of photographs
+    python benchmarks/accuracy.py causes               with one difficulty at a time taken away
+    python benchmarks/accuracy.py limits               what a depth map of that size can hold
+    python benchmarks/accuracy.py slant                against the surface's slant to the camera
+    python benchmarks/accuracy.py maps -o out/maps     pictures of the errors
+
+`off the jumps` leaves out 4 pixels around the depth jumps, which are neighbouring pixels whose
+true depths differ by more than 5 mm.  `smooth` is the rms of the depth error under a Gaussian of
+10 pixels: what is wrong with the shape as a whole.  `lights` is the mean angle between the
+estimated and the true directions.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import binary_dilation, gaussian_filter
+
+from rakelight.capture.images import encode_png
+from rakelight.export.pictures import object_window, side_by_side
+from rakelight.geometry.camera import pixel_rays
+from rakelight.geometry.normals import normals_from_depth
+from rakelight.methods import refine
+from rakelight.metrics import color_errors, depth_error_map_mm, evaluate, normal_error_map_deg
+from rakelight.model import Array, Camera, Capture, Lights, Mask, Result, Truth
+from rakelight.paper.scenes import PAPER_OPTIONS, paper_object
+from rakelight.solve import assemble, solve
+from rakelight.synthetic import (
+    DepthNoise,
+    SceneOptions,
+    Shape,
+    make_albedo,
+    make_shape,
+    render_scene,
+)
+
+JUMP_M = 0.005
+AROUND_PX = 4
+SMOOTH_PX = 10
+DEPTH_RANGE_MM, NORMAL_RANGE_DEG = 5.0, 30.0
+
+Scene = tuple[Capture, Truth]
+
+
+def near_jumps(depth_m: Array) -> Mask:
+    """(H, W) within `AROUND_PX` of two neighbours whose depths differ by more than `JUMP_M`."""
+    jump = np.zeros(depth_m.shape, bool)
+    for axis in (0, 1):
+        with np.errstate(invalid="ignore"):
+            steep = np.abs(np.diff(depth_m, axis=axis)) > JUMP_M
+        jump |= np.insert(steep, 0, False, axis) | np.insert(steep, steep.shape[axis], False, axis)
+    return np.asarray(binary_dilation(jump, iterations=AROUND_PX))
+
+
+def smooth_rms_mm(depth_m: Array, truth: Truth) -> float:
+    """RMS over the object of the depth error's local mean."""
+    mask = truth.mask
+    error = np.where(mask, np.nan_to_num(depth_m - truth.depth), 0.0)
+    weight = gaussian_filter(mask.astype(float), SMOOTH_PX)
+    mean = gaussian_filter(error, SMOOTH_PX)[mask] / weight[mask]
+    return float(1000 * np.sqrt(np.mean(mean**2)))
+
+
+def lights_deg(estimated: Lights, true: Lights | None) -> float:
+    """Mean angle between directions."""
+    if true is None:
+        return float("nan")
+    cosine = np.sum(estimated.direction * true.direction, axis=-1)
+    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))).mean())
+
+
+def line(name: str, method: str, scene: Scene) -> str:
+    """Refine a scene; a line of the table."""
+    capture, truth = scene
+    result = refine(capture, method)
+    kept = truth.mask & ~near_jumps(truth.depth)
+    whole = evaluate(result.depth, result.normals, truth)
+    off = evaluate(result.depth, result.normals, truth, kept)
+    numbers = [
+        f"{errors.depth.rmse_mm:.2f} | {errors.normals.mae_deg:.2f}" for errors in (whole, off)
+    ]
+    numbers.append(f"{smooth_rms_mm(result.depth, truth):.2f}")
+    numbers.append(f"{lights_deg(result.lights, truth.lights):.2f}")
+    return f"| {name} | " + " | ".join(numbers) + " |"
+
+
+def photographs(arguments: argparse.Namespace) -> Iterator[str]:
+    """A line for each number of photographs."""
+    yield from header("photographs")
+    bust = paper_object()
+    for count in arguments.counts:
+        scene = make(arguments, bust, photographs=count)
+        yield line(str(count), arguments.method, scene)
+
+
+def causes(arguments: argparse.Namespace) -> Iterator[str]:
+    """A line for each difficulty taken away."""
+    yield from header("what is changed")
+    bust = paper_object()
+    yield line("nothing", arguments.method, make(arguments, bust))
+    yield line(
+        "no noise in the photographs", arguments.method, make(arguments, bust, image_noise=0)
+    )
+    yield line(
+        "a perfect depth map", arguments.method, make(arguments, bust, depth_noise=DepthNoise())
+    )
+    for name in ("vase", "coin"):
+        scene = make(arguments, make_shape(name))
+        yield line(f"the {name} for the bust", arguments.method, scene)
+
+
+def limits(arguments: argparse.Namespace) -> Iterator[str]:
+    """What is lost without any photograph: by taking differences, and by fitting one surface."""
+    capture, truth = make(arguments, paper_object())
+    mask, camera = truth.mask, capture.camera
+    kept = mask & ~near_jumps(truth.depth)
+    true = truth.depth.astype(float)
+    yield from header("depth map")
+    for name, depth in (
+        ("the true depth", true),
+        ("fitted to the true normals", fitted_to_normals(truth, camera, mask)),
+        ("the same, those near jumps left out", fitted_to_normals(truth, camera, kept)),
+    ):
+        normals = normals_from_depth(depth, mask, camera)
+        whole, off = (evaluate(depth, normals, truth, where) for where in (mask, kept))
+        numbers = [f"{e.depth.rmse_mm:.2f} | {e.normals.mae_deg:.2f}" for e in (whole, off)]
+        yield (
+            f"| {name} | "
+            + " | ".join([*numbers, f"{smooth_rms_mm(depth, truth):.2f}", "-"])
+            + " |"
+        )
+    share = 1 - np.count_nonzero(kept) / np.count_nonzero(mask)
+    yield f"\nnear the jumps: {share:.1%} of the object"
+
+
+def fitted_to_normals(truth: Truth, camera: Camera, known: Mask) -> Array:
+    """The depth step of all methods, were the photographs to tell the `known` normals exactly.
+
+    The true depth has a millionth of the gradients' weight; it only holds the whole in place.
+    """
+    mask, n = truth.mask, np.where(truth.mask[..., None], truth.normals, [0.0, 0.0, -1.0])
+    x, y = pixel_rays(camera)
+    u, v = n[..., 0] / camera.fx, n[..., 1] / camera.fy
+    length = -1 / (n[..., 2] + x * u + y * v)
+    weight = np.where(known, length**-2, 0.0)
+    gradient = np.stack([length * u, length * v], axis=-1)
+    tensor = np.stack([weight, 0 * weight, weight], axis=-1)
+    log_depth = np.where(mask, np.log(np.where(mask, truth.depth, 1.0)), 0.0)
+    system = assemble(
+        mask, tensor, weight[..., None] * gradient, 1e-6 * weight[known].mean() * mask, log_depth
+    )
+    return np.where(mask, np.exp(solve(system, start=log_depth).value), np.nan)
+
+
+def slant(arguments: argparse.Namespace) -> Iterator[str]:
+    """A line for each range of angles between the true normal and the optical axis."""
+    _, truth, result = refined(arguments)
+    depth = depth_error_map_mm(result.depth, truth.depth, truth.mask)
+    normal = normal_error_map_deg(result.normals, truth.normals, truth.mask)
+    angle = np.degrees(np.arccos(np.clip(-truth.normals[..., 2], -1, 1)))
+    yield "| slant, degrees | share of the object | RMSE, mm | MAE, deg |"
+    yield "| --- | --- | --- | --- |"
+    for low, high in ((0, 30), (30, 50), (50, 60), (60, 70), (70, 90)):
+        here = truth.mask & (angle >= low) & (angle < high)
+        share = np.count_nonzero(here) / np.count_nonzero(truth.mask)
+        rmse = np.sqrt(np.mean(depth[here] ** 2))
+        yield f"| {low} to {high} | {share:.0%} | {rmse:.2f} | {normal[here].mean():.2f} |"
+
+
+def maps(arguments: argparse.Namespace) -> Iterator[str]:
+    """One picture: depth errors above, normal errors below; before left, after right."""
+    capture, truth, result = refined(arguments)
+    window = object_window(truth.mask)
+    before = normals_from_depth(result.prepared_depth, truth.mask, capture.camera)
+    rows = []
+    for errors, largest in (
+        ([depth_error_map_mm(d, truth.depth, truth.mask)
+          for d in (result.prepared_depth, result.depth)], DEPTH_RANGE_MM),
+        ([normal_error_map_deg(n, truth.normals, truth.mask)
+          for n in (before, result.normals)], NORMAL_RANGE_DEG),
+    ):  # fmt: skip
+        rows.append(side_by_side(*(color_errors(error[window], largest) for error in errors)))
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    file = arguments.output / f"{arguments.scenario}.png"
+    file.write_bytes(encode_png(np.concatenate(rows)))
+    yield str(file)
+
+
+def refined(arguments: argparse.Namespace) -> tuple[Capture, Truth, Result]:
+    """The paper's scene and its result."""
+    capture, truth = make(arguments, paper_object())
+    return capture, truth, refine(capture, arguments.method)
+
+
+def make(arguments: argparse.Namespace, shape: Shape, **changes: Any) -> Scene:
+    """The paper's scene with changes."""
+    camera = PAPER_OPTIONS.camera
+    assert camera is not None
+    options: SceneOptions = replace(PAPER_OPTIONS, camera=camera.scaled(arguments.size), **changes)
+    return render_scene(shape, make_albedo(arguments.scenario), options)
+
+
+def header(first: str) -> list[str]:
+    """The table's first two lines."""
+    columns = [first, "RMSE, mm", "MAE, deg", "off the jumps RMSE, mm", "off the jumps MAE, deg"]
+    columns += ["smooth, mm", "lights, deg"]
+    return ["| " + " | ".join(columns) + " |", "|" + " --- |" * len(columns)]
+
+
+def main() -> None:
+    """Print the table that is asked for."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    tables = {f.__name__: f for f in (photographs, causes, limits, slant, maps)}
+    parser.add_argument("table", choices=tables)
+    parser.add_argument("--method", default="multi-light-alternating")
+    parser.add_argument("--scenario", default="pattern", help="simple, pattern, complicated")
+    parser.add_argument("--size", type=float, default=1.0, help="scale of 640 x 480")
+    parser.add_argument("--counts", type=int, nargs="+", default=[4, 8, 12, 20])
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/maps"))
+    arguments = parser.parse_args()
+    for text in tables[arguments.table](arguments):
+        print(text, flush=True)
+
+
+if __name__ == "__main__":
+    main()

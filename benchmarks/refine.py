@@ -1,0 +1,130 @@
+"""How long `rakelight refine` takes from files to files, and how much memory.
+
+    python benchmarks/refine.py ../shared/captures/mitten --json
+    python benchmarks/refine.py --full-frame --images 20 --json
+    python benchmarks/refine.py --table
+
+Every figure is of a command run in a process of its own, after one that compiles.  The full-frame
+object fills the image: as many unknowns as pixels.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+COMMAND = "from rakelight.cli import main; main()"
+MEGAPIXELS = ((320, 320), (640, 480), (1280, 960), (2304, 1728))
+IMAGES = (4, 8, 16, 32)
+
+
+def full_frame(folder: Path, width: int, height: int, images: int) -> None:
+    """Write a capture whose wavy, painted object fills the image."""
+    from rakelight.capture import write_capture
+    from rakelight.geometry.normals import normals_from_depth
+    from rakelight.model import Camera, Capture, Lights
+    from rakelight.shading.render import render
+
+    camera = Camera(width, height, 1.2 * width, 1.2 * width, (width - 1) / 2, (height - 1) / 2)
+    v, u = np.mgrid[:height, :width].astype(float)
+    waves = np.sin(u / 17) * np.cos(v / 23) + 3 * np.sin(u / 150 + v / 190)
+    depth = 0.8 + 0.001 * waves
+    mask = np.ones((height, width), dtype=bool)
+    normals = normals_from_depth(depth, mask, camera)
+    paint = 0.5 + 0.3 * np.stack([np.sin(u / 9), np.cos(v / 7), np.sin((u + v) / 11)], axis=-1)
+    rng = np.random.default_rng(0)
+    turn = np.linspace(0, 2 * np.pi, images, endpoint=False)
+    vector = 0.8 * np.stack(
+        [0.6 * np.cos(turn), 0.6 * np.sin(turn), np.full(images, -0.8)], axis=-1
+    )
+    lights = Lights(vector[:, None], np.full((images, 1), 0.08))
+    photographs = np.empty((images, height, width, 3), dtype=np.uint8)
+    for i in range(images):
+        light = render(normals, paint, lights, i)
+        light += rng.normal(scale=0.005, size=light.shape)
+        photographs[i] = np.clip(255 * light, 0, 255)
+    sensor = depth[::2, ::2] + rng.normal(scale=0.002, size=depth[::2, ::2].shape)
+    names = tuple(f"{i:03d}.png" for i in range(images))
+    capture = Capture(photographs, sensor[None].astype(np.float32), mask, camera, names=names)
+    write_capture(capture, folder)
+
+
+def measure(capture: Path, output: Path) -> dict[str, Any]:
+    """Run the command once and say what it took."""
+    arguments = ["refine", str(capture), "-o", str(output), "--overwrite", "--json"]
+    began = time.perf_counter()
+    process = subprocess.Popen(
+        [sys.executable, "-c", COMMAND, *arguments], stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    text = process.stdout.read()
+    _, status, usage = os.wait4(process.pid, 0)
+    wall_s = time.perf_counter() - began
+    if status:
+        raise SystemExit(f"refine failed on {capture}")
+    said = json.loads(text)
+    timings = said["timings_s"]
+    return {
+        "wall_s": round(wall_s, 2),
+        "read_s": round(timings["read"], 2),
+        "prepare_s": round(timings["prepare"], 2),
+        "refine_s": round(timings["refine"], 2),
+        "solve_s": round(timings["solve"], 2),
+        "rest_s": round(wall_s - timings["read"] - timings["prepare"] - timings["refine"], 2),
+        "peak_mib": round(usage.ru_maxrss / 1024),
+        "pixels": said["pixels"],
+        "images": said["photographs"],
+        "iterations": said["iterations"],
+        "method": said["method"],
+    }
+
+
+def main() -> None:
+    """Measure what the arguments ask for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("capture", nargs="?", type=Path)
+    parser.add_argument("--full-frame", action="store_true", help="a made 1280 x 960 object")
+    parser.add_argument("--images", type=int, default=20)
+    parser.add_argument("--table", action="store_true", help="sizes and numbers of photographs")
+    parser.add_argument("--runs", type=int, default=3, help="the fastest counts")
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    if not (given.capture or given.full_frame or given.table):
+        parser.error("name a capture, or --full-frame, or --table")
+
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+
+        def best(capture: Path) -> dict[str, Any]:
+            runs = [measure(capture, folder / "out") for _ in range(given.runs + 1)]
+            return min(runs[1:], key=lambda run: run["wall_s"])
+
+        cases: list[Path] = [given.capture] if given.capture else []
+        sizes = [(1280, 960, given.images)] if given.full_frame else []
+        if given.table:
+            sizes = [(w, h, 8) for w, h in MEGAPIXELS] + [(640, 480, n) for n in IMAGES]
+        rows = [best(case) for case in cases]
+        for width, height, images in sizes:
+            made = folder / f"{width}x{height}x{images}"
+            full_frame(made, width, height, images)
+            rows.append(best(made))
+    if given.json:
+        print(json.dumps(rows[0] if len(rows) == 1 else rows))
+        return
+    print("| " + " | ".join(rows[0]) + " |")
+    print("|" + " --- |" * len(rows[0]))
+    for row in rows:
+        print("| " + " | ".join(str(value) for value in row.values()) + " |")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,331 @@
+# mypy: disable-error-code="no-untyped-def"
+"""The loops over pixels and photographs behind shading/photographs.py, compiled on first use.
+
+Photographs stay as they were read and are decoded by a table, pixel by pixel; rows are shared
+among the cores and every sum is kept per row, so that results do not depend on the split.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+
+from rakelight.jit import helper, kernel
+
+# Rounds of reweighting for a pixel's own albedo.
+ALBEDO_ROUNDS = 3
+BINS = 1024
+# Residuals are counted in bins up to this value; white is 1.
+WIDEST = 0.5
+
+
+@helper
+def geometry(gu, gv, x, y, fx, fy, n, du, dv, lagged):
+    """Fill n (3) and the derivatives du, dv (3) of n, |m| lagged or not, at one pixel."""
+    m0, m1, m2 = fx * gu, fy * gv, -(1.0 + x * gu + y * gv)
+    length = np.sqrt(m0 * m0 + m1 * m1 + m2 * m2)
+    n[0], n[1], n[2] = m0 / length, m1 / length, m2 / length
+    du[0], du[1], du[2] = fx / length, 0.0, -x / length
+    dv[0], dv[1], dv[2] = 0.0, fy / length, -y / length
+    if not lagged:
+        along_u = n[0] * du[0] + n[2] * du[2]
+        along_v = n[1] * dv[1] + n[2] * dv[2]
+        for k in range(3):
+            du[k] -= along_u * n[k]
+            dv[k] -= along_v * n[k]
+
+
+@helper
+def light_at(vector, closeness, point, s, slopes):
+    """The light vector s (3) that a lamp sends to `point` (3), metres from the object's middle.
+
+    With q the vector at the middle, u = q/|q| and k = closeness, 1/metre, the lamp stands at u/k:
+    s = |q| (u - k X) / |u - k X|^3, which is q itself for k = 0.  slopes (3, 4): ds/dq, ds/dk.
+    """
+    size = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2) + 1e-12
+    for i in range(3):
+        s[i] = vector[i]
+        for j in range(4):
+            slopes[i, j] = 1.0 if i == j else 0.0
+    v0 = vector[0] / size - closeness * point[0]
+    v1 = vector[1] / size - closeness * point[1]
+    v2 = vector[2] / size - closeness * point[2]
+    r2 = v0 * v0 + v1 * v1 + v2 * v2
+    r3 = r2 * np.sqrt(r2)
+    v = (v0, v1, v2)
+    toward = v0 * point[0] + v1 * point[1] + v2 * point[2]
+    for i in range(3):
+        slopes[i, 3] = size * (-point[i] + 3.0 * v[i] * toward / r2) / r3
+        if closeness != 0.0:
+            s[i] = size * v[i] / r3
+    if closeness != 0.0:
+        vu = (v0 * vector[0] + v1 * vector[1] + v2 * vector[2]) / size
+        for i in range(3):
+            # d/dq = (f u^T + |q| Df (I - u u^T)/|q|),  Df = I/r^3 - 3 v v^T/r^5
+            df_u = vector[i] / size / r3 - 3.0 * v[i] * vu / (r2 * r3)
+            for j in range(3):
+                df = (1.0 if i == j else 0.0) / r3 - 3.0 * v[i] * v[j] / (r2 * r3)
+                slopes[i, j] = (s[i] / size - df_u) * vector[j] / size + df
+
+
+@helper
+def shade(vectors, ambients, closeness, c, n, point, a, s, slopes):
+    """Fill a (N) with the shading of channel c, negative horizon distance marked in s (N, 3)."""
+    scratch = np.empty(3)
+    for i in range(a.size):
+        if closeness[i] == 0.0:
+            for k in range(3):
+                s[i, k] = vectors[i, c, k]
+        else:
+            light_at(vectors[i, c], closeness[i], point, scratch, slopes)
+            for k in range(3):
+                s[i, k] = scratch[k]
+        dot = s[i, 0] * n[0] + s[i, 1] * n[1] + s[i, 2] * n[2]
+        a[i] = max(dot, 0.0) + ambients[i, c]
+
+
+@helper
+def fit_albedo(a, value, good, scale, rho, w):
+    """The albedo that a (N) gives `value` (N), by least squares or with Cauchy weights w (N).
+
+    Returns the albedo and sum w a^2; `rho` is where the reweighting starts, negative for nowhere.
+    """
+    rounds = ALBEDO_ROUNDS if scale > 0.0 else 1
+    for _round in range(rounds):
+        squares, products = 0.0, 0.0
+        for i in range(a.size):
+            w[i] = 0.0
+            if good[i]:
+                w[i] = 1.0
+                if scale > 0.0 and rho >= 0.0:
+                    off = (rho * a[i] - value[i]) / scale
+                    w[i] = 1.0 / (1.0 + off * off)
+                squares += w[i] * a[i] * a[i]
+                products += w[i] * a[i] * value[i]
+        rho = products / squares if squares > 1e-12 else 0.0
+    return rho, squares
+
+
+@kernel
+def explain(
+    photos, table, low, high, active, gradient, points, camera, vectors, ambients, closeness,
+    scales, lagged, project, albedo, tensor, vector, sums, histogram, misfit,
+):  # fmt: skip
+    """Albedo, depth terms, energy and residuals of every active pixel; see `Photographs.explain`.
+
+    sums (h, 3): energy, squared residuals, count; histogram (h, BINS) of absolute residuals;
+    misfit (h, w): each pixel's mean absolute residual.
+    """
+    height, width = active.shape
+    count, channels = photos.shape[0], vectors.shape[1]
+    fx, fy, cx, cy = camera
+    for row in prange(height):
+        n, du, dv, point = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+        a, w, value = np.empty(count), np.empty(count), np.empty(count)
+        good = np.empty(count, np.bool_)
+        s, slopes = np.empty((count, 3)), np.empty((3, 4))
+        energy, squared, counted = 0.0, 0.0, 0.0
+        for k in range(BINS):
+            histogram[row, k] = 0
+        for column in range(width):
+            for k in range(3):
+                tensor[row, column, k] = 0.0
+            vector[row, column, 0] = 0.0
+            vector[row, column, 1] = 0.0
+            if not active[row, column]:
+                continue
+            x, y = column - cx, row - cy
+            geometry(
+                gradient[row, column, 0], gradient[row, column, 1], x, y, fx, fy, n, du, dv, lagged
+            )
+            for k in range(3):
+                point[k] = points[row, column, k]
+            scale, off, seen = scales[row, column], 0.0, 0.0
+            uu, uv, vv, bu, bv = 0.0, 0.0, 0.0, 0.0, 0.0
+            for c in range(3):
+                if c < channels:
+                    shade(vectors, ambients, closeness, c, n, point, a, s, slopes)
+                for i in range(count):
+                    code = photos[i, row, column, c]
+                    good[i] = low <= code <= high
+                    value[i] = table[code]
+                rho, total = fit_albedo(a, value, good, scale, albedo[row, column, c], w)
+                albedo[row, column, c] = rho
+                tu, tv = 0.0, 0.0
+                ambient_c = min(c, channels - 1)
+                for i in range(count):
+                    if not good[i]:
+                        continue
+                    r = rho * a[i] - value[i]
+                    squared += r * r
+                    off += abs(r)
+                    seen += 1.0
+                    histogram[row, min(int(abs(r) * (BINS / WIDEST)), BINS - 1)] += 1
+                    if scale > 0.0:
+                        energy += scale * scale * np.log1p((r / scale) ** 2)
+                    else:
+                        energy += r * r
+                    if a[i] - ambients[i, ambient_c] > 0.0:
+                        ju = rho * (s[i, 0] * du[0] + s[i, 1] * du[1] + s[i, 2] * du[2])
+                        jv = rho * (s[i, 0] * dv[0] + s[i, 1] * dv[1] + s[i, 2] * dv[2])
+                        uu += w[i] * ju * ju
+                        uv += w[i] * ju * jv
+                        vv += w[i] * jv * jv
+                        bu -= w[i] * ju * r
+                        bv -= w[i] * jv * r
+                        tu += w[i] * ju * a[i]
+                        tv += w[i] * jv * a[i]
+                if project and total > 1e-12:
+                    uu -= tu * tu / total
+                    uv -= tu * tv / total
+                    vv -= tv * tv / total
+            counted += seen
+            misfit[row, column] = off / seen if seen > 0.0 else 0.0
+            # Rounding must not make a tensor of rank one indefinite.
+            uu, vv = max(uu, 0.0), max(vv, 0.0)
+            limit = np.sqrt(uu * vv)
+            uv = min(max(uv, -limit), limit)
+            tensor[row, column, 0] = uu
+            tensor[row, column, 1] = uv
+            tensor[row, column, 2] = vv
+            vector[row, column, 0] = bu
+            vector[row, column, 1] = bv
+        sums[row, 0], sums[row, 1], sums[row, 2] = energy, squared, counted
+
+
+@kernel
+def light_terms(
+    photos, table, low, high, active, gradient, points, camera, vectors, ambients, closeness,
+    scales, albedo, parameters, project, hessian, slope, cross, cell,
+):  # fmt: skip
+    """Second and first derivatives of half the energy with respect to the lights.
+
+    Each light has `parameters` numbers: its vector, [closeness,] ambient.  The albedo is
+    eliminated when `project`.  hessian (blocks, K, K), its upper triangle, and slope (blocks, K)
+    are sums per block of rows; cross (h/cell, w/cell, 2, K) the mixed derivatives with the gradient
+    of log depth, summed over cells of `cell` x `cell` pixels; left alone when cell is 0.
+    """
+    height, width = active.shape
+    count, channels = photos.shape[0], vectors.shape[1]
+    fx, fy, cx, cy = camera
+    near = parameters == 5
+    blocks = hessian.shape[0]
+    for block in prange(blocks):
+        n, du, dv, point = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+        a, w, value = np.empty(count), np.empty(count), np.empty(count)
+        good = np.empty(count, np.bool_)
+        s, slopes, light = np.empty((count, 3)), np.empty((3, 4)), np.empty(3)
+        size = count * channels * parameters
+        beta, u = np.empty((count, parameters)), np.zeros(size)
+        # Whole rows of cells to each block, so that no two blocks write to one cell.
+        step = max(cell, 1)
+        rows_of_cells = (height + step - 1) // step
+        first = (block * rows_of_cells // blocks) * step
+        last = min(((block + 1) * rows_of_cells // blocks) * step, height)
+        for row in range(first, last):
+            for column in range(width):
+                if not active[row, column]:
+                    continue
+                x, y = column - cx, row - cy
+                geometry(
+                    gradient[row, column, 0],
+                    gradient[row, column, 1],
+                    x,
+                    y,
+                    fx,
+                    fy,
+                    n,
+                    du,
+                    dv,
+                    False,
+                )
+                for k in range(3):
+                    point[k] = points[row, column, k]
+                scale = scales[row, column]
+                for c in range(3):
+                    light_c = min(c, channels - 1)
+                    if channels > 1:
+                        u[:] = 0.0  # the other channel's lights
+                    if c < channels:
+                        shade(vectors, ambients, closeness, c, n, point, a, s, slopes)
+                    for i in range(count):
+                        code = photos[i, row, column, c]
+                        good[i] = low <= code <= high
+                        value[i] = table[code]
+                    rho = albedo[row, column, c]
+                    total, tu, tv = 0.0, 0.0, 0.0
+                    for i in range(count):
+                        r = rho * a[i] - value[i]
+                        w[i] = 0.0
+                        if good[i]:
+                            w[i] = 1.0 / (1.0 + (r / scale) ** 2) if scale > 0.0 else 1.0
+                        total += w[i] * a[i] * a[i]
+                        lit = a[i] - ambients[i, light_c] > 0.0
+                        for k in range(parameters):
+                            beta[i, k] = 0.0
+                        beta[i, parameters - 1] = rho
+                        if lit:
+                            if near or closeness[i] != 0.0:
+                                light_at(vectors[i, light_c], closeness[i], point, light, slopes)
+                                for k in range(parameters - 1):
+                                    beta[i, k] = rho * (
+                                        slopes[0, k] * n[0]
+                                        + slopes[1, k] * n[1]
+                                        + slopes[2, k] * n[2]
+                                    )
+                            else:
+                                for k in range(3):
+                                    beta[i, k] = rho * n[k]
+                        start = (i * channels + light_c) * parameters
+                        for k in range(parameters):
+                            weighted = w[i] * beta[i, k]
+                            u[start + k] = a[i] * weighted
+                            slope[block, start + k] += weighted * r
+                            for m in range(k, parameters):
+                                hessian[block, start + k, start + m] += weighted * beta[i, m]
+                        if lit:
+                            ju = rho * (s[i, 0] * du[0] + s[i, 1] * du[1] + s[i, 2] * du[2])
+                            jv = rho * (s[i, 0] * dv[0] + s[i, 1] * dv[1] + s[i, 2] * dv[2])
+                            tu += w[i] * ju * a[i]
+                            tv += w[i] * jv * a[i]
+                            if cell:
+                                for k in range(parameters):
+                                    cross[row // cell, column // cell, 0, start + k] += (
+                                        w[i] * ju * beta[i, k]
+                                    )
+                                    cross[row // cell, column // cell, 1, start + k] += (
+                                        w[i] * jv * beta[i, k]
+                                    )
+                    if not project or total <= 1e-12:
+                        continue
+                    for k in range(size):
+                        factor = u[k] / total
+                        if cell:
+                            cross[row // cell, column // cell, 0, k] -= tu * factor
+                            cross[row // cell, column // cell, 1, k] -= tv * factor
+                        for m in range(k, size):
+                            hessian[block, k, m] -= factor * u[m]
+
+
+@kernel
+def halve(photos, table, low, high, out):
+    """Means of 2 x 2 blocks in linear light as 16-bit values; 0 where one value is not usable."""
+    count, height, width, _ = out.shape
+    for row in prange(height):
+        for i in range(count):
+            for column in range(width):
+                for c in range(3):
+                    total, usable = 0.0, True
+                    for dr in range(2):
+                        for dc in range(2):
+                            r, q = 2 * row + dr, 2 * column + dc
+                            if r >= photos.shape[1] or q >= photos.shape[2]:
+                                usable = False
+                            else:
+                                code = photos[i, r, q, c]
+                                usable = usable and low <= code <= high
+                                total += table[code]
+                    if usable:
+                        out[i, row, column, c] = min(max(round(total / 4 * 65535), 1), 65534)
+                    else:
+                        out[i, row, column, c] = 0

@@ -1,0 +1,257 @@
+"""One pass over all photographs: albedo, depth terms and light terms of a surface under lamps.
+
+The albedo is linear given the shading, so each pixel's own is found on the way (and, when asked,
+eliminated from the derivatives: variable projection).  The work is in `_kernels`; photographs
+stay uint8 or uint16 as they were read.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rakelight.geometry.grid import has_gradient
+from rakelight.jit import threads_for
+from rakelight.model import Array, Camera, Floats, Lights, Mask
+
+# Rows are summed in this many blocks, however many cores there are: the same numbers everywhere.
+BLOCKS = 16
+MAD_TO_SIGMA = 1.4826
+
+
+@dataclass(frozen=True, slots=True)
+class Lamps:
+    """The lights of N photographs as the solver moves them.
+
+    vector : (N, C, 3) towards the lamp times irradiance at the object's middle; C is 1 or 3
+    ambient : (N, C)
+    closeness : (N,) 1/metre, inverse distance from the object's middle; 0 for a distant lamp
+    """
+
+    vector: Floats
+    ambient: Floats
+    closeness: Floats
+
+    @classmethod
+    def distant(cls, vector: Floats, ambient: Floats) -> Lamps:
+        """Lamps at infinity."""
+        return cls(vector, ambient, np.zeros(len(vector)))
+
+    @property
+    def arrays(self) -> tuple[Floats, Floats, Floats]:
+        """Vector, ambient and closeness in the one memory layout that kernels are compiled for."""
+        vector, ambient, closeness = (
+            np.ascontiguousarray(each, dtype=np.float64)
+            for each in (self.vector, self.ambient, self.closeness)
+        )
+        return vector, ambient, closeness
+
+    def moved(self, step: Floats) -> Lamps:
+        """The lamps after a step (N, C, 4 or 5): vector, [closeness,] ambient."""
+        closeness = self.closeness
+        if step.shape[-1] == 5:
+            closeness = np.maximum(closeness + step[:, 0, 3], 0.0)
+        ambient = np.maximum(self.ambient + step[..., -1], 0.0)
+        return Lamps(self.vector + step[..., :3], ambient, closeness)
+
+    def brighter(self, gain: float) -> Lamps:
+        """The lamps with `gain` times the intensity, for an albedo that much smaller."""
+        return replace(self, vector=self.vector * gain, ambient=self.ambient * gain)
+
+    def as_lights(self, middle_m: Floats) -> Lights:
+        """As a result states them; near lamps get their positions."""
+        position = None
+        if (self.closeness > 0).any():
+            direction = self.vector.mean(axis=1)
+            length = np.linalg.norm(direction, axis=-1, keepdims=True)
+            direction = direction / np.maximum(length, np.finfo(float).tiny)
+            position = middle_m + direction / np.maximum(self.closeness, 1e-6)[:, None]
+        return Lights(self.vector, self.ambient, position)
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """What the photographs see of a depth map.
+
+    gradient : (h, w, 2) of log depth; points : (h, w, 3) metres from the object's middle
+    """
+
+    gradient: Floats
+    points: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """How lamps and a surface explain the photographs.
+
+    albedo : (h, w, 3); energy : sum of squared or, with a scale, of Cauchy losses
+    tensor, vector : M (h, w, 3: uu, uv, vv) and b (h, w, 2); moving the gradient of log depth by d
+        changes the energy by about  d^T M d - 2 b . d
+    misfit : (h, w) mean absolute residual of each pixel
+    spread : robust standard deviation (from the median) of a value; rms : root mean square
+    """
+
+    albedo: Floats
+    energy: float
+    tensor: Floats
+    vector: Floats
+    spread: float
+    rms: float
+    observations: int
+    misfit: Floats
+
+    def darker(self, gain: float) -> Explanation:
+        """The same with an albedo `gain` times smaller, for lamps that much brighter."""
+        return replace(self, albedo=self.albedo / gain)
+
+    def aim(self, surface: Surface) -> tuple[Floats, Floats]:
+        """M and M g + b: the depth terms of the whole gradient, g being the surface's."""
+        g, tensor = surface.gradient, self.tensor
+        u = tensor[..., 0] * g[..., 0] + tensor[..., 1] * g[..., 1]
+        v = tensor[..., 1] * g[..., 0] + tensor[..., 2] * g[..., 1]
+        return tensor, self.vector + np.stack([u, v], axis=-1)
+
+
+@dataclass(frozen=True, slots=True)
+class Photographs:
+    """Photographs (N, h, w, 3) as read, with what their values mean.
+
+    table : linear light of every value; values from `low` to `high` are usable
+    mask : (h, w) the object; camera : of this window
+    """
+
+    values: Array
+    table: Floats
+    low: int
+    high: int
+    mask: Mask
+    camera: Camera
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    @property
+    def active(self) -> Mask:
+        """(h, w) pixels that have a normal."""
+        return np.asarray(has_gradient(self.mask))
+
+    def some(self, most: int) -> Mask:
+        """(h, w) about `most` of the active pixels, evenly spaced; all when there are fewer."""
+        active = self.active
+        stride = max(1, int(np.sqrt(np.count_nonzero(active) / most)))
+        chosen = np.zeros_like(active)
+        chosen[::stride, ::stride] = active[::stride, ::stride]
+        return chosen if chosen.any() else active
+
+    @property
+    def _optics(self) -> tuple[float, float, float, float]:
+        return (self.camera.fx, self.camera.fy, self.camera.cx, self.camera.cy)
+
+    def explain(
+        self,
+        surface: Surface,
+        lamps: Lamps,
+        *,
+        scale: Floats | float = 0.0,
+        start: Floats | None = None,
+        lagged: bool = False,
+        project: bool = True,
+    ) -> Explanation:
+        """The albedo that explains the photographs best, and what is left unexplained.
+
+        scale : of the Cauchy loss, 0 for plain least squares; start : albedo (h, w, 3) where its
+        reweighting starts; lagged : derivatives with |m| held, the paper's; project : the albedo
+        follows the depth (variable projection) instead of being held
+        """
+        from rakelight.shading import _kernels
+
+        height, width = self.mask.shape
+        albedo = np.full((height, width, 3), -1.0) if start is None else start.copy()
+        tensor, vector = np.empty((height, width, 3)), np.empty((height, width, 2))
+        sums = np.zeros((height, 3))
+        histogram = np.zeros((height, _kernels.BINS), dtype=np.int64)
+        misfit = np.zeros((height, width))
+        with threads_for(len(self) * self.mask.size):
+            _kernels.explain(
+                self.values, self.table, self.low, self.high, self.active, surface.gradient,
+                surface.points, self._optics, *lamps.arrays, self._scales(scale), lagged, project,
+                albedo, tensor, vector, sums, histogram, misfit,
+            )  # fmt: skip
+        energy, squared, count = sums.sum(axis=0)
+        return Explanation(
+            albedo=np.where(self.active[..., None], albedo, 0.0),
+            energy=float(energy),
+            tensor=tensor,
+            vector=vector,
+            spread=_median_spread(histogram.sum(axis=0), _kernels.WIDEST),
+            rms=float(np.sqrt(squared / max(count, 1.0))),
+            observations=int(count),
+            misfit=misfit,
+        )
+
+    def light_terms(
+        self,
+        surface: Surface,
+        lamps: Lamps,
+        albedo: Floats,
+        *,
+        scale: Floats | float = 0.0,
+        near: bool = False,
+        project: bool = True,
+        active: Mask | None = None,
+        cell: int = 0,
+    ) -> tuple[Floats, Floats, Floats]:
+        """Second (K, K) and first (K,) derivatives of half the energy with the lights.
+
+        K counts vector, closeness where `near`, and ambient of each light.  With `cell` also the
+        mixed derivatives with the gradient of log depth, summed over cells of cell x cell pixels:
+        (ceil(h / cell), ceil(w / cell), 2, K); else an empty array.
+        active : the pixels to use, all that have a normal unless given
+        """
+        from rakelight.shading import _kernels
+
+        parameters = 5 if near else 4
+        size = parameters * lamps.ambient.size
+        height, width = self.mask.shape
+        hessian, slope = np.zeros((BLOCKS, size, size)), np.zeros((BLOCKS, size))
+        cells = (-(-height // cell), -(-width // cell)) if cell else (0, 0)
+        mixed = np.zeros((*cells, 2, size))
+        with threads_for(len(self) * self.mask.size):
+            _kernels.light_terms(
+                self.values, self.table, self.low, self.high,
+                self.active if active is None else active, surface.gradient, surface.points,
+                self._optics, *lamps.arrays, self._scales(scale), albedo, parameters, project,
+                hessian, slope, mixed, cell,
+            )  # fmt: skip
+        upper = hessian.sum(axis=0)
+        return upper + np.triu(upper, 1).T, slope.sum(axis=0), mixed
+
+    def _scales(self, scale: Floats | float) -> Floats:
+        return np.full(self.mask.shape, scale, dtype=np.float64)
+
+    def halved(self) -> Photographs:
+        """The photographs at half the resolution, averaged in linear light."""
+        from rakelight.shading import _kernels
+
+        height, width = (-(-side // 2) for side in self.mask.shape)
+        small = np.empty((len(self), height, width, 3), dtype=np.uint16)
+        _kernels.halve(self.values, self.table, self.low, self.high, small)
+        padded = np.zeros((2 * height, 2 * width), dtype=bool)
+        padded[: self.mask.shape[0], : self.mask.shape[1]] = self.mask
+        mask = np.asarray(padded.reshape(height, 2, width, 2).all(axis=(1, 3)))
+        camera = Camera(
+            width, height, self.camera.fx / 2, self.camera.fy / 2,
+            (self.camera.cx - 0.5) / 2, (self.camera.cy - 0.5) / 2,
+        )  # fmt: skip
+        table = (np.arange(65536) / 65535).astype(np.float32)
+        return Photographs(small, table, 1, 65534, mask, camera)
+
+
+def _median_spread(counts: Array, widest: float) -> float:
+    """Robust standard deviation from a histogram of absolute residuals."""
+    total = counts.sum()
+    if total == 0:
+        return 0.0
+    edge = np.searchsorted(np.cumsum(counts), total / 2) + 0.5
+    return float(MAD_TO_SIGMA * edge * widest / len(counts))

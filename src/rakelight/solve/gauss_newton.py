@@ -1,0 +1,84 @@
+"""One Gauss-Newton step in a depth field and a few global numbers together.
+
+The field has a sparse system A; the numbers (lights, say) a small matrix H; C couples them:
+
+    | A    C | | step_field   |     | residual_field   |
+    | C^T  H | | step_numbers |  =  | residual_numbers |
+
+The numbers are few, so A is factored once and the field eliminated: the Schur complement
+S = H - C^T A^-1 C is as small as H.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rakelight.geometry.grid import gradient_matrices
+from rakelight.model import Floats
+from rakelight.solve.stencil import DepthSystem
+
+
+@dataclass(frozen=True)
+class BorderedSystem:
+    """A eliminated: what is needed for steps of any damping.
+
+    schur : (K, K) S; reduced : (K,) residual_numbers - C^T A^-1 residual_field
+    field, border : (P,) A^-1 residual_field and (P, K) A^-1 C on the mask's P pixels
+    diagonal : (K,) of H
+    """
+
+    schur: Floats
+    reduced: Floats
+    field: Floats
+    border: Floats
+    diagonal: Floats
+
+    def step(self, damping: float) -> tuple[Floats, Floats]:
+        """(P,) step of the field and (K,) step of the numbers, Levenberg-damped by `damping` H_kk.
+
+        Directions that neither term determines do not move.
+        """
+        ridge = damping * self.diagonal + 1e-9 * float(self.diagonal.mean())
+        numbers = np.linalg.lstsq(self.schur + np.diag(ridge), self.reduced, rcond=1e-12)[0]
+        return self.field - self.border @ numbers, numbers
+
+
+def border(
+    system: DepthSystem, value: Floats, coupling: Floats, hessian: Floats, slope: Floats
+) -> BorderedSystem:
+    """Eliminate the field from a joint step at the present `value` (h, w).
+
+    coupling : (h, w, 2, K) mixed derivatives with the gradient of the field, per pixel
+    hessian, slope : (K, K) and (K,) second and first derivatives with the numbers
+
+    >>> from rakelight.solve import assemble
+    >>> mask, zero = np.ones((3, 3), bool), np.zeros((3, 3))
+    >>> system = assemble(mask, np.ones((3, 3, 3)) * [1, 0, 1], np.zeros((3, 3, 2)), zero + 1, zero)
+    >>> free = border(system, zero, np.zeros((3, 3, 2, 1)), np.eye(1), np.array([-2.0]))
+    >>> field, numbers = free.step(0.0)
+    >>> round(float(numbers[0]), 6), float(np.abs(field).max())
+    (2.0, 0.0)
+    """
+    from scipy.sparse.linalg import splu
+
+    mask = system.mask
+    along_u, along_v = gradient_matrices(mask)
+    columns = along_u.T @ coupling[mask][:, 0] + along_v.T @ coupling[mask][:, 1]
+    factor: Any = splu(
+        system.to_sparse().tocsc(),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+    residual = (system.rhs - system.apply(value))[mask]
+    field, inverse = factor.solve(residual), factor.solve(np.ascontiguousarray(columns))
+    return BorderedSystem(
+        schur=hessian - columns.T @ inverse,
+        reduced=-slope - columns.T @ field,
+        field=field,
+        border=inverse,
+        diagonal=np.diag(hessian),
+    )

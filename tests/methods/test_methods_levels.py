@@ -1,0 +1,268 @@
+"""The pyramid: what halving keeps, what a level knows, when it ends."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rakelight.geometry.camera import back_project
+from rakelight.geometry.grid import mean_gradient
+from rakelight.methods.levels import FILLED, Level, cell_sums, finest_level, pyramid, spread
+from rakelight.model import Camera
+from rakelight.prepare import Prepared
+from rakelight.prepare.linear import usable
+
+
+def make_prepared(height=24, width=30, mask=None, factor=1, dtype=np.uint16, encoding="linear"):
+    rng = np.random.default_rng(0)
+    camera = Camera(width, height, fx=200.0, fy=210.0, cx=14.3, cy=11.8)
+    row, column = np.mgrid[:height, :width]
+    if mask is None:
+        mask = np.ones((height, width), bool)
+    return Prepared(
+        photographs=rng.integers(0, np.iinfo(dtype).max + 1, (4, height, width, 3)).astype(dtype),
+        encoding=encoding,
+        mask=mask,
+        depth_m=0.8 + 0.002 * column - 0.001 * row,
+        sigma_m=rng.uniform(1e-3, 4e-3, (height, width)),
+        measured=rng.random((height, width)) < 0.8,
+        factor=factor,
+        camera=camera,
+        full_camera=camera,
+        rows=slice(0, height),
+        columns=slice(0, width),
+    )
+
+
+def ellipse(height=24, width=30):
+    row, column = np.mgrid[:height, :width]
+    return np.hypot((row - 11) / 10.5, (column - 14) / 13.2) < 1
+
+
+# ---- cells
+
+
+@pytest.mark.parametrize("cell", [1, 2, 3, 7])
+@pytest.mark.parametrize("channels", [(), (3,)])
+def test_cell_sums_cell_by_cell(cell, channels):
+    image = np.random.default_rng(1).normal(size=(11, 14, *channels))
+    sums = cell_sums(image, cell)
+    assert sums.shape == (-(-11 // cell), -(-14 // cell), *channels)
+    for r, c in np.ndindex(sums.shape[:2]):
+        block = image[r * cell : (r + 1) * cell, c * cell : (c + 1) * cell]
+        np.testing.assert_allclose(sums[r, c], block.sum(axis=(0, 1)), atol=1e-12)
+
+
+@pytest.mark.parametrize("cell", [1, 2, 3, 4])
+@pytest.mark.parametrize("shape", [(12, 24), (11, 14), (5, 3)])
+def test_spread_is_linear_between_the_centres(cell, shape):
+    # A plane stays one between the outermost centres, and goes on level beyond them.
+    height, width = (-(-side // cell) for side in shape)
+    row, column = np.mgrid[:height, :width].astype(float)
+    coarse = 2.0 + 0.5 * row - 0.25 * column
+    fine = spread(coarse, cell, shape)
+    assert fine.shape == shape
+    centre = [(np.arange(side) - (cell - 1) / 2) / cell for side in shape]
+    r = np.clip(centre[0], 0, height - 1)[:, None]
+    c = np.clip(centre[1], 0, width - 1)[None, :]
+    np.testing.assert_allclose(fine, 2.0 + 0.5 * r - 0.25 * c, atol=1e-12)
+
+
+@pytest.mark.parametrize("cell", [1, 2, 4])
+def test_spread_hands_each_cell_s_value_to_as_many_pixels(cell):
+    # What a cell gives out is what it covers: sums over whole images agree.
+    coarse = np.zeros((6, 8))
+    coarse[1:-1, 1:-1] = np.random.default_rng(2).normal(size=(4, 6))
+    fine = spread(coarse, cell, (6 * cell, 8 * cell))
+    assert fine.sum() == pytest.approx(cell**2 * coarse.sum(), rel=1e-12)
+    assert np.vdot(fine, fine) <= cell**2 * np.vdot(coarse, coarse) * (1 + 1e-12)
+
+
+@pytest.mark.parametrize("cell", [2, 3, 4])
+def test_spread_has_the_slopes_of_the_correction(cell):
+    # The mean gradient over the whole is 1 / cell of that per cell.
+    row, column = np.mgrid[:6, :8].astype(float)
+    fine = spread(3 * row + 5 * column, cell, (6 * cell, 8 * cell))
+    u, v = mean_gradient(fine, np.ones(fine.shape, bool))
+    inside = np.s_[cell:-cell, cell:-cell]
+    np.testing.assert_allclose(u[inside], 5 / cell, rtol=1e-12)
+    np.testing.assert_allclose(v[inside], 3 / cell, rtol=1e-12)
+
+
+# ---- the finest level
+
+
+@pytest.mark.parametrize("factor", [1, 2, 4])
+def test_depth_pixels_share_their_precision(factor):
+    # factor^2 output pixels hold one measurement of the sensor.
+    prepared = make_prepared(factor=factor)
+    weight = finest_level(prepared).prior_weight
+    one = (prepared.depth_m / prepared.sigma_m) ** 2
+    seen = prepared.measured
+    np.testing.assert_allclose(weight[seen] * factor**2, one[seen], rtol=1e-12)
+    np.testing.assert_allclose(weight[~seen] * factor**2, one[~seen] / 100, rtol=1e-12)
+    assert FILLED == 0.01
+    assert (~seen).any()
+
+
+def test_the_weight_is_the_precision_of_log_depth():
+    prepared = make_prepared()
+    level = finest_level(prepared)
+    change = np.log(prepared.depth_m + prepared.sigma_m) - level.prior
+    seen = prepared.measured
+    np.testing.assert_allclose((level.prior_weight * change**2)[seen], 1, rtol=6e-3)
+
+
+def test_trust_multiplies_the_weight_alone():
+    level = finest_level(make_prepared())
+    np.testing.assert_array_equal(level.trusting(7.0).prior_weight, 7 * level.prior_weight)
+    np.testing.assert_array_equal(level.trusting(7.0).prior, level.prior)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("encoding", ["linear", "srgb"])
+def test_levels_use_the_values_that_prepared_calls_usable(dtype, encoding):
+    prepared = make_prepared(dtype=dtype, encoding=encoding)
+    photographs = finest_level(prepared).photographs
+    every = np.arange(np.iinfo(dtype).max + 1).astype(dtype)
+    usable_here = (every >= photographs.low) & (every <= photographs.high)
+    np.testing.assert_array_equal(usable_here, usable(every))
+    light, _ = prepared.pixels(1)
+    np.testing.assert_array_equal(photographs.table[photographs.values[1][prepared.mask]], light)
+
+
+def test_a_surface_is_seen_from_the_middle_of_the_object():
+    prepared = make_prepared(mask=ellipse())
+    level = finest_level(prepared)
+    points = back_project(prepared.depth_m, prepared.camera)
+    surface = level.surface(level.prior)
+    inside = level.mask
+    np.testing.assert_allclose(surface.points[inside].mean(axis=0), 0, atol=1e-12)
+    np.testing.assert_allclose(surface.points[inside], (points - level.middle_m)[inside])
+    u, v = mean_gradient(level.prior, inside)
+    np.testing.assert_array_equal(surface.gradient, np.stack([u, v], axis=-1))
+
+
+def test_what_lies_off_the_mask_does_not_matter_to_a_surface():
+    level = finest_level(make_prepared(mask=ellipse()))
+    other = np.where(level.mask, level.prior, 1e6)
+    surface, second = level.surface(level.prior), level.surface(other)
+    np.testing.assert_array_equal(surface.gradient, second.gradient)
+    np.testing.assert_array_equal(surface.points[level.mask], second.points[level.mask])
+    assert np.isfinite(second.points).all()
+
+
+# ---- halving
+
+
+@pytest.mark.parametrize("shape", [(24, 30), (23, 29), (9, 2)])
+def test_halving_keeps_the_priors_weight(shape):
+    level = finest_level(make_prepared(*shape))
+    coarse = level.halved()
+    assert coarse.prior_weight.sum() == pytest.approx(level.prior_weight.sum(), rel=1e-12)
+    ragged = replace(level, photographs=replace(level.photographs, mask=ellipse(*shape)))
+    inside = ragged.prior_weight[ragged.mask].sum()
+    assert ragged.halved().prior_weight.sum() == pytest.approx(inside, rel=1e-12)
+    # each coarse pixel on the mask has that of its four
+    half = ragged.halved()
+    where = half.mask
+    four = cell_sums(np.where(ragged.mask, 1.0, 0.0), 2)
+    assert (four[where] == 4).all()
+    np.testing.assert_allclose(half.prior_weight[where], cell_sums(level.prior_weight, 2)[where])
+
+
+def test_halving_takes_means_of_log_depth_on_the_mask():
+    level = finest_level(make_prepared(mask=ellipse()))
+    wild = replace(level, prior=np.where(level.mask, level.prior, 1e9))
+    coarse = wild.halved()
+    expected = cell_sums(level.prior, 2) / 4
+    np.testing.assert_allclose(coarse.prior[coarse.mask], expected[coarse.mask], rtol=1e-12)
+    assert np.abs(coarse.prior).max() < 1  # continued beyond
+    np.testing.assert_array_equal(coarse.middle_m, level.middle_m)
+
+
+def test_the_halved_surface_is_the_same_one():
+    # Same place and same slopes: gradients per pixel double.
+    level = finest_level(make_prepared())
+    coarse = level.halved()
+    fine, half = level.surface(level.prior), coarse.surface(coarse.prior)
+    inside = np.s_[1:-1, 1:-1]
+    doubled = cell_sums(fine.gradient, 2) / 2
+    np.testing.assert_allclose(half.gradient[inside], doubled[inside], rtol=1e-3)
+    middle = cell_sums(fine.points, 2) / 4
+    np.testing.assert_allclose(half.points, middle, rtol=0, atol=5e-6)  # a pixel is 4e-3 wide
+
+
+# ---- carrying up
+
+
+def test_carried_shift_and_slope():
+    level = finest_level(make_prepared(mask=ellipse()))
+    coarse = level.halved()
+    row, column = np.mgrid[: coarse.mask.shape[0], : coarse.mask.shape[1]]
+    correction = 0.01 + 1e-3 * row - 2e-3 * column
+    found = level.carried(coarse, coarse.prior + correction)
+    assert found.shape == level.mask.shape
+    fine_row, fine_column = np.mgrid[: level.mask.shape[0], : level.mask.shape[1]]
+    smooth = spread(coarse.prior, 2, level.mask.shape)
+    expected = smooth + 0.01 + 1e-3 * (fine_row - 0.5) / 2 - 2e-3 * (fine_column - 0.5) / 2
+    inside = level.mask & (spread(coarse.mask.astype(float), 2, level.mask.shape) == 1)
+    assert inside.sum() > 200
+    np.testing.assert_allclose(found[inside], expected[inside], atol=1e-12)
+
+
+def test_carried_goes_on_beyond_the_coarse_mask_as_the_prior_does():
+    level = finest_level(make_prepared(mask=ellipse()))
+    coarse = level.halved()
+    wild = np.where(coarse.mask, coarse.prior + 0.02, 1e9)
+    found = level.carried(coarse, wild)
+    smooth = spread(coarse.prior, 2, level.mask.shape)
+    np.testing.assert_allclose(found[level.mask], smooth[level.mask] + 0.02, atol=1e-12)
+
+
+def test_carried_leaves_the_priors_fine_noise_behind():
+    level = finest_level(make_prepared())
+    checks = 0.01 * (-1.0) ** np.add.outer(range(24), range(30))
+    noisy = replace(level, prior=level.prior + checks)
+    coarse = noisy.halved()
+    found = noisy.carried(coarse, coarse.prior)
+    inside = np.s_[2:-2, 2:-2]
+    assert np.abs(found - level.prior)[inside].max() < 1e-4
+
+
+# ---- the pyramid
+
+
+def test_pyramid_halves_down_to_so_many_pixels():
+    finest = finest_level(make_prepared(96, 120))
+    levels = pyramid(finest, 800)
+    assert levels[0] is finest
+    assert [each.mask.shape for each in levels] == [(96, 120), (48, 60), (24, 30)]
+    assert np.count_nonzero(levels[-1].mask) <= 800 < np.count_nonzero(levels[-2].mask)
+    assert len(pyramid(finest, 10**6)) == 1
+
+
+def test_pyramid_ends_where_a_thin_object_would_be_lost():
+    mask = np.zeros((96, 120), bool)
+    mask[11:15] = mask[51:54] = mask[:, 41:44] = True  # three and four pixels wide
+    finest = finest_level(make_prepared(96, 120, mask=mask))
+    levels = pyramid(finest, 500)
+    assert np.count_nonzero(levels[-1].mask) > 500
+    for level in levels:
+        assert np.count_nonzero(level.photographs.active) >= 500 / 16
+    assert np.count_nonzero(levels[-1].halved().photographs.active) < 500 / 16
+
+
+def test_levels_of_a_pyramid_explain_alike():
+    # A plane under distant light looks the same at every level.
+    from rakelight.shading.photographs import Lamps
+
+    prepared = make_prepared(48, 60)
+    level = finest_level(replace(prepared, photographs=np.full((4, 48, 60, 3), 20000, np.uint16)))
+    lamps = Lamps.distant(np.tile([0.1, 0.2, -0.8], (4, 1, 1)), np.full((4, 1), 0.1))
+    for each in pyramid(level, 200):
+        assert isinstance(each, Level)
+        found = each.photographs.explain(each.surface(each.prior), lamps)
+        finest = level.photographs.explain(level.surface(level.prior), lamps)
+        mean = found.albedo[each.photographs.active].mean()
+        assert mean == pytest.approx(finest.albedo.mean(), rel=2e-3)

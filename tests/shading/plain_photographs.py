@@ -1,0 +1,201 @@
+"""One pass over the photographs in plain numpy: what the compiled kernels have to agree with.
+
+Arrays are whole images, (N, h, w, 3) for N photographs, and derivatives are complex steps: with
+i 1e-30 added to a variable the imaginary part over 1e-30 is the derivative, to the last digit.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+TINY = 1e-30
+ALBEDO_ROUNDS = 3
+
+
+def decoded(photographs):
+    """Linear light (N, h, w, 3), and which values count: usable, on a pixel with a normal."""
+    values = photographs.values
+    good = (values >= photographs.low) & (values <= photographs.high)
+    return photographs.table[values].astype(float), good & photographs.active[..., None]
+
+
+def length(x):
+    """Euclidean length along the last axis, kept; analytic, so that complex steps pass."""
+    return np.sqrt((x * x).sum(axis=-1, keepdims=True))
+
+
+def m_of(gradient, camera):
+    """(h, w, 3) the normals before they are normalised."""
+    x = np.arange(camera.width)[None, :] - camera.cx
+    y = np.arange(camera.height)[:, None] - camera.cy
+    u, v = gradient[..., 0], gradient[..., 1]
+    return np.stack([camera.fx * u, camera.fy * v, -(1 + x * u + y * v)], axis=-1)
+
+
+def light_at(vector, closeness, points):
+    """(h, w, 3) what a lamp in the direction of `vector`, 1/closeness away, sends to each point.
+
+    The inverse square law of a lamp at P = u / k:  s(X) = |q| |P|^2 (P - X) / |P - X|^3.
+    """
+    size = length(vector)
+    toward = vector / size - closeness * points
+    return size * toward / length(toward) ** 3
+
+
+def shading(photographs, gradient, points, vector, ambient, closeness, lagged_length=None):
+    """(N, h, w, 3) of lights vector (N, C, 3), ambient (N, C), closeness (N, C)."""
+    m = m_of(gradient, photographs.camera)
+    n = m / (length(m) if lagged_length is None else lagged_length)
+    count, channels = ambient.shape
+    images = []
+    for i in range(count):
+        for c in range(channels):
+            dot = (light_at(vector[i, c], closeness[i, c], points) * n).sum(axis=-1)
+            images.append(np.where(dot.real > 0, dot, 0) + ambient[i, c])
+    stack = np.stack(images, axis=-1).reshape(*m.shape[:2], count, channels)
+    return np.moveaxis(np.broadcast_to(stack, (*stack.shape[:3], 3)), 2, 0)
+
+
+def shading_of(photographs, surface, lamps):
+    """(N, h, w, 3) shading of a Surface under Lamps."""
+    return shading(photographs, surface.gradient, surface.points, *numbers(lamps))
+
+
+def numbers(lamps):
+    """vector (N, C, 3), ambient (N, C) and closeness (N, C)."""
+    closeness = np.repeat(lamps.closeness[:, None], lamps.ambient.shape[1], axis=1)
+    return lamps.vector, lamps.ambient, closeness
+
+
+def shading_by_gradient(photographs, surface, lamps, lagged):
+    """(2, N, h, w, 3) derivatives of the shading with the gradient of log depth."""
+    fixed = length(m_of(surface.gradient, photographs.camera)) if lagged else None
+    derivatives = []
+    for axis in (0, 1):
+        moved = surface.gradient.astype(complex)
+        moved[..., axis] += 1j * TINY
+        a = shading(photographs, moved, surface.points, *numbers(lamps), lagged_length=fixed)
+        derivatives.append(a.imag / TINY)
+    return np.stack(derivatives)
+
+
+def shading_by_light(photographs, surface, lamps, near):
+    """(K, N, h, w, 3) derivatives of the shading with each light's vector, [closeness,] ambient."""
+    derivatives = []
+    for light in np.ndindex(lamps.ambient.shape):
+        for k in [(0, 0), (0, 1), (0, 2), (2,), (1,)] if near else [(0, 0), (0, 1), (0, 2), (1,)]:
+            moved = [array.astype(complex) for array in numbers(lamps)]
+            moved[k[0]][(*light, *k[1:])] += 1j * TINY
+            a = shading(photographs, surface.gradient, surface.points, *moved)
+            derivatives.append(a.imag / TINY)
+    return np.stack(derivatives)
+
+
+def weights(residual, good, scale):
+    """Cauchy weights (N, h, w, 3), 1 for plain least squares; 0 leaves a value out."""
+    if np.all(scale == 0):
+        return good.astype(float)
+    return good / (1 + (residual / np.broadcast_to(scale, good.shape[1:3])[..., None]) ** 2)
+
+
+def ratio(x, y):
+    """x / y, 0 where y is nought."""
+    return np.divide(x, y, out=np.zeros(np.broadcast(x, y).shape), where=y > 1e-12)
+
+
+def fitted_albedo(image, good, a, scale, start):
+    """Albedo (h, w, 3) that `a` gives `image` by (reweighted) least squares, and the weights."""
+    rho, w = start, good.astype(float)
+    for _ in range(ALBEDO_ROUNDS if np.any(scale > 0) else 1):
+        w = good.astype(float) if rho is None else weights(rho * a - image, good, scale)
+        rho = ratio((w * a * image).sum(axis=0), (w * a * a).sum(axis=0))
+    return rho, w
+
+
+def freed(derivative, a, w):
+    """Derivatives (..., N, h, w, 3) of residuals, the albedo following: less their share along a.
+
+    To the last digit what the weighted least squares fit of a new albedo takes up.
+    """
+    share = ratio((w * derivative * a).sum(axis=-4), (w * a * a).sum(axis=0))
+    return derivative - share[..., None, :, :, :] * a
+
+
+@dataclass
+class Plain:
+    """The fields of an Explanation, and what the histogram of residuals counted."""
+
+    albedo: np.ndarray
+    energy: float
+    tensor: np.ndarray
+    vector: np.ndarray
+    residuals: np.ndarray
+    misfit: np.ndarray
+
+
+def explain(photographs, surface, lamps, *, scale=0.0, start=None, lagged=False, project=True):
+    """Albedo, energy and depth terms of one pass: `Photographs.explain`."""
+    scale = np.asarray(scale, dtype=float)
+    image, good = decoded(photographs)
+    a = shading_of(photographs, surface, lamps)
+    rho, w = fitted_albedo(image, good, a, scale, start)
+    residual = rho * a - image
+    wide = np.broadcast_to(scale, good.shape[1:3])[..., None]
+    loss = wide**2 * np.log1p((residual / wide) ** 2) if np.all(scale > 0) else residual**2
+
+    J = rho * shading_by_gradient(photographs, surface, lamps, lagged)
+    vector = -(w * J * residual).sum(axis=(1, -1))
+    if project:
+        J = freed(J, a, w)
+    pairs = ((0, 0), (0, 1), (1, 1))
+    return Plain(
+        albedo=rho,
+        energy=float(loss[good].sum()),
+        tensor=np.stack([(w * J[k] * J[m]).sum(axis=(0, -1)) for k, m in pairs], axis=-1),
+        vector=np.moveaxis(vector, 0, -1),
+        residuals=residual[good],
+        misfit=ratio((abs(residual) * good).sum(axis=(0, -1)), good.sum(axis=(0, -1))),
+    )
+
+
+def light_terms(
+    photographs, surface, lamps, albedo, *, scale=0.0, near=False, project=True, active=None, cell=0
+):
+    """Derivatives of half the energy with the lights: `Photographs.light_terms`."""
+    image, good = decoded(photographs)
+    if active is not None:
+        good = good & active[..., None]
+    a = shading_of(photographs, surface, lamps)
+    residual = albedo * a - image
+    w = weights(residual, good, np.asarray(scale, dtype=float))
+
+    B = albedo * shading_by_light(photographs, surface, lamps, near)
+    J = albedo * shading_by_gradient(photographs, surface, lamps, lagged=False)
+    slope = (w * B * residual).sum(axis=(1, 2, 3, 4))
+    if project:
+        B, J = freed(B, a, w), freed(J, a, w)
+    size, height, width = len(B), *photographs.mask.shape
+    rows = B.reshape(size, -1)
+    hessian = (w.ravel() * rows) @ rows.T
+    if not cell:
+        return hessian, slope, np.zeros((0, 0, 2, size))
+    mixed = np.einsum("gnhwc,knhwc->hwgk", w * J, B)
+    cells = np.zeros((-(-height // cell), -(-width // cell), 2, size))
+    for row, column in np.ndindex(height, width):
+        cells[row // cell, column // cell] += mixed[row, column]
+    return hessian, slope, cells
+
+
+def halved(photographs):
+    """Values (N, ceil(h/2), ceil(w/2), 3) uint16 and mask of the photographs at half the size."""
+    count, height, width, _ = photographs.values.shape
+    values = np.zeros((count, -(-height // 2), -(-width // 2), 3), np.uint16)
+    mask = np.zeros(values.shape[1:3], bool)
+    for row, column in np.ndindex(height // 2, width // 2):
+        block = np.s_[2 * row : 2 * row + 2, 2 * column : 2 * column + 2]
+        mask[row, column] = photographs.mask[block].all()
+        codes = photographs.values[:, *block].reshape(count, 4, 3)
+        usable = (codes >= photographs.low) & (codes <= photographs.high)
+        mean = np.rint(65535 * photographs.table[codes].astype(float).mean(axis=1))
+        values[:, row, column] = np.where(usable.all(axis=1), np.clip(mean, 1, 65534), 0)
+    return values, mask

@@ -1,0 +1,528 @@
+"""The compiled passes over photographs: against plain numpy, against finite differences, laws."""
+
+from dataclasses import replace
+
+import numba
+import numpy as np
+import plain_photographs as plain
+import pytest
+
+from rakelight.geometry.grid import has_gradient
+from rakelight.model import Camera
+from rakelight.prepare.linear import linear_table, usable
+from rakelight.shading import _kernels
+from rakelight.shading.photographs import MAD_TO_SIGMA, Lamps, Photographs, Surface
+
+HEIGHT, WIDTH, COUNT = 11, 13, 5
+CAMERA = Camera(WIDTH, HEIGHT, fx=30.0, fy=34.0, cx=5.5, cy=4.2)
+
+
+def ragged(height=HEIGHT, width=WIDTH, seed=3):
+    """A mask with holes, and with pixels that have no normal."""
+    mask = np.random.default_rng(seed).random((height, width)) < 0.85
+    mask[2] = False
+    mask[0, :] = mask[1, :] = False
+    mask[0, 3:8] = True
+    return mask
+
+
+def some_surface(height=HEIGHT, width=WIDTH, seed=0):
+    """Slopes of up to a few times 45 degrees; points 10 cm across."""
+    rng = np.random.default_rng(seed)
+    gradient = 0.02 * rng.normal(size=(height, width, 2))
+    row, column = np.mgrid[:height, :width]
+    points = np.stack([column / width - 0.5, row / height - 0.5, rng.random(row.shape)], axis=-1)
+    return Surface(gradient, 0.1 * points)
+
+
+def some_lamps(channels=1, near=False, seed=1, count=COUNT):
+    """Oblique enough for attached shadows; of one distance or all at infinity."""
+    rng = np.random.default_rng(seed)
+    vector = rng.normal(size=(count, channels, 3)) * [0.35, 0.35, 0.1] - [0, 0, 0.5]
+    ambient = rng.uniform(0.02, 0.12, (count, channels))
+    return Lamps(vector, ambient, rng.uniform(0.5, 3, count) if near else np.zeros(count))
+
+
+def seen(surface, lamps, camera=CAMERA, seed=2):
+    """Linear light (N, h, w, 3) that the model predicts for a random albedo, and the albedo."""
+    dark = Photographs(
+        np.zeros((len(lamps.vector), *camera.shape, 3), np.uint16), np.zeros(65536, np.float32),
+        0, 0, np.ones(camera.shape, bool), camera,
+    )  # fmt: skip
+    albedo = np.random.default_rng(seed).uniform(0.2, 0.9, (*camera.shape, 3))
+    return albedo * plain.shading_of(dark, surface, lamps), albedo
+
+
+def taken(light, dtype=np.uint16, encoding="linear", mask=None, camera=CAMERA):
+    """Photographs of linear light (N, h, w, 3), encoded and rounded."""
+    table = linear_table(np.dtype(dtype), encoding)
+    values = np.abs(np.searchsorted(table, np.clip(light, 0, 1), side="left"))
+    values = np.minimum(values, len(table) - 1).astype(dtype)
+    white = len(table) - 1
+    low, high = int(0.004 * white) + 1, int(np.ceil(0.98 * white)) - 1
+    return Photographs(values, table, low, high, ragged() if mask is None else mask, camera)
+
+
+def faulty(lamps, dtype=np.uint16, encoding="linear", noise=0.02):
+    """Noisy photographs with a tenth of the values black or saturated, and a pixel all black."""
+    surface = some_surface()
+    light, _ = seen(surface, lamps)
+    rng = np.random.default_rng(4)
+    light += noise * rng.standard_t(3, light.shape)
+    light = np.where(rng.random(light.shape) < 0.1, rng.choice([0.0, 1.0], light.shape), light)
+    light[:, 6, 6] = 0
+    return taken(light, dtype, encoding), surface
+
+
+KINDS = {
+    "white": {},
+    "near": {"near": True},
+    "coloured": {"channels": 3},
+    "coloured near": {"channels": 3, "near": True},
+}
+SCALES = {
+    "plain": 0.0,
+    "robust": np.random.default_rng(9).uniform(0.01, 0.1, (HEIGHT, WIDTH)),
+}
+
+
+@pytest.fixture(params=KINDS)
+def lamps(request):
+    return some_lamps(**KINDS[request.param])
+
+
+def close(found, expected):
+    """Equal to rounding, relative to the largest."""
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-8 * np.abs(expected).max())
+
+
+# ---- against plain numpy
+
+
+@pytest.mark.parametrize("project", [True, False])
+@pytest.mark.parametrize("lagged", [True, False])
+@pytest.mark.parametrize("scale", SCALES)
+def test_explain_is_the_plain_pass(lamps, scale, lagged, project):
+    photographs, surface = faulty(lamps)
+    how = {"scale": SCALES[scale], "lagged": lagged, "project": project}
+    found = photographs.explain(surface, lamps, **how)
+    expected = plain.explain(photographs, surface, lamps, **how)
+    close(found.albedo, expected.albedo)
+    close(found.tensor, expected.tensor)
+    close(found.vector, expected.vector)
+    close(found.misfit, expected.misfit)
+    assert found.energy == pytest.approx(expected.energy, rel=1e-12)
+    assert found.rms == pytest.approx(np.sqrt(np.mean(expected.residuals**2)), rel=1e-12)
+    assert found.observations == len(expected.residuals)
+    # the histogram's bins are 0.5 / 1024 wide
+    robust = MAD_TO_SIGMA * np.median(np.abs(expected.residuals))
+    assert found.spread == pytest.approx(robust, abs=MAD_TO_SIGMA * 0.5 / 1024)
+    assert found.spread > 5 * MAD_TO_SIGMA * 0.5 / 1024
+
+
+@pytest.mark.parametrize("scale", [0.03, SCALES["robust"]])
+def test_explain_goes_on_from_an_albedo(lamps, scale):
+    photographs, surface = faulty(lamps)
+    start = np.random.default_rng(5).uniform(0, 1, (HEIGHT, WIDTH, 3))
+    before = start.copy()
+    found = photographs.explain(surface, lamps, scale=scale, start=start)
+    expected = plain.explain(photographs, surface, lamps, scale=scale, start=start)
+    np.testing.assert_array_equal(start, before)
+    close(found.albedo, expected.albedo)
+    close(found.vector, expected.vector)
+    other = photographs.explain(surface, lamps, scale=scale)
+    assert np.abs(found.albedo - other.albedo).max() > 1e-4
+
+
+@pytest.mark.parametrize(("dtype", "encoding"), [(np.uint8, "srgb"), (np.uint16, "srgb")])
+def test_photographs_of_all_kinds(dtype, encoding):
+    lamps = some_lamps()
+    photographs, surface = faulty(lamps, dtype, encoding)
+    found = photographs.explain(surface, lamps, scale=0.03)
+    expected = plain.explain(photographs, surface, lamps, scale=0.03)
+    close(found.albedo, expected.albedo)
+    close(found.tensor, expected.tensor)
+    assert found.observations == usable(photographs.values)[:, photographs.active].sum()
+    mine = photographs.light_terms(surface, lamps, found.albedo, scale=0.03, cell=3)
+    theirs = plain.light_terms(photographs, surface, lamps, found.albedo, scale=0.03, cell=3)
+    for each, other in zip(mine, theirs, strict=True):
+        close(each, other)
+
+
+@pytest.mark.parametrize("project", [True, False])
+@pytest.mark.parametrize("scale", SCALES)
+@pytest.mark.parametrize(("near", "cell"), [(False, 0), (True, 1), (True, 4), (False, 3)])
+def test_light_terms_are_the_plain_ones(lamps, scale, near, cell, project):
+    photographs, surface = faulty(lamps)
+    albedo = photographs.explain(surface, lamps, scale=SCALES[scale]).albedo
+    how = {"scale": SCALES[scale], "near": near, "project": project, "cell": cell}
+    found = photographs.light_terms(surface, lamps, albedo, **how)
+    expected = plain.light_terms(photographs, surface, lamps, albedo, **how)
+    for each, other in zip(found, expected, strict=True):
+        assert each.shape == other.shape
+        if each.size:
+            close(each, other)
+
+
+def test_light_terms_of_some_pixels():
+    lamps = some_lamps()
+    photographs, surface = faulty(lamps)
+    albedo = photographs.explain(surface, lamps).albedo
+    some = photographs.some(20)
+    found = photographs.light_terms(surface, lamps, albedo, active=some)
+    expected = plain.light_terms(photographs, surface, lamps, albedo, active=some)
+    close(found[0], expected[0])
+    close(found[1], expected[1])
+
+
+@pytest.mark.parametrize("cell", [1, 2, 3, 5, 20])
+def test_cells_add_up_to_the_same(cell):
+    # However many rows of cells there are for the blocks that write them.
+    lamps = some_lamps(near=True)
+    photographs, surface = faulty(lamps)
+    albedo = photographs.explain(surface, lamps).albedo
+    each = photographs.light_terms(surface, lamps, albedo, near=True, cell=1)
+    cells = photographs.light_terms(surface, lamps, albedo, near=True, cell=cell)
+    close(cells[2].sum(axis=(0, 1)), each[2].sum(axis=(0, 1)))
+    close(cells[0], each[0])
+
+
+@pytest.mark.parametrize(("dtype", "encoding"), [(np.uint8, "srgb"), (np.uint16, "linear")])
+@pytest.mark.parametrize("shape", [(11, 13), (8, 6), (2, 2), (5, 1)])
+def test_halved_is_the_mean_in_linear_light(dtype, encoding, shape):
+    rng = np.random.default_rng(6)
+    camera = replace(CAMERA, height=shape[0], width=shape[1])
+    mask = rng.random(shape) < 0.9
+    light = np.clip(rng.normal(0.5, 0.3, (3, *shape, 3)), 0, 1)
+    photographs = taken(light, dtype, encoding, mask, camera)
+    small = photographs.halved()
+    values, small_mask = plain.halved(photographs)
+    # a mean that lies between two values may fall to either
+    assert np.abs(small.values.astype(int) - values).max() <= 1
+    np.testing.assert_array_equal(small.values == 0, values == 0)
+    np.testing.assert_array_equal(small.mask, small_mask)
+    assert (small.camera.height, small.camera.width) == small.mask.shape
+    used = (small.values >= small.low) & (small.values <= small.high)
+    np.testing.assert_array_equal(used, values > 0)
+
+
+def test_halved_sees_the_same_rays():
+    small = taken(np.full((1, HEIGHT, WIDTH, 3), 0.5)).halved()
+    for pixel, centre in ((0, 0.5), (3, 6.5)):
+        ray = (
+            (pixel - small.camera.cx) / small.camera.fx,
+            (pixel - small.camera.cy) / small.camera.fy,
+        )
+        here = (centre - CAMERA.cx) / CAMERA.fx, (centre - CAMERA.cy) / CAMERA.fy
+        assert ray == pytest.approx(here, rel=1e-12)
+
+
+def test_halved_twice_as_light_is_halved_as_light():
+    light = np.full((1, 4, 4, 3), 0.25)
+    light[:, ::2] = 0.75
+    mask, camera = np.ones((4, 4), bool), replace(CAMERA, height=4, width=4)
+    small = taken(light, mask=mask, camera=camera).halved().halved()
+    assert small.values.shape == (1, 1, 1, 3)
+    np.testing.assert_allclose(small.values / 65535, 0.5, atol=2e-5)
+
+
+# ---- against finite differences
+
+
+def settled(photographs, surface, lamps, scale):
+    """The explanation with the albedo that the loss has at rest."""
+    found = photographs.explain(surface, lamps, scale=scale)
+    for _ in range(60):
+        found = photographs.explain(surface, lamps, scale=scale, start=found.albedo)
+    return found
+
+
+@pytest.mark.parametrize("scale", [0.0, 0.05])
+def test_vector_is_the_derivative_of_the_energy(lamps, scale):
+    photographs, surface = faulty(lamps, noise=0.01)
+    found = settled(photographs, surface, lamps, scale)
+    lag = photographs.explain(surface, lamps, scale=scale, start=found.albedo, lagged=True)
+    direction = np.random.default_rng(7).normal(size=surface.gradient.shape)
+
+    def energy(step):
+        moved = replace(surface, gradient=surface.gradient + step * direction)
+        return settled(photographs, moved, lamps, scale).energy
+
+    step = 1e-7
+    slope = (energy(step) - energy(-step)) / (2 * step)
+    assert -2 * (found.vector * direction).sum() == pytest.approx(slope, rel=1e-5)
+    assert -2 * (lag.vector * direction).sum() != pytest.approx(slope, rel=1e-3)
+
+
+@pytest.mark.parametrize("scale", [0.0, 0.05])
+@pytest.mark.parametrize("near", [True, False])
+def test_slope_is_the_derivative_of_half_the_energy(lamps, scale, near):
+    photographs, surface = faulty(lamps, noise=0.01)
+    found = settled(photographs, surface, lamps, scale)
+    _, slope, _ = photographs.light_terms(
+        surface, lamps, found.albedo, scale=scale, near=near, cell=1
+    )
+    shape = (*lamps.ambient.shape, 5 if near else 4)
+    direction = np.random.default_rng(8).normal(size=shape)
+    direction[:, 1:, 3:-1] = direction[:, :1, 3:-1]  # a lamp has one place for all channels
+    if near and not lamps.closeness.any():
+        direction[..., 3] = np.abs(direction[..., 3])  # none is farther than infinity
+
+    def energy(step):
+        return settled(photographs, surface, moved(lamps, step * direction), scale).energy
+
+    step = 1e-6
+    if near and not lamps.closeness.any():  # one-sided, second order
+        difference = (-3 * energy(0) + 4 * energy(step) - energy(2 * step)) / (2 * step)
+    else:
+        difference = (energy(step) - energy(-step)) / (2 * step)
+    assert 2 * (slope * direction.ravel()).sum() == pytest.approx(difference, rel=1e-5)
+
+
+def moved(lamps, step):
+    """As Lamps.moved, without its bounds."""
+    closeness = lamps.closeness + (step[:, 0, 3] if step.shape[-1] == 5 else 0)
+    return Lamps(lamps.vector + step[..., :3], lamps.ambient + step[..., -1], closeness)
+
+
+@pytest.mark.parametrize("kind", ["white", "near", "coloured"])
+def test_second_derivatives_are_exact_at_a_perfect_fit(kind):
+    # Without residuals Gauss-Newton is Newton: with depth and lights moved together, the energy
+    # is the quadratic form of tensor, mixed terms and Hessian, the albedo following.
+    lamps, surface = some_lamps(**KINDS[kind]), some_surface()
+    light, _ = seen(surface, lamps)
+    photographs = taken(0.7 * light, mask=np.ones((HEIGHT, WIDTH), bool))
+    found = photographs.explain(surface, lamps)
+    assert found.rms < 2e-5
+    near = "near" in kind
+    hessian, _, mixed = photographs.light_terms(surface, lamps, found.albedo, near=near, cell=1)
+    rng = np.random.default_rng(10)
+    q = 3e-3 * rng.normal(size=(*lamps.ambient.shape, 5 if near else 4))
+    q[..., -1] = np.abs(q[..., -1])
+    g = 4e-4 * np.sign(mixed @ q.ravel())  # where the mixed term is large
+    M, k = found.tensor, q.ravel()
+    depth = M[..., 0] * g[..., 0] ** 2 + 2 * M[..., 1] * g[..., 0] * g[..., 1]
+    depth = (depth + M[..., 2] * g[..., 1] ** 2).sum()
+    lights, both = k @ hessian @ k, 2 * (g * (mixed @ k)).sum()
+    assert min(depth, lights, both) > 0.1 * (depth + lights)
+    for s, t in ((1, 0), (0, 1), (1, 1), (1, -1)):
+        there = replace(surface, gradient=surface.gradient + s * g)
+        energy = photographs.explain(there, moved(lamps, t * q)).energy
+        form = s * s * depth + s * t * both + t * t * lights
+        assert energy == pytest.approx(form, rel=0.03)
+
+
+# ---- laws
+
+
+@pytest.mark.parametrize("scale", [0.01, 0.05])
+def test_reweighting_never_raises_the_energy(lamps, scale):
+    photographs, surface = faulty(lamps)
+    rng = np.random.default_rng(11)
+    albedo = rng.uniform(0, 1, (HEIGHT, WIDTH, 3))
+    image, good = plain.decoded(photographs)
+    residual = albedo * plain.shading_of(photographs, surface, lamps) - image
+    energies = [scale**2 * np.log1p((residual[good] / scale) ** 2).sum()]
+    for _ in range(8):
+        found = photographs.explain(surface, lamps, scale=scale, start=albedo)
+        energies.append(found.energy)
+        albedo = found.albedo
+    assert energies[1] < 0.9 * energies[0]
+    assert (np.diff(energies) <= 1e-12 * energies[0]).all()
+
+
+@pytest.mark.parametrize("scale", [0.0, 0.03])
+def test_brighter_lamps_and_a_darker_albedo_are_the_same(lamps, scale):
+    photographs, surface = faulty(lamps)
+    start = np.full((HEIGHT, WIDTH, 3), 0.5)
+    one = photographs.explain(surface, lamps, scale=scale, start=start)
+    two = photographs.explain(surface, lamps.brighter(3.0), scale=scale, start=start / 3)
+    assert two.energy == pytest.approx(one.energy, rel=1e-11)
+    close(two.albedo, one.darker(3.0).albedo)
+    close(two.tensor, one.tensor)
+    close(two.vector, one.vector)
+    # and so the energy does not change along that direction
+    hessian, slope, _ = photographs.light_terms(surface, lamps, one.albedo)
+    along = np.concatenate([lamps.vector, lamps.ambient[..., None]], axis=-1).ravel()
+    if not lamps.closeness.any():
+        assert np.abs(hessian @ along).max() < 1e-9 * np.abs(hessian).max()
+    if not scale:
+        assert abs(slope @ along) < 1e-9 * np.abs(slope).max()
+
+
+def test_a_pixel_only_counts_where_it_is_usable(lamps):
+    photographs, surface = faulty(lamps)
+    values = photographs.values.copy()
+    bad = (values < photographs.low) | (values > photographs.high)
+    assert bad.mean() > 0.05
+    values[bad] = np.where(values[bad] > 30000, photographs.high + 1, photographs.low - 1)
+    values[:, ~photographs.active] = 12345
+    other = replace(photographs, values=values)
+    one, two = (each.explain(surface, lamps, scale=0.03) for each in (photographs, other))
+    for name in ("albedo", "energy", "tensor", "vector", "rms", "spread", "misfit"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+    black = (slice(None), 6, 6)
+    assert bad[black].all()
+    assert not one.albedo[6, 6].any()
+    assert not one.tensor[6, 6].any()
+    assert one.misfit[6, 6] == 0
+
+
+def test_pixels_without_a_normal_say_nothing(lamps):
+    photographs, surface = faulty(lamps)
+    off = ~has_gradient(photographs.mask)
+    assert (photographs.mask & off).any()
+    found = photographs.explain(surface, lamps)
+    for field in (found.albedo, found.tensor, found.vector, found.misfit):
+        assert not field[off].any()
+
+
+def test_tensors_are_positive_semidefinite(lamps):
+    photographs, surface = faulty(lamps)
+    for count in (1, 2, COUNT):
+        few = replace(photographs, values=np.ascontiguousarray(photographs.values[:count]))
+        part = Lamps(lamps.vector[:count], lamps.ambient[:count], lamps.closeness[:count])
+        uu, uv, vv = np.moveaxis(few.explain(surface, part).tensor, -1, 0)
+        assert (uu >= 0).all()
+        assert (vv >= 0).all()
+        assert (uv**2 <= uu * vv * (1 + 1e-12)).all()
+
+
+def test_one_photograph_says_nothing_of_the_depth_once_the_albedo_is_free():
+    lamps = some_lamps(count=1)
+    light, _ = seen(some_surface(), lamps)
+    photographs = taken(light)
+    free = photographs.explain(some_surface(), lamps)
+    held = photographs.explain(some_surface(), lamps, project=False)
+    assert np.abs(free.tensor).max() < 1e-9 * np.abs(held.tensor).max()
+
+
+def test_lamps_far_away_are_distant_lamps():
+    photographs, surface = faulty(some_lamps())
+    found = {}
+    for closeness in (0.0, 1e-6, 0.5):
+        lamps = replace(some_lamps(), closeness=np.full(COUNT, closeness))
+        explanation = photographs.explain(surface, lamps)
+        terms = photographs.light_terms(surface, lamps, explanation.albedo, near=True, cell=2)
+        found[closeness] = (explanation.albedo, explanation.energy, explanation.tensor, *terms)
+    for far, distant, close_by in zip(found[1e-6], found[0.0], found[0.5], strict=True):
+        np.testing.assert_allclose(far, distant, atol=1e-5 * np.abs(distant).max())
+        assert np.abs(np.subtract(close_by, distant)).max() > 1e-4 * np.abs(distant).max()
+
+
+def test_a_near_lamp_obeys_the_inverse_square_law():
+    # Straight above two facing pixels, one twice as far away: a quarter of the light.
+    camera = Camera(2, 2, fx=1.0, fy=1.0, cx=0.5, cy=0.5)
+    points = np.zeros((2, 2, 3))
+    points[:, 1, 2] = 0.5  # behind the middle; the lamp is half a metre before it
+    lamps = Lamps(np.array([[[0, 0, -0.8]]]), np.zeros((1, 1)), np.array([2.0]))
+    surface = Surface(np.zeros((2, 2, 2)), points)
+    light = np.full((1, 2, 2, 3), 0.5)
+    albedo = taken(light, mask=np.ones((2, 2), bool), camera=camera).explain(surface, lamps).albedo
+    np.testing.assert_allclose(albedo[:, 1], 4 * albedo[:, 0], rtol=1e-10)
+    np.testing.assert_allclose(albedo[:, 0], 0.5 / 0.8, rtol=1e-4)
+
+
+@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="one core has one order")
+def test_the_same_numbers_on_one_core_and_on_two():
+    height, width = 70, 80  # enough to be shared
+    camera = replace(CAMERA, height=height, width=width, fx=150.0, fy=170.0)
+    lamps, surface = some_lamps(near=True), some_surface(height, width)
+    light, _ = seen(surface, lamps, camera)
+    mask = ragged(height, width)
+    photographs = taken(light, mask=mask, camera=camera)
+    assert len(photographs) * mask.size > 1 << 14
+    before, results = numba.get_num_threads(), []
+    try:
+        for threads in (1, 2):
+            numba.set_num_threads(threads)
+            found = photographs.explain(surface, lamps, scale=0.01)
+            terms = photographs.light_terms(surface, lamps, found.albedo, near=True, cell=7)
+            small = photographs.halved().values
+            results.append((found.albedo, found.energy, found.rms, found.tensor, *terms, small))
+    finally:
+        numba.set_num_threads(before)
+    for one, two in zip(*results, strict=True):
+        np.testing.assert_array_equal(one, two)
+
+
+# ---- lamps
+
+
+def test_near_lamps_have_their_positions():
+    vector = np.array([[[0.0, 0.0, -2.0]], [[3.0, 0.0, -4.0]]])
+    lamps = Lamps(vector, np.zeros((2, 1)), np.array([2.0, 0.5]))
+    lights = lamps.as_lights(np.array([0.1, 0.2, 0.8]))
+    expected = [[0.1, 0.2, 0.8 - 0.5], [0.1 + 2 * 0.6, 0.2, 0.8 - 2 * 0.8]]
+    np.testing.assert_allclose(lights.position_m, expected, rtol=1e-12)
+    np.testing.assert_array_equal(lights.vector, vector)
+
+
+def test_distant_lamps_have_none_and_a_dark_lamp_is_no_trouble():
+    vector = np.array([[[0.0, 0.0, -2.0]], [[0.0, 0.0, 0.0]]])
+    assert Lamps.distant(vector, np.zeros((2, 1))).as_lights(np.zeros(3)).position_m is None
+    lights = Lamps(vector, np.zeros((2, 1)), np.array([2.0, 0.0])).as_lights(np.zeros(3))
+    assert np.isfinite(lights.position_m).all()
+    np.testing.assert_allclose(lights.position_m[0], [0, 0, -0.5])
+
+
+def test_positions_are_where_the_light_comes_from():
+    # The lamp that as_lights names sends what the kernels say: along P - X, with 1 / |P - X|^2.
+    lamps, surface = some_lamps(near=True), some_surface()
+    position = lamps.as_lights(np.zeros(3)).position_m
+    for i in range(COUNT):
+        s = plain.light_at(lamps.vector[i, 0], lamps.closeness[i], surface.points)
+        toward = position[i] - surface.points
+        strength = np.linalg.norm(lamps.vector[i, 0]) * (position[i] ** 2).sum()
+        law = strength * toward / np.linalg.norm(toward, axis=-1, keepdims=True) ** 3
+        np.testing.assert_allclose(s, law, rtol=1e-12)
+
+
+def test_moved_lamps():
+    lamps = some_lamps(near=True)
+    step = np.random.default_rng(12).normal(size=(COUNT, 1, 5))
+    step[0, 0, 3] = -9
+    there = lamps.moved(step)
+    np.testing.assert_array_equal(there.vector, lamps.vector + step[..., :3])
+    np.testing.assert_array_equal(there.closeness, np.maximum(lamps.closeness + step[:, 0, 3], 0))
+    np.testing.assert_array_equal(there.ambient, np.maximum(lamps.ambient + step[..., 4], 0))
+    assert (there.ambient == 0).any()
+    assert (there.closeness == 0).any()
+    np.testing.assert_array_equal(lamps.moved(step[..., :4]).closeness, lamps.closeness)
+
+
+# ---- which pixels
+
+
+def test_some_pixels_are_about_so_many():
+    mask = np.ones((200, 300), bool)
+    mask[:40] = False
+    camera = replace(CAMERA, height=200, width=300)
+    photographs = taken(np.full((1, 200, 300, 3), 0.5), mask=mask, camera=camera)
+    for most in (100, 3000, 20_000):
+        some = photographs.some(most)
+        assert not (some & ~photographs.active).any()
+        assert most / 1.5 < some.sum() < 2.6 * most
+    np.testing.assert_array_equal(photographs.some(10**6), photographs.active)
+
+
+def test_some_pixels_of_a_thin_object_are_not_none():
+    mask = np.zeros((HEIGHT, WIDTH), bool)
+    mask[5:7] = True
+    photographs = taken(np.full((1, HEIGHT, WIDTH, 3), 0.5), mask=mask)
+    assert photographs.some(1).any()
+
+
+def test_one_compiled_version_serves_every_call():
+    # A read-only scale or a strided light would each compile the kernel once more: seconds.
+    lamps = some_lamps()
+    photographs, surface = faulty(lamps)
+    albedo = photographs.explain(surface, lamps).albedo
+    photographs.light_terms(surface, lamps, albedo)
+    before = len(_kernels.explain.signatures), len(_kernels.light_terms.signatures)
+    joined = np.concatenate([lamps.vector, lamps.ambient[..., None]], axis=-1)
+    strided = Lamps.distant(joined[..., :3], joined[..., 3])
+    for scale in (0.03, np.full((HEIGHT, WIDTH), 0.03)):
+        photographs.explain(surface, strided, scale=scale, start=albedo)
+        photographs.light_terms(surface, strided, albedo, scale=scale)
+    assert before == (len(_kernels.explain.signatures), len(_kernels.light_terms.signatures))

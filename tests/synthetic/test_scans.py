@@ -1,0 +1,77 @@
+"""Laser scans as truth: they render to captures that `refine` improves, and survive the disk.
+
+The scans lie beside the project and are not part of it; without them these tests are skipped.
+"""
+
+from pathlib import Path
+
+import pytest
+
+from rakelight.capture import load_capture
+from rakelight.capture.truth import load_truth
+from rakelight.cli import main
+from rakelight.geometry.normals import normals_from_depth
+from rakelight.methods import refine
+from rakelight.metrics import evaluate
+from rakelight.synthetic import (
+    DepthNoise,
+    SceneOptions,
+    make_albedo,
+    render_scene,
+    shape_from_file,
+)
+
+SCANS = sorted((Path(__file__).resolve().parents[3] / "shared" / "shapes").glob("*.npz"))
+NAMES = [path.stem for path in SCANS]
+
+pytestmark = pytest.mark.skipif(not SCANS, reason="no scans in ../shared/shapes")
+
+
+@pytest.mark.parametrize("file", SCANS, ids=NAMES)
+def test_refine_improves_a_scan(file):
+    shape = shape_from_file(file)
+    options = SceneOptions(
+        camera=shape.camera.scaled(0.5),
+        photographs=6,
+        depth_noise=DepthNoise(rms_mm=3.3, correlation_length_px=8.0),
+    )
+    capture, truth = render_scene(shape, make_albedo("pattern"), options)
+    result = refine(capture, "multi-light-alternating")
+    before = evaluate(
+        result.prepared_depth,
+        normals_from_depth(result.prepared_depth, truth.mask, capture.camera),
+        truth,
+    )
+    after = evaluate(result.depth, result.normals, truth)
+    assert after.depth.coverage == after.normals.coverage == 1
+    assert after.normals.mae_deg < before.normals.mae_deg / 2
+    assert after.depth.rmse_mm < 1.1 * before.depth.rmse_mm
+
+
+@pytest.mark.parametrize("file", SCANS, ids=NAMES)
+def test_a_scan_that_synth_wrote_is_read_back_bit_for_bit(file, tmp_path, monkeypatch):
+    made = {}
+
+    def kept(*arguments):
+        made["capture"], made["truth"] = render_scene(*arguments)
+        return made["capture"], made["truth"]
+
+    monkeypatch.setattr("rakelight.synthetic.render_scene", kept)
+    folder = tmp_path / "scan"
+    command = ["synth", str(folder), "--shape-file", str(file), "--size", "0.25", "--quiet"]
+    with pytest.raises(SystemExit) as left:
+        main([*command, "--lights", "3", "--depth-factor", "1", "--holes", "0.02"])
+    assert left.value.code == 0
+    capture, truth = load_capture(folder), load_truth(folder)
+    for name in ("photographs", "depth_m", "mask"):
+        assert identical(getattr(capture, name), getattr(made["capture"], name)), name
+    assert capture.camera == made["capture"].camera
+    for name in ("depth", "normals", "albedo"):
+        assert identical(getattr(truth, name), getattr(made["truth"], name)), name
+    assert identical(truth.lights.vector, made["truth"].lights.vector)
+    assert identical(truth.lights.ambient, made["truth"].lights.ambient)
+
+
+def identical(a, b):
+    """Same type, shape and bits; NaN included."""
+    return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
