@@ -28,6 +28,10 @@ def shown_progress(quiet: bool = False) -> Iterator[ProgressCallback]:
         TimeRemainingColumn(),
     )
     with Bars(*columns, console=Console(stderr=True)) as bars:
+        if not _compiled():
+            bars.console.print(
+                "first run: compiling takes about a minute, later runs start at once"
+            )
         tasks: dict[str, TaskID] = {}
 
         def show(now: Progress) -> None:
@@ -44,3 +48,12 @@ def shown_progress(quiet: bool = False) -> Iterator[ProgressCallback]:
         yield show
         for task in tasks.values():
             bars.update(task, total=1, completed=1)
+
+
+def _compiled() -> bool:
+    """Whether the kernels have been compiled by an earlier run."""
+    from rakelight import jit
+    from rakelight.shading import _kernels as _photographs  # noqa: F401 - registers its kernels
+    from rakelight.solve import _kernels as _solver  # noqa: F401
+
+    return jit.compiled()
