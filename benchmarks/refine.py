@@ -111,7 +111,7 @@ def main() -> None:
         cases: list[Path] = [given.capture] if given.capture else []
         sizes = [(1280, 960, given.images)] if given.full_frame else []
         if given.table:
-            sizes = [(w, h, 8) for w, h in MEGAPIXELS] + [(640, 480, n) for n in IMAGES]
+            sizes = [(w, h, 8) for w, h in MEGAPIXELS] + [(640, 480, n) for n in IMAGES if n != 8]
         rows = [best(case) for case in cases]
         for width, height, images in sizes:
             made = folder / f"{width}x{height}x{images}"

@@ -70,7 +70,14 @@ def main(arguments: list[str] | None = None) -> None:
     given = sys.argv[1:] if arguments is None else arguments
     if isinstance(sys.stdout, TextIOWrapper):  # a name may not fit the terminal's alphabet
         sys.stdout.reconfigure(errors="backslashreplace")
-    sys.exit(_run(given))
+    code = _run(given)
+    try:
+        sys.stdout.flush()
+    except OSError:
+        # What a full disk did not take stays in the buffer; without this Python would try once
+        # more on its way out, and leave with a code of its own.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    sys.exit(code)
 
 
 def _run(arguments: list[str]) -> int:
