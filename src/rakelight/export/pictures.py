@@ -6,6 +6,7 @@ import numpy as np
 
 from rakelight.capture.images import encode_png
 from rakelight.export.albedo import srgb
+from rakelight.geometry.grid import bounding_window
 from rakelight.geometry.normals import normals_from_depth
 from rakelight.model import Array, Floats, Mask, Result
 
@@ -62,12 +63,8 @@ def object_window(mask: Mask, *, margin: int = 8) -> tuple[slice, slice]:
     >>> object_window(mask)
     (slice(12, 38, None), slice(0, 48, None))
     """
-    spans = []
-    for axis, size in ((1, mask.shape[0]), (0, mask.shape[1])):
-        hits = np.flatnonzero(mask.any(axis=axis))
-        first, last = (hits[0], hits[-1]) if hits.size else (0, size - 1)
-        spans.append(slice(max(0, int(first) - margin), min(size, int(last) + 1 + margin)))
-    return spans[0], spans[1]
+    height, width = mask.shape
+    return bounding_window(mask, margin) if mask.any() else (slice(0, height), slice(0, width))
 
 
 def preview(result: Result) -> Array:

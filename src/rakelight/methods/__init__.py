@@ -151,8 +151,8 @@ def _too_thin(prepared: Prepared) -> Estimate | None:
 
     Raises CaptureError where no photograph has a usable value on the rest.
     """
-    if has_gradient(prepared.mask).any():
-        inner = has_gradient(prepared.mask)[prepared.mask]
+    inner = has_gradient(prepared.mask)[prepared.mask]
+    if inner.any():
         if not any(prepared.pixels(i)[1][inner].any() for i in range(len(prepared))):
             raise CaptureError(
                 "the photographs show nothing of the object",

@@ -1,4 +1,4 @@
-"""The pyramid on which the joint method works, and what it knows at each level."""
+"""What a multi-light method works on: photographs and prepared depth, at one resolution or more."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from rakelight.prepare import Prepared
 from rakelight.prepare.inpaint import nearest_fill
 from rakelight.prepare.linear import BLACK, SATURATED, linear_table
 from rakelight.shading.photographs import Photographs, Surface
+
+# Depth that was filled in is worth this fraction of what the sensor measured.
+FILLED = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,9 +93,6 @@ def finest_level(prepared: Prepared) -> Level:
         np.where(prepared.measured, precision, FILLED * precision),
         points.mean(axis=0),
     )
-
-
-FILLED = 0.01
 
 
 def pyramid(finest: Level, most_pixels: int) -> list[Level]:

@@ -20,6 +20,7 @@ from rakelight.methods.estimate import Estimate, photometric_confidence, require
 from rakelight.methods.levels import Level, finest_level
 from rakelight.model import Floats, Progress, ProgressCallback
 from rakelight.prepare import Prepared
+from rakelight.shading.lighting import frontal_lights
 from rakelight.shading.photographs import Explanation, Lamps, Surface
 from rakelight.solve import Solution, assemble, solve
 
@@ -91,9 +92,8 @@ def multi_light_alternating(
 
 def frontal_lamps(count: int) -> Lamps:
     """White lamps of unit intensity at the camera, no ambient light: the paper's start."""
-    vector = np.zeros((count, 1, 3))
-    vector[..., 2] = -1.0
-    return Lamps.distant(vector, np.zeros((count, 1)))
+    lights = frontal_lights(count)
+    return Lamps.distant(lights.vector, lights.ambient)
 
 
 def light_and_albedo(level: Level, log_depth: Floats, albedo: Floats, lamps: Lamps) -> Fit:
@@ -103,9 +103,10 @@ def light_and_albedo(level: Level, log_depth: Floats, albedo: Floats, lamps: Lam
     the albedo's 99th percentile is 1.
     """
     photographs, surface = level.photographs, level.surface(log_depth)
+    some = photographs.some(LIGHT_PIXELS)
     for _ in range(HORIZON_ROUNDS):
         hessian, slope, _coupling = photographs.light_terms(
-            surface, lamps, albedo, project=False, active=photographs.some(LIGHT_PIXELS)
+            surface, lamps, albedo, project=False, active=some
         )
         before = np.concatenate([lamps.vector, lamps.ambient[..., None]], axis=-1)[:, 0]
         lights = [
