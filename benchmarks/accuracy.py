@@ -5,6 +5,8 @@
     python benchmarks/accuracy.py limits               what a depth map of that size can hold
     python benchmarks/accuracy.py slant                against the surface's slant to the camera
     python benchmarks/accuracy.py maps -o out/maps     pictures of the errors
+    python benchmarks/accuracy.py scans                laser scans, white depth noise
+    python benchmarks/accuracy.py hard                 shadows, highlights, near lamps together
 
 `off the jumps` leaves out 4 pixels around the depth jumps, which are neighbouring pixels whose
 true depths differ by more than 5 mm.  `smooth` is the rms of the depth error under a Gaussian of
@@ -15,6 +17,7 @@ estimated and the true directions.
 from __future__ import annotations
 
 import argparse
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -39,6 +42,7 @@ from rakelight.synthetic import (
     make_albedo,
     make_shape,
     render_scene,
+    shape_from_file,
 )
 
 JUMP_M = 0.005
@@ -193,6 +197,46 @@ def maps(arguments: argparse.Namespace) -> Iterator[str]:
     yield str(file)
 
 
+def scans(arguments: argparse.Namespace) -> Iterator[str]:
+    """Laser scans under white depth noise of 3.3 mm, 12 distant lamps, three paints."""
+    yield from _scans(arguments, {"photographs": 12, "depth_noise": DepthNoise(rms_mm=3.3)})
+
+
+def hard(arguments: argparse.Namespace) -> Iterator[str]:
+    """Near lamps, cast shadows and highlights together, correlated depth noise of 3.3 mm."""
+    noise = DepthNoise(rms_mm=3.3, correlation_length_px=14.0)
+    conditions = {"cast_shadows": True, "specular": 0.15, "lamp_distance_m": 0.6}
+    yield from _scans(arguments, {"photographs": 16, "depth_noise": noise, **conditions})
+
+
+def _scans(arguments: argparse.Namespace, conditions: dict[str, Any]) -> Iterator[str]:
+    yield "| shape | paint | input RMSE, mm | input MAE, deg | RMSE, mm | MAE, deg | seconds |"
+    yield "|" + " --- |" * 7
+    files = sorted(arguments.shapes.glob("*.npz"))
+    shapes = [shape_from_file(file) for file in files] + [make_shape("vase")]
+    figures = []
+    for shape in shapes:
+        for paint in ("simple", "pattern", "complicated"):
+            options = SceneOptions(**conditions)
+            capture, truth = render_scene(shape, make_albedo(paint), options)
+            began = time.perf_counter()
+            result = refine(capture, arguments.method)
+            seconds = time.perf_counter() - began
+            flat = normals_from_depth(result.prepared_depth, truth.mask, capture.camera)
+            before = evaluate(result.prepared_depth, flat, truth)
+            after = evaluate(result.depth, result.normals, truth)
+            numbers = [
+                number
+                for score in (before, after)
+                for number in (score.depth.rmse_mm, score.normals.mae_deg)
+            ]
+            figures.append(numbers)
+            cells = " | ".join(f"{number:.2f}" for number in numbers)
+            yield f"| {shape.name} | {paint} | {cells} | {seconds:.1f} |"
+    cells = " | ".join(f"{number:.2f}" for number in np.mean(figures, axis=0))
+    yield f"| mean | | {cells} | |"
+
+
 def refined(arguments: argparse.Namespace) -> tuple[Capture, Truth, Result]:
     """The paper's scene and its result."""
     capture, truth = make(arguments, paper_object())
@@ -219,12 +263,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    tables = {f.__name__: f for f in (photographs, causes, limits, slant, maps)}
+    tables = {f.__name__: f for f in (photographs, causes, limits, slant, maps, scans, hard)}
     parser.add_argument("table", choices=tables)
     parser.add_argument("--method", default="multi-light-alternating")
     parser.add_argument("--scenario", default="pattern", help="simple, pattern, complicated")
     parser.add_argument("--size", type=float, default=1.0, help="scale of 640 x 480")
     parser.add_argument("--counts", type=int, nargs="+", default=[4, 8, 12, 20])
+    parser.add_argument("--shapes", type=Path, default=Path("../shared/shapes"), help="*.npz")
     parser.add_argument("-o", "--output", type=Path, default=Path("out/maps"))
     arguments = parser.parse_args()
     for text in tables[arguments.table](arguments):

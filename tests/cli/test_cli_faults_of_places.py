@@ -218,7 +218,7 @@ def test_25_a_full_disk_behind_stdout(capture, tmp_path):
 
 
 def test_25_too_little_memory(run, capture, tmp_path, monkeypatch):
-    monkeypatch.setattr("rakelight.methods.normals_from_depth", failing(MemoryError()))
+    monkeypatch.setattr("rakelight.methods.surface_normals", failing(MemoryError()))
     ran = run("refine", capture, "-o", tmp_path / "out")
     assert (ran.code, ran.out) == (3, "")
     assert ran.err == "error: not enough memory. Fix: close other programs or use --scale 1\n"
@@ -227,7 +227,7 @@ def test_25_too_little_memory(run, capture, tmp_path, monkeypatch):
 
 # --- 26, 27: interrupted, killed, twice at once ---
 
-WHILE_REFINING = "rakelight.methods.normals_from_depth"
+WHILE_REFINING = "rakelight.methods.surface_normals"
 WHILE_WRITING = "rakelight.export.lights_json"
 
 

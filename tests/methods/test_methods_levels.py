@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from rakelight.geometry.camera import back_project
+from rakelight.geometry.cells import cell_sums, spread
 from rakelight.geometry.grid import mean_gradient
-from rakelight.methods.levels import FILLED, Level, cell_sums, finest_level, pyramid, spread
+from rakelight.methods.levels import FILLED, Level, finest_level, pyramid
 from rakelight.model import Camera
 from rakelight.prepare import Prepared
 from rakelight.prepare.linear import usable
@@ -160,7 +161,7 @@ def test_halving_keeps_the_priors_weight(shape):
     level = finest_level(make_prepared(*shape))
     coarse = level.halved()
     assert coarse.prior_weight.sum() == pytest.approx(level.prior_weight.sum(), rel=1e-12)
-    ragged = replace(level, photographs=replace(level.photographs, mask=ellipse(*shape)))
+    ragged = replace(level, photographs=replace(level.photographs, grid=ellipse(*shape)))
     inside = ragged.prior_weight[ragged.mask].sum()
     assert ragged.halved().prior_weight.sum() == pytest.approx(inside, rel=1e-12)
     # each coarse pixel on the mask has that of its four

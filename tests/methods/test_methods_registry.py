@@ -97,7 +97,8 @@ def test_options_of_another_method_are_refused(capture, options):
 
 
 def test_options_are_kept_with_the_result(capture):
-    result = refine(capture, options=Options(max_iterations=2, depth_trust=3.0))
+    options = Options(max_iterations=2, depth_trust=3.0)
+    result = refine(capture, "multi-light-alternating", options=options)
     assert result.options == {
         "max_iterations": 2,
         "tolerance": Options().tolerance,
@@ -108,9 +109,9 @@ def test_options_are_kept_with_the_result(capture):
 
 
 @pytest.mark.parametrize("trust", [-1.0, np.nan])
-def test_impossible_options(capture, trust):
+def test_impossible_options(trust):
     with pytest.raises(InputError):
-        refine(capture, options=Options(depth_trust=trust))
+        Options(depth_trust=trust)
 
 
 def test_bad_scale(capture):
@@ -123,7 +124,7 @@ def test_bad_scale(capture):
 
 def test_progress_is_told_in_rising_steps(capture):
     told = []
-    result = refine(capture, progress=told.append)
+    result = refine(capture, "multi-light-alternating", progress=told.append)
     assert told[0].stage == "prepare"
     rounds = told[1:]
     assert {p.stage for p in rounds} == {"refine"}

@@ -164,6 +164,21 @@ def test_light_terms_are_the_plain_ones(lamps, scale, near, cell, project):
             close(each, other)
 
 
+@pytest.mark.parametrize("project", [True, False])
+@pytest.mark.parametrize("scale", SCALES)
+@pytest.mark.parametrize(("near", "cell"), [(False, 0), (True, 4)])
+def test_first_derivatives_alone_are_the_same(lamps, scale, near, cell, project):
+    photographs, surface = faulty(lamps)
+    albedo = photographs.explain(surface, lamps, scale=SCALES[scale]).albedo
+    how = {"scale": SCALES[scale], "near": near, "project": project, "cell": cell}
+    both = photographs.light_terms(surface, lamps, albedo, **how)
+    first = photographs.light_terms(surface, lamps, albedo, second=False, **how)
+    np.testing.assert_array_equal(first[1], both[1])
+    for k in (0, 2):
+        assert both[k].any() or not both[k].size
+        np.testing.assert_array_equal(first[k], np.zeros_like(both[k]))
+
+
 def test_light_terms_of_some_pixels():
     lamps = some_lamps()
     photographs, surface = faulty(lamps)

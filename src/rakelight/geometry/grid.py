@@ -1,29 +1,132 @@
-"""The masked pixel grid: one-sided differences, area averages, windows.
+"""The masked pixel grid: links between pixels, one-sided differences, area averages, windows.
 
 Differences live on an (H, W) grid with a bool mask.  A forward difference at a pixel needs the
 pixel and its right (lower) neighbour inside the mask; a backward one its left (upper) neighbour.
+Where the surface ends at a depth jump, two neighbours are both inside and yet not linked: every
+function here takes a mask, which links all its neighbours, or `Links`.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from math import radians, tan
 from typing import Any
 
 import numpy as np
 
-from rakelight.model import Array, Floats, Mask
+from rakelight.model import Array, Camera, Floats, Mask
+
+# Steepest surface that is still a surface: depth change over lateral distance, at 85 degrees
+# from facing the camera.  A real surface as steep as that covers less than a tenth of its area
+# in pixels and carries no usable photometric signal; what looks like one is an occlusion edge.
+STEEPEST = tan(radians(85.0))
 
 
-def neighbours(mask: Mask, axis: int) -> tuple[Mask, Mask]:
+@dataclass(frozen=True, slots=True)
+class Links:
+    """Which neighbours on a pixel grid lie on one surface.
+
+    mask : (H, W) the pixels
+    right, down : (H, W) whether a pixel is linked to its right, to its lower neighbour
+    """
+
+    mask: Mask
+    right: Mask
+    down: Mask
+
+    @classmethod
+    def of(cls, grid: Grid) -> Links:
+        """The links of a mask, all there are; links as they are."""
+        if isinstance(grid, Links):
+            return grid
+        sides = []
+        for axis in (1, 0):
+            here, there = pair_slices(axis)
+            linked = np.zeros_like(grid)
+            linked[here] = grid[here] & grid[there]
+            sides.append(linked)
+        return cls(grid, *sides)
+
+    @property
+    def cut(self) -> bool:
+        """Whether any two neighbours in the mask are not linked."""
+        whole = Links.of(self.mask)
+        return bool((whole.right != self.right).any() or (whole.down != self.down).any())
+
+    def halved(self) -> Links:
+        """The links of cells of 2 x 2 pixels: a cell is whole, and nothing is cut on the way."""
+        height, width = (-(-side // 2) for side in self.mask.shape)
+
+        def cells(image: Mask) -> Array:
+            """(height, width, 2, 2): the pixels of each cell, row and column last."""
+            padded = np.zeros((2 * height, 2 * width), dtype=bool)
+            padded[: image.shape[0], : image.shape[1]] = image
+            return padded.reshape(height, 2, width, 2).swapaxes(1, 2)
+
+        mask: Mask = np.asarray(cells(self.mask).all(axis=(2, 3)))
+        sides = []
+        for axis, linked in (
+            (1, np.asarray(cells(self.right).all(axis=2))),
+            (0, np.asarray(cells(self.down).all(axis=3))),
+        ):
+            # A cell's own links along the axis, those to the next cell, the next cell's own.
+            here, there = pair_slices(axis)
+            side = np.zeros(mask.shape, dtype=bool)
+            side[here] = linked[here].all(axis=-1) & linked[there][..., 0]
+            sides.append(side)
+        return Links(mask, *sides)
+
+    def pair_weights(self) -> Floats:
+        """(H, W, 4) what makes the mean over a mask's difference pairs that over the linked ones.
+
+        Pairs (+u,+v), (+u,-v), (-u,+v), (-u,-v), as `solve.assemble` takes them.
+        """
+        weights = []
+        for grid in (self, Links.of(self.mask)):
+            sides = [neighbours(grid, axis) for axis in (1, 0)]
+            weights.append(np.stack([u & v for u in sides[0] for v in sides[1]], axis=-1))
+        linked, inside = weights
+        count = np.maximum(linked.sum(axis=-1, keepdims=True), 1)
+        return np.asarray(linked * (inside.sum(axis=-1, keepdims=True) / count))
+
+
+Grid = Mask | Links
+
+
+def surface_links(depth_m: Floats, mask: Mask, camera: Camera) -> Links:
+    """The links of a mask (H, W), cut where the depth (H, W), metres, jumps.
+
+    A jump is a depth difference of more than `STEEPEST` times the lateral distance z / f.
+
+    >>> camera = Camera(3, 2, fx=100.0, fy=100.0, cx=1.0, cy=0.5)
+    >>> step = np.array([[1.0, 1.0, 1.5], [1.0, 1.0, 1.5]])
+    >>> surface_links(step, np.ones((2, 3), bool), camera).right.tolist()
+    [[True, False, False], [True, False, False]]
+    """
+    whole = Links.of(mask)
+    sides = []
+    for axis, linked, focal in ((1, whole.right, camera.fx), (0, whole.down, camera.fy)):
+        here, there = pair_slices(axis)
+        with np.errstate(invalid="ignore"):
+            near = np.minimum(depth_m[here], depth_m[there])
+            smooth = np.abs(depth_m[here] - depth_m[there]) <= STEEPEST / focal * near
+        side = np.zeros_like(linked)
+        side[here] = linked[here] & smooth
+        sides.append(side)
+    return Links(mask, *sides)
+
+
+def neighbours(grid: Grid, axis: int) -> tuple[Mask, Mask]:
     """Where the forward and the backward difference along `axis` exist, each (H, W) bool.
 
     >>> forward, backward = neighbours(np.array([[True, True, False]]), axis=1)
     >>> forward.tolist(), backward.tolist()
     ([[True, False, False]], [[False, True, False]])
     """
-    forward = np.zeros_like(mask)
+    links = Links.of(grid)
+    forward = links.right if axis == 1 else links.down
     here, there = pair_slices(axis)
-    forward[here] = mask[here] & mask[there]
-    backward = np.zeros_like(mask)
+    backward = np.zeros_like(forward)
     backward[there] = forward[here]
     return forward, backward
 
@@ -36,14 +139,14 @@ def pair_slices(axis: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
     return tuple(here), tuple(there)
 
 
-def differences(values: Floats, mask: Mask, axis: int) -> tuple[Floats, Floats]:
+def differences(values: Floats, grid: Grid, axis: int) -> tuple[Floats, Floats]:
     """Forward and backward difference of `values` (H, W) along `axis`; 0 where there is none.
 
     >>> f, b = differences(np.array([[1.0, 3.0, 7.0]]), np.ones((1, 3), bool), axis=1)
     >>> f.tolist(), b.tolist()
     ([[2.0, 4.0, 0.0]], [[0.0, 2.0, 4.0]])
     """
-    exists, _ = neighbours(mask, axis)
+    exists, _ = neighbours(grid, axis)
     here, there = pair_slices(axis)
     step = np.zeros(values.shape, dtype=np.result_type(values, np.float32))
     step[here] = np.where(exists[here], values[there] - values[here], 0)
@@ -52,7 +155,7 @@ def differences(values: Floats, mask: Mask, axis: int) -> tuple[Floats, Floats]:
     return step, back
 
 
-def mean_gradient(values: Floats, mask: Mask) -> tuple[Floats, Floats]:
+def mean_gradient(values: Floats, grid: Grid) -> tuple[Floats, Floats]:
     """d/du and d/dv of `values` (H, W): the mean of the one-sided differences that exist.
 
     Second order inside the mask, one-sided at its border, 0 where a pixel has no neighbour.
@@ -61,18 +164,18 @@ def mean_gradient(values: Floats, mask: Mask) -> tuple[Floats, Floats]:
     >>> u.tolist(), v.tolist()
     ([[1.0, 1.0, 1.0], [1.0, 1.0, 1.0]], [[3.0, 3.0, 3.0], [3.0, 3.0, 3.0]])
     """
-    gradients = []
+    gradients, links = [], Links.of(grid)
     for axis in (1, 0):
-        forward, backward = differences(values, mask, axis)
-        has_forward, has_backward = neighbours(mask, axis)
+        forward, backward = differences(values, links, axis)
+        has_forward, has_backward = neighbours(links, axis)
         count = has_forward.astype(np.float64) + has_backward
         gradients.append((forward + backward) / np.maximum(count, 1))
     return gradients[0], gradients[1]
 
 
-def has_gradient(mask: Mask) -> Mask:
+def has_gradient(grid: Grid) -> Mask:
     """(H, W) True where a pixel has a neighbour along both axes, so that it has a normal."""
-    along = [np.logical_or(*neighbours(mask, axis)) for axis in (0, 1)]
+    along = [np.logical_or(*neighbours(grid, axis)) for axis in (0, 1)]
     return np.asarray(along[0] & along[1])
 
 
@@ -100,7 +203,7 @@ def area_mean(image: Array, factor: int) -> Floats:
     return np.asarray(blocks.mean(axis=(1, 3), dtype=np.float64))
 
 
-def gradient_matrices(mask: Mask) -> tuple[Any, Any]:
+def gradient_matrices(grid: Grid) -> tuple[Any, Any]:
     """`mean_gradient` as two sparse (P, P) matrices on the mask's P pixels in row order.
 
     Rows of pixels that lack a neighbour along one of the axes are empty: no normal, no gradient.
@@ -111,12 +214,14 @@ def gradient_matrices(mask: Mask) -> tuple[Any, Any]:
     """
     from scipy.sparse import csr_array
 
+    links = Links.of(grid)
+    mask = links.mask
     number = np.full(mask.shape, -1)
     number[mask] = np.arange(np.count_nonzero(mask))
-    active = has_gradient(mask)
+    active = has_gradient(links)
     matrices = []
     for axis, stride in ((1, 1), (0, mask.shape[1])):
-        forward, backward = (side & active for side in neighbours(mask, axis))
+        forward, backward = (side & active for side in neighbours(links, axis))
         count = (forward.astype(np.float64) + backward).ravel()
         rows, columns, entries = [], [], []
         for side, sign in ((forward, 1), (backward, -1)):

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from math import radians, tan
 from typing import NamedTuple
 
 import numpy as np
 
 from rakelight.errors import InputError
+from rakelight.geometry.grid import STEEPEST
 from rakelight.model import Array, Camera, Floats, Mask
-
-# Steepest surface that is still a surface: depth change over lateral distance, at 85 degrees
-# from facing the camera.  A real surface as steep as that covers less than a tenth of its area
-# in pixels and carries no usable photometric signal; what looks like one is an occlusion edge.
-STEEPEST = tan(radians(85.0))
 
 
 class Mesh(NamedTuple):

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight.geometry.camera import pixel_rays
-from rakelight.geometry.grid import mean_gradient
+from rakelight.geometry.grid import mean_gradient, neighbours, surface_links
 from rakelight.model import Camera, Floats, Mask
 
 
@@ -69,5 +69,26 @@ def normals_from_depth(depth_m: Floats, mask: Mask, camera: Camera) -> Floats:
     """
     log_depth = np.log(np.where(mask, depth_m, 1.0).astype(np.float64))
     normals, _ = normals_from_gradient(*mean_gradient(log_depth, mask), camera)
+    normals[~mask] = np.nan
+    return normals
+
+
+def surface_normals(depth_m: Floats, mask: Mask, camera: Camera) -> Floats:
+    """`normals_from_depth` without differences across depth jumps (`grid.surface_links`).
+
+    >>> camera = Camera(4, 2, fx=10.0, fy=10.0, cx=1.5, cy=0.5)
+    >>> step = np.array([[1.0, 1.0, 3.0, 3.0]] * 2)
+    >>> surface_normals(step, np.ones((2, 4), bool), camera)[..., 2].tolist()
+    [[-1.0, -1.0, -1.0, -1.0], [-1.0, -1.0, -1.0, -1.0]]
+    """
+    log_depth = np.log(np.where(mask, depth_m, 1.0).astype(np.float64))
+    links = surface_links(depth_m, mask, camera)
+    gradient = []
+    for axis, cut, whole in zip(
+        (1, 0), mean_gradient(log_depth, links), mean_gradient(log_depth, mask), strict=True
+    ):
+        # A pixel between two jumps is linked to neither side: better across one than not at all.
+        gradient.append(np.where(np.logical_or(*neighbours(links, axis)), cut, whole))
+    normals, _ = normals_from_gradient(gradient[0], gradient[1], camera)
     normals[~mask] = np.nan
     return normals

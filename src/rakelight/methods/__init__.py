@@ -16,7 +16,7 @@ import numpy as np
 
 from rakelight.errors import CaptureError, MethodError
 from rakelight.geometry.grid import has_gradient
-from rakelight.geometry.normals import normals_from_depth
+from rakelight.geometry.normals import surface_normals
 from rakelight.methods.estimate import Estimate
 from rakelight.model import (
     Capture,
@@ -31,6 +31,7 @@ from rakelight.prepare import Prepared, Scale, prepare
 
 # Method name -> module; the module's function and class are `module` and `Options`.
 METHODS = {
+    "multi-light": "multi_light",
     "multi-light-alternating": "multi_light_alternating",
 }
 
@@ -39,7 +40,7 @@ _FOR_MANY: tuple[str, ...] = ("multi-light", "multi-light-alternating")
 _FOR_LEDS: tuple[str, ...] = ("rgb-ratio",)
 _FOR_ONE: tuple[str, ...] = ("fusion-like",)
 
-PLANNED = ("multi-light", "rgb-ratio", "fusion-like", "rgbd-fusion", "ldr-ps")
+PLANNED = ("rgb-ratio", "fusion-like", "rgbd-fusion", "ldr-ps")
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +122,7 @@ def refine(
     refined_at = perf_counter()
 
     depth_m = np.exp(estimate.log_depth)
-    normals = normals_from_depth(depth_m, prepared.mask, prepared.camera)
+    normals = surface_normals(depth_m, prepared.mask, prepared.camera)
     return Result(
         depth=prepared.embed(depth_m, np.nan),
         normals=prepared.embed(normals, np.nan),

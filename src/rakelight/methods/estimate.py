@@ -7,12 +7,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rakelight.errors import MethodError
+from rakelight.errors import InputError, MethodError, printable
 from rakelight.model import Camera, Finding, Floats, Lights, Mask
 from rakelight.prepare import Prepared
 
 # Confidence is one half where the photographs leave this doubt in a normal.
 HALF_CONFIDENCE_DEG = 3.0
+# Not to know a normal at all is to be this far off.
+NO_IDEA_RAD = 0.5
+AVERAGED_PX = 1.5
+# A lamp this much weaker than the others does not reach the object.
+DARK = 0.02
+LEAST_SPREAD_DEG = 6.0
+LEAST_THICKNESS_DEG = 2.0
 
 
 @dataclass(frozen=True)
@@ -20,7 +27,8 @@ class Estimate:
     """A method's answer on the prepared window.
 
     log_depth : (h, w) log metres; albedo : (h, w, 3) linear; confidence : (h, w) 0..1
-    energy : one value per iterate, the prepared depth's first
+    energy : one value per iterate, the start's first; comparable, so under one loss
+    steps : how many times the depth was moved, when more often than `energy` says
     timings_s : seconds of parts of the work, such as "solve"
     """
 
@@ -29,6 +37,7 @@ class Estimate:
     confidence: Floats
     lights: Lights
     energy: tuple[float, ...] = ()
+    steps: int = 0
     converged: bool = False
     findings: tuple[Finding, ...] = ()
     timings_s: Mapping[str, float] = field(default_factory=dict)
@@ -36,7 +45,18 @@ class Estimate:
     @property
     def iterations(self) -> int:
         """How many times the depth was moved."""
-        return max(0, len(self.energy) - 1)
+        return max(self.steps, len(self.energy) - 1, 0)
+
+
+def require_options(options: object, **conditions: tuple[bool, str]) -> None:
+    """Raise InputError for the first option whose condition (holds, what is needed) fails."""
+    for name, (holds, needed) in conditions.items():
+        if not holds:
+            raise InputError(
+                f"not a possible value of the option {name}",
+                seen=repr(getattr(options, name)),
+                needed=needed,
+            )
 
 
 def require_photographs(prepared: Prepared, method: str, least: int) -> None:
@@ -55,12 +75,19 @@ def require_photographs(prepared: Prepared, method: str, least: int) -> None:
         )
 
 
-def photometric_confidence(tensor: Floats, noise: float, length: Floats, camera: Camera) -> Floats:
+def photometric_confidence(
+    tensor: Floats,
+    noise: Floats | float,
+    length: Floats,
+    camera: Camera,
+    active: Mask | None = None,
+) -> Floats:
     """Confidence (...) from what the photographs say about each normal.
 
     tensor : (..., 3) summed squared derivatives (uu, uv, vv) of the pixel values with respect to
-        the gradient of log depth; noise : standard deviation of a pixel value
+        the gradient of log depth; noise : (...) standard deviation of a pixel value
     length : (...) |m| of the normals
+    active : (h, w) pixels over which the variance is averaged with its neighbours'; None for none
 
     The standard deviation d of the normal in its weakest direction, in degrees, gives
     1 / (1 + (d / 3)^2): 1 where the photographs settle the normal, 0 where they say nothing.
@@ -73,11 +100,74 @@ def photometric_confidence(tensor: Floats, noise: float, length: Floats, camera:
     """
     uu, uv, vv = np.moveaxis(tensor, -1, 0)
     weakest = (uu + vv) / 2 - np.hypot((uu - vv) / 2, uv)
-    focal = np.sqrt(camera.fx * camera.fy)
     # A change d of the gradient turns the normal by about f d / |m|.
-    information = np.maximum(weakest, 0) * (length / (focal * noise)) ** 2
-    doubt_squared = np.degrees(1.0) ** 2 / np.maximum(information, 1e-12)
-    return np.asarray(1 / (1 + doubt_squared / HALF_CONFIDENCE_DEG**2))
+    turn = camera.fx * camera.fy / length**2
+    variance = turn * np.asarray(noise) ** 2 / np.maximum(weakest, 1e-12)
+    if active is not None:
+        variance = _averaged(np.minimum(variance, NO_IDEA_RAD**2), active)
+    return np.asarray(1 / (1 + variance * np.degrees(1.0) ** 2 / HALF_CONFIDENCE_DEG**2))
+
+
+def _averaged(image: Floats, mask: Mask) -> Floats:
+    """An image (h, w) smoothed over `AVERAGED_PX` inside a mask."""
+    from scipy.ndimage import gaussian_filter
+
+    total = gaussian_filter(np.where(mask, image, 0.0), AVERAGED_PX)
+    return np.asarray(total / np.maximum(gaussian_filter(mask.astype(float), AVERAGED_PX), 1e-6))
+
+
+def lamp_findings(lights: Lights, names: tuple[str, ...]) -> tuple[Finding, ...]:
+    """Warnings about lamps that leave the surface open: too few, all in one place, in one plane.
+
+    >>> same = Lights(np.tile([0.0, 0.0, -1.0], (5, 1, 1)), np.zeros((5, 1)))
+    >>> [finding.code for finding in lamp_findings(same, ())]
+    ['one-lamp-position']
+    """
+    vector = lights.vector.mean(axis=1)
+    strength = np.linalg.norm(vector, axis=-1)
+    dark = strength < DARK * np.median(strength)
+    named = names or tuple(f"photograph {i}" for i in range(len(vector)))
+    findings = []
+    if dark.any():
+        findings.append(
+            Finding(
+                "warning",
+                "dark-photographs",
+                f"the lamp does not reach the object in {_listed(named, dark)}",
+                "take these again, or leave them out",
+            )
+        )
+    toward = vector[~dark] / np.maximum(strength[~dark], np.finfo(float).tiny)[:, None]
+    if len(toward) < 3:
+        message, code = f"only {len(toward)} usable photographs: the depth is kept", "few-lamps"
+    else:
+        middle = toward.mean(axis=0)
+        middle /= max(float(np.linalg.norm(middle)), np.finfo(float).tiny)
+        widest = np.degrees(np.arccos(np.clip(toward @ middle, -1, 1))).max()
+        thickness = np.linalg.svd(toward, compute_uv=False)[-1] / np.sqrt(len(toward))
+        if widest < LEAST_SPREAD_DEG:
+            message = (
+                f"the lamp is in nearly one place, within {widest:.1f} degrees, in "
+                f"{_listed(named, ~dark)}: mostly the depth is kept"
+            )
+            code = "one-lamp-position"
+        elif thickness < np.sin(np.radians(LEAST_THICKNESS_DEG)):
+            message = (
+                f"the lamp moves in one plane, within {np.degrees(np.arcsin(thickness)):.1f} "
+                f"degrees, in {_listed(named, ~dark)}: slopes across it are the depth's"
+            )
+            code = "lamps-in-one-plane"
+        else:
+            return tuple(findings)
+    remedy = "move the lamp around the object, 20 to 50 degrees off the camera on all sides"
+    findings.append(Finding("warning", code, message, remedy))
+    return tuple(findings)
+
+
+def _listed(names: tuple[str, ...], chosen: Mask) -> str:
+    """The chosen names, the first few of many."""
+    these = [printable(name) for name, taken in zip(names, chosen, strict=True) if taken]
+    return ", ".join(these[:4]) + (f" and {len(these) - 4} more" if len(these) > 4 else "")
 
 
 def scatter(values: Floats, mask: Mask) -> Floats:

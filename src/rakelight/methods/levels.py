@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rakelight.geometry.camera import back_project
-from rakelight.geometry.grid import mean_gradient
+from rakelight.geometry.cells import cell_sums, spread
+from rakelight.geometry.grid import Grid, Links, mean_gradient, surface_links
 from rakelight.model import Floats, Mask
 from rakelight.prepare import Prepared
 from rakelight.prepare.inpaint import nearest_fill
@@ -25,29 +26,45 @@ class Level:
     prior : (h, w) log of the prepared depth
     prior_weight : (h, w) its precision, 1 / variance of log depth; halving adds up four pixels'
     middle_m : (3,) the object's middle, metres
+    points : (h, w, 3) of the prepared depth, metres from the middle, for lamps near the object:
+        what refining moves them by is nothing beside the lamps' distance
     """
 
     photographs: Photographs
     prior: Floats
     prior_weight: Floats
     middle_m: Floats
+    points: Floats
 
     @property
     def mask(self) -> Mask:
         """(h, w) the object."""
         return self.photographs.mask
 
+    @property
+    def grid(self) -> Grid:
+        """The object's pixels and which of them are linked."""
+        return self.photographs.grid
+
+    @property
+    def pairs(self) -> Floats | None:
+        """Weights of the difference pairs, as `solve.assemble` takes them; None without a cut."""
+        return self.grid.pair_weights() if isinstance(self.grid, Links) and self.grid.cut else None
+
     def surface(self, log_depth: Floats) -> Surface:
         """What the photographs see of `log_depth` (h, w)."""
-        depth = np.exp(np.where(self.mask, log_depth, 0.0))
-        return Surface(
-            gradient=np.stack(mean_gradient(log_depth, self.mask), axis=-1),
-            points=back_project(depth, self.photographs.camera) - self.middle_m,
-        )
+        return Surface(np.stack(mean_gradient(log_depth, self.grid), axis=-1), self.points)
 
     def trusting(self, trust: float) -> Level:
         """This level with the prior's weight multiplied by `trust`."""
         return replace(self, prior_weight=trust * self.prior_weight)
+
+    def cut(self, log_depth: Floats) -> Level:
+        """This level with its links cut at the jumps of `log_depth` (h, w) as well."""
+        here = Links.of(self.grid)
+        steep = surface_links(np.exp(log_depth), here.mask, self.photographs.camera)
+        both = Links(here.mask, here.right & steep.right, here.down & steep.down)
+        return replace(self, photographs=replace(self.photographs, grid=both))
 
     def halved(self) -> Level:
         """This level at half the resolution."""
@@ -59,6 +76,8 @@ class Level:
             nearest_fill(prior, photographs.mask),
             cell_sums(np.where(self.mask, self.prior_weight, 0.0), 2),
             self.middle_m,
+            cell_sums(np.where(self.mask[..., None], self.points, 0.0), 2)
+            / np.maximum(weight, 1)[..., None],
         )
 
     def carried(self, coarse: Level, log_depth: Floats) -> Floats:
@@ -69,29 +88,33 @@ class Level:
         return spread(continued, 2, self.mask.shape)
 
 
-def finest_level(prepared: Prepared) -> Level:
-    """The level of the prepared window itself.
+def finest_level(prepared: Prepared, *, cut: bool = False) -> Level:
+    """The level of the prepared window itself; `cut` at the jumps of the prepared depth or not.
 
     A depth pixel covers factor^2 of its pixels, which share that measurement's precision; depth
     that was filled in is worth a hundredth.
     """
     values = np.ascontiguousarray(prepared.photographs)
-    white = np.iinfo(values.dtype).max
+    white, grid = np.iinfo(values.dtype).max, Links.of(prepared.mask)
+    if cut:
+        grid = surface_links(prepared.depth_m, prepared.mask, prepared.camera)
     photographs = Photographs(
         values,
         linear_table(values.dtype, prepared.encoding),
         low=int(BLACK * white) + 1,
         high=int(np.ceil(SATURATED * white)) - 1,
-        mask=prepared.mask,
+        grid=grid,
         camera=prepared.camera,
     )
     precision = (prepared.depth_m / prepared.sigma_m / prepared.factor) ** 2
-    points = back_project(prepared.depth_m, prepared.camera)[prepared.mask]
+    points = back_project(prepared.depth_m, prepared.camera)
+    middle = points[prepared.mask].mean(axis=0)
     return Level(
         photographs,
         np.log(prepared.depth_m),
         np.where(prepared.measured, precision, FILLED * precision),
-        points.mean(axis=0),
+        middle,
+        points - middle,
     )
 
 
@@ -104,25 +127,3 @@ def pyramid(finest: Level, most_pixels: int) -> list[Level]:
             break  # a thin object would be lost
         levels.append(coarser)
     return levels
-
-
-def cell_sums(image: Floats, cell: int) -> Floats:
-    """Sums over cells of cell x cell pixels of an image (h, w[, C]), the last ones cut short.
-
-    >>> cell_sums(np.ones((3, 4)), 2).tolist()
-    [[4.0, 4.0], [2.0, 2.0]]
-    """
-    for axis in (0, 1):
-        starts = np.arange(0, image.shape[axis], cell)
-        image = np.add.reduceat(image, starts, axis=axis)
-    return image
-
-
-def spread(coarse: Floats, cell: int, shape: tuple[int, ...]) -> Floats:
-    """An image of cells interpolated linearly between their centres, cut to `shape`."""
-    from scipy.ndimage import zoom
-
-    if cell == 1:
-        return coarse
-    fine = zoom(coarse, cell, order=1, mode="nearest", grid_mode=True)
-    return np.asarray(fine[: shape[0], : shape[1]])

@@ -16,7 +16,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rakelight.geometry.normals import normals_from_gradient
-from rakelight.methods.estimate import Estimate, photometric_confidence, require_photographs
+from rakelight.methods.estimate import (
+    Estimate,
+    photometric_confidence,
+    require_options,
+    require_photographs,
+)
 from rakelight.methods.levels import Level, finest_level
 from rakelight.model import Floats, Progress, ProgressCallback
 from rakelight.prepare import Prepared
@@ -49,6 +54,15 @@ class Options:
     tolerance: float = 1e-2
     depth_trust: float = 1.0
     min_photographs: int = 4
+
+    def __post_init__(self) -> None:
+        require_options(
+            self,
+            max_iterations=(self.max_iterations >= 0, "at least 0"),
+            tolerance=(self.tolerance < np.inf, "a number"),
+            depth_trust=(0 < self.depth_trust < np.inf, "above 0"),
+            min_photographs=(self.min_photographs >= 3, "at least 3"),
+        )
 
 
 @dataclass(frozen=True, slots=True)

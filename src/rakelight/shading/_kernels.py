@@ -69,17 +69,22 @@ def light_at(vector, closeness, point, s, slopes):
 
 
 @helper
-def shade(vectors, ambients, closeness, c, n, point, a, s, slopes):
-    """Fill a (N) with the shading of channel c, negative horizon distance marked in s (N, 3)."""
-    scratch = np.empty(3)
+def shade(vectors, ambients, closeness, c, n, point, a, s):
+    """Fill a (N) with the shading of channel c and s (N, 3) with the lights at the point."""
     for i in range(a.size):
         if closeness[i] == 0.0:
             for k in range(3):
                 s[i, k] = vectors[i, c, k]
-        else:
-            light_at(vectors[i, c], closeness[i], point, scratch, slopes)
-            for k in range(3):
-                s[i, k] = scratch[k]
+        else:  # as in `light_at`, without the slopes
+            size2 = vectors[i, c, 0] ** 2 + vectors[i, c, 1] ** 2 + vectors[i, c, 2] ** 2
+            away = closeness[i] * (np.sqrt(size2) + 1e-12)
+            v0 = vectors[i, c, 0] - away * point[0]
+            v1 = vectors[i, c, 1] - away * point[1]
+            v2 = vectors[i, c, 2] - away * point[2]
+            r2 = v0 * v0 + v1 * v1 + v2 * v2 + 1e-300
+            gain = size2 / r2
+            gain *= np.sqrt(gain)
+            s[i, 0], s[i, 1], s[i, 2] = gain * v0, gain * v1, gain * v2
         dot = s[i, 0] * n[0] + s[i, 1] * n[1] + s[i, 2] * n[2]
         a[i] = max(dot, 0.0) + ambients[i, c]
 
@@ -123,7 +128,7 @@ def explain(
         n, du, dv, point = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
         a, w, value = np.empty(count), np.empty(count), np.empty(count)
         good = np.empty(count, np.bool_)
-        s, slopes = np.empty((count, 3)), np.empty((3, 4))
+        s = np.empty((count, 3))
         energy, squared, counted = 0.0, 0.0, 0.0
         for k in range(BINS):
             histogram[row, k] = 0
@@ -144,14 +149,14 @@ def explain(
             uu, uv, vv, bu, bv = 0.0, 0.0, 0.0, 0.0, 0.0
             for c in range(3):
                 if c < channels:
-                    shade(vectors, ambients, closeness, c, n, point, a, s, slopes)
+                    shade(vectors, ambients, closeness, c, n, point, a, s)
                 for i in range(count):
                     code = photos[i, row, column, c]
                     good[i] = low <= code <= high
                     value[i] = table[code]
                 rho, total = fit_albedo(a, value, good, scale, albedo[row, column, c], w)
                 albedo[row, column, c] = rho
-                tu, tv = 0.0, 0.0
+                tu, tv, product = 0.0, 0.0, 1.0
                 ambient_c = min(c, channels - 1)
                 for i in range(count):
                     if not good[i]:
@@ -161,8 +166,11 @@ def explain(
                     off += abs(r)
                     seen += 1.0
                     histogram[row, min(int(abs(r) * (BINS / WIDEST)), BINS - 1)] += 1
-                    if scale > 0.0:
-                        energy += scale * scale * np.log1p((r / scale) ** 2)
+                    if scale > 0.0:  # one logarithm for many residuals
+                        product *= 1.0 + (r / scale) ** 2
+                        if product > 1e200:
+                            energy += scale * scale * np.log(product)
+                            product = 1.0
                     else:
                         energy += r * r
                     if a[i] - ambients[i, ambient_c] > 0.0:
@@ -175,6 +183,8 @@ def explain(
                         bv -= w[i] * jv * r
                         tu += w[i] * ju * a[i]
                         tv += w[i] * jv * a[i]
+                if scale > 0.0:
+                    energy += scale * scale * np.log(product)
                 if project and total > 1e-12:
                     uu -= tu * tu / total
                     uv -= tu * tv / total
@@ -196,14 +206,15 @@ def explain(
 @kernel
 def light_terms(
     photos, table, low, high, active, gradient, points, camera, vectors, ambients, closeness,
-    scales, albedo, parameters, project, hessian, slope, cross, cell,
+    scales, albedo, parameters, project, hessian, slope, cross, cell, second,
 ):  # fmt: skip
     """Second and first derivatives of half the energy with respect to the lights.
 
     Each light has `parameters` numbers: its vector, [closeness,] ambient.  The albedo is
     eliminated when `project`.  hessian (blocks, K, K), its upper triangle, and slope (blocks, K)
     are sums per block of rows; cross (h/cell, w/cell, 2, K) the mixed derivatives with the gradient
-    of log depth, summed over cells of `cell` x `cell` pixels; left alone when cell is 0.
+    of log depth, summed over cells of `cell` x `cell` pixels; left alone when cell is 0.  Without
+    `second` the slope is all there is.
     """
     height, width = active.shape
     count, channels = photos.shape[0], vectors.shape[1]
@@ -216,7 +227,8 @@ def light_terms(
         good = np.empty(count, np.bool_)
         s, slopes, light = np.empty((count, 3)), np.empty((3, 4)), np.empty(3)
         size = count * channels * parameters
-        beta, u = np.empty((count, parameters)), np.zeros(size)
+        beta, turn = np.empty((count, parameters)), np.empty((count, parameters))
+        u = np.zeros(size)
         # Whole rows of cells to each block, so that no two blocks write to one cell.
         step = max(cell, 1)
         rows_of_cells = (height + step - 1) // step
@@ -247,7 +259,7 @@ def light_terms(
                     if channels > 1:
                         u[:] = 0.0  # the other channel's lights
                     if c < channels:
-                        shade(vectors, ambients, closeness, c, n, point, a, s, slopes)
+                        shade(vectors, ambients, closeness, c, n, point, a, s)
                     for i in range(count):
                         code = photos[i, row, column, c]
                         good[i] = low <= code <= high
@@ -261,29 +273,31 @@ def light_terms(
                             w[i] = 1.0 / (1.0 + (r / scale) ** 2) if scale > 0.0 else 1.0
                         total += w[i] * a[i] * a[i]
                         lit = a[i] - ambients[i, light_c] > 0.0
-                        for k in range(parameters):
-                            beta[i, k] = 0.0
-                        beta[i, parameters - 1] = rho
-                        if lit:
-                            if near or closeness[i] != 0.0:
-                                light_at(vectors[i, light_c], closeness[i], point, light, slopes)
+                        if c < channels:
+                            for k in range(parameters):
+                                turn[i, k] = 0.0
+                            turn[i, parameters - 1] = 1.0
+                            if lit and (near or closeness[i] != 0.0):
+                                light_at(vectors[i, c], closeness[i], point, light, slopes)
                                 for k in range(parameters - 1):
-                                    beta[i, k] = rho * (
+                                    turn[i, k] = (
                                         slopes[0, k] * n[0]
                                         + slopes[1, k] * n[1]
                                         + slopes[2, k] * n[2]
                                     )
-                            else:
+                            elif lit:
                                 for k in range(3):
-                                    beta[i, k] = rho * n[k]
+                                    turn[i, k] = n[k]
+                        for k in range(parameters):
+                            beta[i, k] = rho * turn[i, k]
                         start = (i * channels + light_c) * parameters
                         for k in range(parameters):
                             weighted = w[i] * beta[i, k]
                             u[start + k] = a[i] * weighted
                             slope[block, start + k] += weighted * r
-                            for m in range(k, parameters):
+                            for m in range(k, parameters if second else 0):
                                 hessian[block, start + k, start + m] += weighted * beta[i, m]
-                        if lit:
+                        if lit and second:
                             ju = rho * (s[i, 0] * du[0] + s[i, 1] * du[1] + s[i, 2] * du[2])
                             jv = rho * (s[i, 0] * dv[0] + s[i, 1] * dv[1] + s[i, 2] * dv[2])
                             tu += w[i] * ju * a[i]
@@ -296,7 +310,7 @@ def light_terms(
                                     cross[row // cell, column // cell, 1, start + k] += (
                                         w[i] * jv * beta[i, k]
                                     )
-                    if not project or total <= 1e-12:
+                    if not (project and second) or total <= 1e-12:
                         continue
                     for k in range(size):
                         factor = u[k] / total

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rakelight.geometry.grid import has_gradient
+from rakelight.geometry.grid import Grid, Links, has_gradient
 from rakelight.jit import threads_for
 from rakelight.model import Array, Camera, Floats, Lights, Mask
 
@@ -51,7 +51,7 @@ class Lamps:
         """The lamps after a step (N, C, 4 or 5): vector, [closeness,] ambient."""
         closeness = self.closeness
         if step.shape[-1] == 5:
-            closeness = np.maximum(closeness + step[:, 0, 3], 0.0)
+            closeness = np.maximum(closeness + step[..., 3].mean(axis=1), 0.0)
         ambient = np.maximum(self.ambient + step[..., -1], 0.0)
         return Lamps(self.vector + step[..., :3], ambient, closeness)
 
@@ -118,23 +118,28 @@ class Photographs:
     """Photographs (N, h, w, 3) as read, with what their values mean.
 
     table : linear light of every value; values from `low` to `high` are usable
-    mask : (h, w) the object; camera : of this window
+    grid : (h, w) mask of the object, or which of its neighbours are linked; camera : of this window
     """
 
     values: Array
     table: Floats
     low: int
     high: int
-    mask: Mask
+    grid: Grid
     camera: Camera
 
     def __len__(self) -> int:
         return len(self.values)
 
     @property
+    def mask(self) -> Mask:
+        """(h, w) the object."""
+        return self.grid.mask if isinstance(self.grid, Links) else self.grid
+
+    @property
     def active(self) -> Mask:
         """(h, w) pixels that have a normal."""
-        return np.asarray(has_gradient(self.mask))
+        return has_gradient(self.grid)
 
     def some(self, most: int) -> Mask:
         """(h, w) about `most` of the active pixels, evenly spaced; all when there are fewer."""
@@ -201,6 +206,7 @@ class Photographs:
         project: bool = True,
         active: Mask | None = None,
         cell: int = 0,
+        second: bool = True,
     ) -> tuple[Floats, Floats, Floats]:
         """Second (K, K) and first (K,) derivatives of half the energy with the lights.
 
@@ -208,6 +214,7 @@ class Photographs:
         mixed derivatives with the gradient of log depth, summed over cells of cell x cell pixels:
         (ceil(h / cell), ceil(w / cell), 2, K); else an empty array.
         active : the pixels to use, all that have a normal unless given
+        second : False for the first derivatives alone, the others 0, in a fraction of the time
         """
         from rakelight.shading import _kernels
 
@@ -222,7 +229,7 @@ class Photographs:
                 self.values, self.table, self.low, self.high,
                 self.active if active is None else active, surface.gradient, surface.points,
                 self._optics, *lamps.arrays, self._scales(scale), albedo, parameters, project,
-                hessian, slope, mixed, cell,
+                hessian, slope, mixed, cell, second,
             )  # fmt: skip
         upper = hessian.sum(axis=0)
         return upper + np.triu(upper, 1).T, slope.sum(axis=0), mixed
@@ -237,15 +244,12 @@ class Photographs:
         height, width = (-(-side // 2) for side in self.mask.shape)
         small = np.empty((len(self), height, width, 3), dtype=np.uint16)
         _kernels.halve(self.values, self.table, self.low, self.high, small)
-        padded = np.zeros((2 * height, 2 * width), dtype=bool)
-        padded[: self.mask.shape[0], : self.mask.shape[1]] = self.mask
-        mask = np.asarray(padded.reshape(height, 2, width, 2).all(axis=(1, 3)))
         camera = Camera(
             width, height, self.camera.fx / 2, self.camera.fy / 2,
             (self.camera.cx - 0.5) / 2, (self.camera.cy - 0.5) / 2,
         )  # fmt: skip
         table = (np.arange(65536) / 65535).astype(np.float32)
-        return Photographs(small, table, 1, 65534, mask, camera)
+        return Photographs(small, table, 1, 65534, Links.of(self.grid).halved(), camera)
 
 
 def _median_spread(counts: Array, widest: float) -> float:
@@ -253,5 +257,7 @@ def _median_spread(counts: Array, widest: float) -> float:
     total = counts.sum()
     if total == 0:
         return 0.0
-    edge = np.searchsorted(np.cumsum(counts), total / 2) + 0.5
-    return float(MAD_TO_SIGMA * edge * widest / len(counts))
+    below = np.cumsum(counts)
+    bin_ = int(np.searchsorted(below, total / 2))
+    inside = (total / 2 - (below[bin_] - counts[bin_])) / max(counts[bin_], 1)
+    return float(MAD_TO_SIGMA * (bin_ + inside) * widest / len(counts))

@@ -16,9 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from rakelight.geometry.grid import gradient_matrices
 from rakelight.model import Floats
-from rakelight.solve.stencil import DepthSystem
 
 
 @dataclass(frozen=True)
@@ -42,38 +40,37 @@ class BorderedSystem:
         Directions that neither term determines do not move.
         """
         ridge = damping * self.diagonal + 1e-9 * float(self.diagonal.mean())
-        numbers = np.linalg.lstsq(self.schur + np.diag(ridge), self.reduced, rcond=1e-12)[0]
+        # Rounding must not move what nothing depends on.
+        known = self.diagonal > 1e-12 * float(self.diagonal.max(initial=0.0))
+        matrix = (self.schur + np.diag(ridge))[np.ix_(known, known)]
+        numbers = np.zeros(known.size)
+        numbers[known] = np.linalg.lstsq(matrix, self.reduced[known], rcond=1e-12)[0]
         return self.field - self.border @ numbers, numbers
 
 
 def border(
-    system: DepthSystem, value: Floats, coupling: Floats, hessian: Floats, slope: Floats
+    matrix: Any, residual: Floats, columns: Floats, hessian: Floats, slope: Floats
 ) -> BorderedSystem:
-    """Eliminate the field from a joint step at the present `value` (h, w).
+    """Eliminate the field from a joint step.
 
-    coupling : (h, w, 2, K) mixed derivatives with the gradient of the field, per pixel
-    hessian, slope : (K, K) and (K,) second and first derivatives with the numbers
+    matrix : sparse (P, P) A, symmetric positive definite; residual : (P,) of the field
+    columns : (P, K) C; hessian, slope : (K, K) and (K,) second and first derivatives with the
+        numbers
 
-    >>> from rakelight.solve import assemble
-    >>> mask, zero = np.ones((3, 3), bool), np.zeros((3, 3))
-    >>> system = assemble(mask, np.ones((3, 3, 3)) * [1, 0, 1], np.zeros((3, 3, 2)), zero + 1, zero)
-    >>> free = border(system, zero, np.zeros((3, 3, 2, 1)), np.eye(1), np.array([-2.0]))
+    >>> from scipy.sparse import eye_array
+    >>> free = border(eye_array(9), np.zeros(9), np.zeros((9, 1)), np.eye(1), np.array([-2.0]))
     >>> field, numbers = free.step(0.0)
     >>> round(float(numbers[0]), 6), float(np.abs(field).max())
     (2.0, 0.0)
     """
     from scipy.sparse.linalg import splu
 
-    mask = system.mask
-    along_u, along_v = gradient_matrices(mask)
-    columns = along_u.T @ coupling[mask][:, 0] + along_v.T @ coupling[mask][:, 1]
     factor: Any = splu(
-        system.to_sparse().tocsc(),
+        matrix.tocsc(),
         permc_spec="MMD_AT_PLUS_A",
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
-    residual = (system.rhs - system.apply(value))[mask]
     field, inverse = factor.solve(residual), factor.solve(np.ascontiguousarray(columns))
     return BorderedSystem(
         schur=hessian - columns.T @ inverse,

@@ -1,0 +1,286 @@
+"""A depth and lamps that explain photographs, and the Gauss-Newton steps that improve them.
+
+The energy of log depth p and lights s, albedo eliminated (variable projection):
+
+    E = sum loss(rho_c (max(0, s_i . n) + phi_i) - I_ic)    n from the mean gradient G p, (3)
+        + beta sum M_uu (p_uuuu / 8)^2 + M_vv (p_vvvv / 8)^2    against a checkerboard
+        + sigma^2 sum w (p - p_0)^2                         the sensor's depth
+
+The mean gradient does not see a checkerboard; fourth differences do, and see little else.  The
+matrix of a step is that of one-sided differences, which sees both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from scipy.sparse import diags_array
+
+from rakelight.geometry.cells import Cells, cell_sums
+from rakelight.geometry.grid import Links, gradient_matrices, neighbours, pair_slices
+from rakelight.geometry.normals import normals_from_gradient
+from rakelight.methods.levels import Level
+from rakelight.model import Floats, Mask
+from rakelight.shading.photographs import Explanation, Lamps, Surface
+from rakelight.solve import DepthSystem, assemble, solve
+from rakelight.solve.gauss_newton import border
+from rakelight.solve.robust import cauchy_scales
+
+STIFFNESS = 0.03
+CELL_STIFFNESS = 0.5
+# No photograph is better than this (white is 1), even if the model explains it exactly.
+SMALLEST_NOISE = 1e-5
+NOISIEST = 0.01
+# Levenberg-Marquardt: a refused step is tried again with so many times the damping.
+STRONGER, WEAKEST, STRONGEST, TRIES = 8.0, 1e-6, 1e2, 3
+LONGEST_STRIDE = 64.0
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """Log depth (h, w) and lamps at one level, and how they explain the photographs.
+
+    scales : (h, w) of the Cauchy losses; noise : deviation of a value; energy : of everything
+    stiffness : (h, w, 2) weight of the second differences along u and v
+    near : whether the lamps' distances are fitted too
+    depth_damping, joint_damping : of the next step of each kind
+    """
+
+    log_depth: Floats
+    lamps: Lamps
+    surface: Surface
+    explanation: Explanation
+    scales: Floats
+    noise: float
+    energy: float
+    stiffness: Floats
+    near: bool = False
+    depth_damping: float = 1e-3
+    joint_damping: float = 1e-3
+
+
+def first_fit(level: Level, log_depth: Floats, lamps: Lamps, near: bool = False) -> Fit:
+    """The photographs explained by a depth and lamps; the loss takes its scale from that."""
+    plain = level.photographs.explain(level.surface(log_depth), lamps)
+    nothing = np.zeros((*level.mask.shape, 2))
+    surface = level.surface(log_depth)
+    start = Fit(log_depth, lamps, surface, plain, nothing[..., 0], 0.0, 0.0, nothing, near)
+    return rescaled(level, start)
+
+
+def rescaled(level: Level, fit: Fit, noisiest: float = NOISIEST) -> Fit:
+    """The same depth and lamps with the loss's scales taken from the present residuals."""
+    spread_now = max(fit.explanation.spread, SMALLEST_NOISE)
+    scales = cauchy_scales(spread_now, fit.explanation.misfit)
+    stiffness = STIFFNESS * fit.explanation.tensor[..., [0, 2]]
+    same = replace(fit, scales=scales, noise=min(spread_now, noisiest), stiffness=stiffness)
+    return moved(level, same, fit.log_depth, fit.lamps)
+
+
+def moved(level: Level, fit: Fit, log_depth: Floats, lamps: Lamps) -> Fit:
+    """The fit at another depth and other lamps, under the same loss."""
+    surface = level.surface(log_depth)
+    explanation = level.photographs.explain(
+        surface, lamps, scale=fit.scales, start=fit.explanation.albedo
+    )
+    waves = ripples(level, log_depth)
+    bending = sum(float((fit.stiffness[..., k] * wave**2).sum()) for k, wave in enumerate(waves))
+    pull = level.prior_weight * (log_depth - level.prior) ** 2
+    energy = explanation.energy + bending + fit.noise**2 * float(pull[level.mask].sum())
+    return replace(
+        fit, log_depth=log_depth, lamps=lamps, surface=surface, explanation=explanation,
+        energy=energy,
+    )  # fmt: skip
+
+
+def ripples(level: Level, log_depth: Floats) -> list[Floats]:
+    """An eighth of the fourth difference along u and v, each (h, w), 0 where there is none.
+
+    It sees what the mean gradient does not, a checkerboard, and next to nothing else.
+    """
+    return [
+        wide * _second(near * _second(log_depth, axis), axis) / 2
+        for axis, near, wide in _reach(level)
+    ]
+
+
+def ripples_transposed(level: Level, along: Sequence[Floats]) -> Floats:
+    """(h, w) the transpose of `ripples`."""
+    total = np.zeros(level.mask.shape)
+    for (axis, near, wide), image in zip(_reach(level), along, strict=True):
+        total += _second(near * _second(wide * image, axis), axis) / 2
+    return total
+
+
+def _second(values: Floats, axis: int) -> Floats:
+    """Half the second difference along an axis, zeros continuing the image: its own transpose."""
+    here, there = pair_slices(axis)
+    out = -values
+    out[here] += values[there] / 2
+    out[there] += values[here] / 2
+    return out
+
+
+def _reach(level: Level) -> list[tuple[int, Mask, Mask]]:
+    """Axis, pixels linked to both neighbours along it, and those whose neighbours are so too."""
+    masks = []
+    for axis in (1, 0):
+        near = np.logical_and(*neighbours(level.grid, axis))
+        here, there = pair_slices(axis)
+        wide = near.copy()
+        wide[here] &= near[there]
+        wide[there] &= near[here]
+        masks.append((axis, near, wide))
+    return masks
+
+
+def depth_system(level: Level, fit: Fit, tensor: Floats) -> DepthSystem:
+    """The normal equations of a correction of log depth, with `tensor` (h, w, 3) for a matrix."""
+    weighted = [
+        fit.stiffness[..., k] * wave for k, wave in enumerate(ripples(level, fit.log_depth))
+    ]
+    return assemble(
+        level.mask, tensor, fit.explanation.vector, fit.noise**2 * level.prior_weight,
+        level.prior - fit.log_depth, level.pairs,
+        extra_rhs=-ripples_transposed(level, weighted),
+    )  # fmt: skip
+
+
+def damped_tensor(level: Level, fit: Fit, damping: float) -> Floats:
+    """The tensor with what keeps a normal that the photographs leave open from turning far.
+
+    A change d of the gradient turns the normal by f |d| / |m|; the typical pixel's knowledge of
+    its normal sets the measure.
+    """
+    camera = level.photographs.camera
+    gradient, tensor = fit.surface.gradient, fit.explanation.tensor
+    _, length = normals_from_gradient(gradient[..., 0], gradient[..., 1], camera)
+    turn = camera.fx * camera.fy / length**2
+    active = level.photographs.active
+    knowledge = np.median((tensor[..., 0] + tensor[..., 2])[active] / turn[active])
+    hold = damping * knowledge * turn * active
+    return np.asarray(tensor + hold[..., None] * [1.0, 0.0, 1.0])
+
+
+def depth_step(level: Level, fit: Fit) -> Fit:
+    """One Gauss-Newton step of the depth, lights held; damped until the energy falls."""
+    damping = fit.depth_damping
+    for _ in range(TRIES):
+        system = depth_system(level, fit, damped_tensor(level, fit, damping))
+        step = solve(system, tolerance=1e-3).value
+        tried = moved(level, fit, fit.log_depth + step, fit.lamps)
+        if tried.energy < fit.energy:
+            return replace(tried, depth_damping=max(damping / STRONGER, WEAKEST))
+        damping *= STRONGER
+    return replace(fit, depth_damping=min(damping, STRONGEST))
+
+
+def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
+    """One Gauss-Newton step of lights and depth together, damped until the energy falls.
+
+    Above `most_cells` pixels the depth moves in cells, linearly between their centres, which is
+    where the bas-relief valley lies; the depth step that follows sees to the detail.
+    """
+    cell = max(1, int(np.ceil(np.sqrt(np.count_nonzero(level.mask) / most_cells))))
+    # Some pixels are enough for the curvature; near the end only all have the right slope.
+    some = level.photographs.some(2 * most_cells)
+    share = np.count_nonzero(level.photographs.active) / np.count_nonzero(some)
+    terms = partial(
+        level.photographs.light_terms, fit.surface, fit.lamps, fit.explanation.albedo,
+        scale=fit.scales, near=fit.near,
+    )  # fmt: skip
+    hessian, slope, coupling = terms(cell=cell, active=some)
+    hessian, coupling = share * hessian, share * coupling
+    slope = slope if share == 1 else terms(second=False)[1]
+    hessian = hessian + gauge(fit, hessian)
+    weight = fit.noise**2 * level.prior_weight * level.mask
+    cells, damping = Cells.on(level.mask, cell), fit.joint_damping
+    # The gradient of a correction is, per pixel, 1/cell of its difference between cells.
+    grid = Links.of(level.grid if cell == 1 else cells.inside)
+    along = gradient_matrices(grid)
+    columns = sum(matrix.T @ coupling[cells.inside][:, k] / cell for k, matrix in enumerate(along))
+    for _ in range(TRIES):
+        tensor = damped_tensor(level, fit, damping)
+        system = depth_system(level, fit, tensor)
+        matrix = field_matrix(
+            grid, along, cell_sums(tensor, cell) / cell**2,
+            cell_sums(weight, cell), level.pairs if cell == 1 else None,
+            STIFFNESS if cell == 1 else CELL_STIFFNESS,
+        )  # fmt: skip
+        residual = cells.gather(system.rhs)
+        joint = border(matrix, residual[cells.inside], columns, hessian, slope)
+        correction, lights = joint.step(damping)
+        field = np.zeros(cells.inside.shape)
+        field[cells.inside] = correction
+        tried = moved(
+            level, fit, fit.log_depth + cells.spread(field),
+            fit.lamps.moved(lights.reshape(*fit.lamps.ambient.shape, -1)),
+        )  # fmt: skip
+        if tried.energy < fit.energy:
+            return replace(tried, joint_damping=max(damping / STRONGER, WEAKEST))
+        damping *= STRONGER
+    return replace(fit, joint_damping=min(damping, STRONGEST))
+
+
+def field_matrix(
+    grid: Links,
+    along: tuple[Any, Any],
+    tensor: Floats,
+    weight: Floats,
+    pairs: Floats | None,
+    stiffness: float,
+) -> Any:
+    """Sparse (P, P): the mean gradient's tensor terms, `stiffness` of the one-sided differences'.
+
+    Those alone would be stiffer than the energy is, and the steps along the valley short.
+    """
+    muu, muv, mvv = (diags_array(tensor[grid.mask][:, k]) for k in range(3))
+    u, v = along
+    mean = u.T @ muu @ u + u.T @ muv @ v + v.T @ muv @ u + v.T @ mvv @ v
+    still = np.zeros(grid.mask.shape)
+    system = assemble(grid.mask, tensor, np.stack([still] * 2, axis=-1), weight, still, pairs)
+    mean += diags_array(weight[grid.mask])
+    return (1 - stiffness) * mean + stiffness * system.to_sparse()
+
+
+def stride(level: Level, before: Fit, fit: Fit) -> Fit:
+    """The way from `before` to `fit` once more and further, for as long as the energy falls.
+
+    Where reweighting or the bas-relief valley make the steps short, they all point one way.
+    """
+    way = fit.log_depth - before.log_depth
+    lights = lamps_step(before.lamps, fit.lamps)
+    best, share = fit, 1.0
+    while share <= LONGEST_STRIDE:
+        tried = moved(level, fit, fit.log_depth + share * way, fit.lamps.moved(share * lights))
+        if not tried.energy < best.energy:
+            break
+        best, share = tried, 2 * share
+    return best
+
+
+def lamps_step(before: Lamps, after: Lamps) -> Floats:
+    """What `Lamps.moved` takes from one to the other."""
+    closer = np.broadcast_to(
+        (after.closeness - before.closeness)[:, None, None], (*before.ambient.shape, 1)
+    )
+    ambient = (after.ambient - before.ambient)[..., None]
+    return np.concatenate([after.vector - before.vector, closer, ambient], axis=-1)
+
+
+def gauge(fit: Fit, hessian: Floats) -> Floats:
+    """Holds the lights' common intensity, which the albedo makes up for: one per channel."""
+    lamps = fit.lamps
+    still = [np.zeros((*lamps.ambient.shape, 1))] if fit.near else []
+    intensity = np.concatenate([lamps.vector, *still, lamps.ambient[..., None]], axis=-1)
+    total = np.zeros_like(hessian)
+    for channel in range(lamps.ambient.shape[1]):
+        along = np.zeros_like(intensity)
+        along[:, channel] = intensity[:, channel]
+        along = along.ravel() / max(float(np.linalg.norm(along)), np.finfo(float).tiny)
+        total += float(np.trace(hessian)) * np.outer(along, along)
+    return total

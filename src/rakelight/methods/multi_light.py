@@ -1,0 +1,298 @@
+"""Multi-light, solved jointly: Gauss-Newton on log depth and all lights, albedo eliminated.
+
+    I_ic = rho_c (max(0, s_i . n) + phi_i)                                       equation (3)
+
+The albedo is linear given the shading and is eliminated per pixel and channel (variable
+projection).  The lights are few and are eliminated by a Schur complement.  Alternation (3.4)
+creeps along the bas-relief valley, in which lights and depth have to move together; the joint
+step does not.  Coarse to fine; Cauchy weights per photograph, pixel and channel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from rakelight.geometry.grid import pair_slices
+from rakelight.geometry.normals import normals_from_gradient
+from rakelight.methods.estimate import (
+    Estimate,
+    lamp_findings,
+    photometric_confidence,
+    require_options,
+    require_photographs,
+)
+from rakelight.methods.fit import (
+    NOISIEST,
+    Fit,
+    depth_step,
+    first_fit,
+    joint_step,
+    moved,
+    rescaled,
+    stride,
+)
+from rakelight.methods.levels import Level, finest_level, pyramid
+from rakelight.model import Finding, Floats, Mask, Progress, ProgressCallback
+from rakelight.prepare import Prepared
+from rakelight.shading.lighting import estimate_light
+from rakelight.shading.photographs import Lamps
+from rakelight.solve.robust import MEAN_ABSOLUTE_TO_SIGMA
+
+# So many pixels share an error of the photographs' explanation, whatever the depth's errors do.
+FIRST_TRUST = 3.0
+COHERENT_PIXELS = 75.0
+HEAVIEST_TAILS = 16.0
+LEAST_TRUST, MOST_TRUST = 0.3, 15.0
+# A coarse level explains averaged photographs, and only roughly: the depth holds it the more.
+COARSER = 2.0
+SETTLED = 0.95
+# Lamps get more freedom where that lowers the energy by more than this fraction.
+WORTH_IT = 0.03
+# Largest quartile distance of the lamps' inverse distances, as a fraction of their median.
+MOST_VARIED = 0.5
+# A lamp is at least this far from the object, as a fraction of the camera's distance.
+NEAREST = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What can be set; a good result needs none of it.
+
+    depth_trust : weight of the sensor's depth, as a multiple of what white noise of the sensor's
+        size would have; None chooses it from the data.  Raised, the surface keeps to the
+        sensor's shape, its faults included; lowered, it follows the photographs and may slide
+        along the bas-relief valley.
+    lamps : "white" for one light in all channels, "coloured" for one per channel, "auto"
+    distance : "distant" for parallel light, "near" for lamps at a place, "auto"
+    max_iterations : Gauss-Newton steps at each level of the pyramid
+    tolerance : a level ends when a step lowers the energy by less than this fraction
+    coarse_pixels : size of the coarsest level, where lights and depth move together exactly
+    """
+
+    depth_trust: float | None = None
+    lamps: Literal["auto", "white", "coloured"] = "auto"
+    distance: Literal["auto", "distant", "near"] = "auto"
+    max_iterations: int = 12
+    tolerance: float = 2e-3
+    coarse_pixels: int = 4000
+
+    def __post_init__(self) -> None:
+        require_options(
+            self,
+            depth_trust=(self.depth_trust is None or 0 < self.depth_trust < np.inf, "above 0"),
+            lamps=(self.lamps in ("auto", "white", "coloured"), "auto, white or coloured"),
+            distance=(self.distance in ("auto", "distant", "near"), "auto, distant or near"),
+            max_iterations=(self.max_iterations >= 1, "at least 1"),
+            tolerance=(0 < self.tolerance < 1, "above 0, below 1"),
+            coarse_pixels=(self.coarse_pixels >= 100, "at least 100"),
+        )
+
+
+def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback) -> Estimate:
+    """Refine the prepared depth by all photographs at once.
+
+    Raises MethodError for fewer than 3 photographs.
+    """
+    require_photographs(prepared, "multi-light", 3)
+    trust = options.depth_trust or FIRST_TRUST
+    levels = [
+        level.trusting(trust * COARSER**k)
+        for k, level in enumerate(pyramid(finest_level(prepared, cut=True), options.coarse_pixels))
+    ]
+
+    # The coarsest level: distant white lamps, and more freedom for them where it is worth it.
+    coarsest = len(levels) - 1
+    fit = first_fit(levels[-1], levels[-1].prior, first_lamps(levels[-1]))
+    descent = descend(levels[-1], fit, options, progress, stage(coarsest))
+    descent = freer_lamps(levels[-1], descent, options, progress)
+
+    # Coarse to fine: the depth's detail, then lights and depth together, until both rest.
+    weigh = options.depth_trust is None
+    for index in reversed(range(coarsest)):
+        log_depth = levels[index].carried(levels[index + 1], descent.fit.log_depth)
+        fit = first_fit(levels[index], log_depth, descent.fit.lamps, near=descent.fit.near)
+        first = replace(options, max_iterations=2) if weigh and index == 0 else options
+        descent = descend(levels[index], fit, first, progress, stage(index))
+
+    # What is left of the sensor's depth says how its errors hang together, and what they count.
+    level = levels[0]
+    if weigh:
+        trust = deserved_trust(level, descent.fit, prepared.measured)
+        # Jumps that the sensor blurred, or its noise hid, are steep by now.
+        level = level.trusting(trust / FIRST_TRUST).cut(descent.fit.log_depth)
+        again = descend(level, descent.fit, options, progress, "refine, weighed", noisiest=1.0)
+        descent = replace(again, steps=descent.steps + again.steps)
+    return finished(prepared, level, descent, trust)
+
+
+@dataclass(frozen=True, slots=True)
+class Descent:
+    """Where steps at one level led: the fits under the last loss, and whether the energy rests.
+
+    steps : how many were taken, under earlier losses too
+    """
+
+    fits: tuple[Fit, ...]
+    converged: bool
+    steps: int
+
+    @property
+    def fit(self) -> Fit:
+        """The last and best."""
+        return self.fits[-1]
+
+
+def descend(
+    level: Level,
+    fit: Fit,
+    options: Options,
+    progress: ProgressCallback,
+    stage: str,
+    noisiest: float = NOISIEST,
+) -> Descent:
+    """Gauss-Newton steps at one level until the energy rests."""
+    fits: list[Fit] = []
+    settled = converged = False
+    for step in range(options.max_iterations):
+        progress(Progress(stage, step + 1, options.max_iterations, fit.energy))
+        if not settled:
+            # The residuals' scale falls as they do; once it rests, one energy is lowered.
+            noise, fit = fit.noise, rescaled(level, fit, noisiest)
+            settled = step > 0 and fit.noise > SETTLED * noise
+            fits = [fit]
+        before = fit
+        fit = joint_step(level, depth_step(level, fit), options.coarse_pixels)
+        if settled:
+            fit = stride(level, before, fit)
+        fits.append(fit)
+        converged = settled and before.energy - fit.energy < options.tolerance * before.energy
+        if converged:
+            break
+    return Descent(tuple(fits), converged, step + 1)
+
+
+def freer_lamps(
+    level: Level, descent: Descent, options: Options, progress: ProgressCallback
+) -> Descent:
+    """The descent with coloured or near lamps, where these explain the photographs much better."""
+    for wanted, free, change in (
+        (options.lamps, "coloured", coloured),
+        (options.distance, "near", near),
+    ):
+        if wanted not in ("auto", free):
+            continue
+        before = descent.fit
+        tried = descend(level, change(before), options, progress, f"try {free} lamps")
+        # Both under the loss of the simpler lamps.
+        alike = replace(before, near=tried.fit.near)
+        after = moved(level, alike, tried.fit.log_depth, tried.fit.lamps)
+        better = after.energy < (1 - WORTH_IT) * before.energy and sound(level, after.lamps)
+        if wanted == free or better:
+            descent = tried
+    return descent
+
+
+def sound(level: Level, lamps: Lamps) -> bool:
+    """Whether distances, if any, are those of lamps in a hand: alike, and not in the picture.
+
+    Where they only make up for another fault of the model they come out at random, or tiny.
+    """
+    low, middle, high = np.quantile(lamps.closeness, [0.25, 0.5, 0.75])
+    away = NEAREST * float(np.linalg.norm(level.middle_m))
+    return bool(high - low <= MOST_VARIED * middle and middle * away <= 1)
+
+
+def near(fit: Fit) -> Fit:
+    """The fit with the lamps' distances free."""
+    return replace(fit, near=True)
+
+
+def coloured(fit: Fit) -> Fit:
+    """The fit with a light of its own for each channel."""
+    lamps = fit.lamps
+    each = Lamps(
+        np.repeat(lamps.vector, 3, axis=1), np.repeat(lamps.ambient, 3, axis=1), lamps.closeness
+    )
+    return replace(fit, lamps=each)
+
+
+def stage(index: int) -> str:
+    """What the progress says of a level."""
+    return f"refine 1/{2**index}" if index else "refine"
+
+
+def deserved_trust(level: Level, fit: Fit, measured: Mask) -> float:
+    """The weight of the depth, as a multiple of white noise's, from the errors of both sides.
+
+    Depth errors e that hang together over r^2 = <e^2> / <|de|^2> pixels say r^2 times less than
+    independent ones (medians, so that depth jumps do not count).  Photographs err together too,
+    `COHERENT_PIXELS` where the model holds, the more the heavier their residuals' tails are:
+    shadows, highlights and edges are no white noise.
+    """
+    error = level.prior - fit.log_depth
+    seen = level.mask & measured
+    steps = [
+        np.diff(error, axis=axis)[seen[here] & seen[there]]
+        for axis, (here, there) in ((axis, pair_slices(axis)) for axis in (1, 0))
+    ]
+    error = error[seen] - np.median(error[seen])
+    together = np.median(error**2) / max(float(np.median(np.concatenate(steps) ** 2)), 1e-30)
+    tails = fit.explanation.rms / max(fit.explanation.spread, 1e-30)
+    trust = COHERENT_PIXELS * min(tails**4, HEAVIEST_TAILS) / max(float(together), 1e-30)
+    return float(np.clip(trust, LEAST_TRUST, MOST_TRUST))
+
+
+def first_lamps(level: Level) -> Lamps:
+    """White distant lamps that fit the prior's normals and a plain object of mean colour."""
+    photographs = level.photographs
+    active = photographs.active
+    gradient = level.surface(level.prior).gradient
+    normals, _ = normals_from_gradient(gradient[..., 0], gradient[..., 1], photographs.camera)
+    values = photographs.values[:, active]
+    images = photographs.table[values].astype(np.float64)
+    good = (values >= photographs.low) & (values <= photographs.high)
+    albedo = np.broadcast_to(np.median(images.mean(axis=0), axis=0), images[0].shape)
+    frontal = np.array([0.0, 0.0, -1.0])
+    lights = np.array(
+        [
+            estimate_light(image, weight, albedo, normals[active], frontal)
+            for image, weight in zip(images, good, strict=True)
+        ]
+    )
+    return Lamps.distant(lights[:, None, :3], lights[:, None, 3])
+
+
+def finished(prepared: Prepared, level: Level, descent: Descent, trust: float) -> Estimate:
+    """The estimate of the finest level, the albedo's 99th percentile set to 1."""
+    fit, active = descent.fit, level.photographs.active
+    albedo = fit.explanation.albedo
+    gain = max(float(np.percentile(albedo[active], 99)), 1e-6)
+    lights = fit.lamps.brighter(gain).as_lights(level.middle_m)
+    weighed = Finding("note", "depth-trust", f"depth trusted {trust:.3g} times as white noise")
+    return Estimate(
+        log_depth=fit.log_depth,
+        albedo=albedo / gain,
+        confidence=np.where(active, confidence(level, fit), 0.0),
+        lights=lights,
+        energy=tuple(each.energy for each in descent.fits),
+        steps=descent.steps,
+        converged=descent.converged,
+        findings=(*lamp_findings(lights, prepared.names), weighed),
+    )
+
+
+def confidence(level: Level, fit: Fit) -> Floats:
+    """(h, w) how well the photographs settle each normal; see `photometric_confidence`.
+
+    A pixel's own residuals count where they are larger than the photographs' noise, and what is
+    not known of a normal is averaged with its neighbours', which share its errors.
+    """
+    gradient, photographs = fit.surface.gradient, level.photographs
+    _, length = normals_from_gradient(gradient[..., 0], gradient[..., 1], photographs.camera)
+    noise = np.maximum(fit.noise, MEAN_ABSOLUTE_TO_SIGMA * fit.explanation.misfit)
+    return photometric_confidence(
+        fit.explanation.tensor, noise, length, photographs.camera, photographs.active
+    )

@@ -1,0 +1,113 @@
+"""What is said of lamps that leave the surface open, and how sure of a normal photographs are."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import spearmanr
+
+from rakelight.methods import refine
+from rakelight.methods.estimate import lamp_findings, photometric_confidence
+from rakelight.metrics import normal_error_map_deg
+from rakelight.model import Camera, Lights
+from rakelight.synthetic import DEMO_OPTIONS, make_albedo, make_shape, render_scene
+
+CAMERA = Camera(9, 9, 50.0, 50.0, 4.0, 4.0)
+
+
+def lights(tilt_deg, azimuth_deg, strength=1.0):
+    tilt, azimuth = np.radians(np.broadcast_arrays(tilt_deg, azimuth_deg))
+    toward = np.stack(
+        [np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), -np.cos(tilt)], axis=-1
+    )
+    vector = toward * np.broadcast_to(strength, tilt.shape)[..., None]
+    return Lights(vector[:, None], np.zeros((len(vector), 1)))
+
+
+AROUND = np.arange(8) * 45.0
+
+
+def codes(found, names=()):
+    return [finding.code for finding in lamp_findings(found, names)]
+
+
+# ---- lamps
+
+
+@pytest.mark.parametrize(("tilt_deg", "expected"), [(5.9, ["one-lamp-position"]), (6.1, [])])
+def test_lamps_within_six_degrees_are_in_one_place(tilt_deg, expected):
+    assert codes(lights(tilt_deg, AROUND)) == expected
+
+
+def test_lamps_on_an_arc_through_the_optical_axis_are_in_one_plane():
+    arc = lights(np.linspace(-40, 40, 8), 20.0)
+    assert codes(arc) == ["lamps-in-one-plane"]
+
+
+def test_lamps_all_around_need_no_warning():
+    assert codes(lights(30.0, AROUND)) == []
+
+
+@pytest.mark.parametrize(("strength", "expected"), [(0.019, ["dark-photographs"]), (0.021, [])])
+def test_a_lamp_below_a_fiftieth_of_the_others_is_dark(strength, expected):
+    strengths = np.where(np.arange(8) == 2, strength, 1.0)
+    assert codes(lights(30.0, AROUND, strengths)) == expected
+
+
+def test_dark_photographs_are_named_and_left_out():
+    # Only the dark lamp is off the plane of the others.
+    tilt, azimuth = np.append(np.linspace(-40, 40, 5), 40.0), np.append(np.full(5, 0.0), 90.0)
+    strength = np.append(np.ones(5), 1e-3)
+    names = tuple(f"{letter}.png" for letter in "abcdef")
+    dark, plane = lamp_findings(lights(tilt, azimuth, strength), names)
+    assert dark.message.endswith(" in f.png")
+    assert plane.code == "lamps-in-one-plane"
+    assert plane.message.split(" in ")[-1].startswith("a.png, b.png, c.png, d.png and 1 more")
+
+
+def test_fewer_than_three_lit_photographs_are_told():
+    strength = np.array([1.0, 1.0, 1e-3])
+    assert codes(lights(30.0, AROUND[:3], strength)) == ["dark-photographs", "few-lamps"]
+
+
+# ---- confidence
+
+
+def test_more_noise_or_less_information_is_less_confidence():
+    tensor = np.array([[1.0, 0.0, 1.0]])
+
+    def found(factor, noise):
+        return photometric_confidence(factor * tensor, noise, np.ones(1), CAMERA)[0]
+
+    assert found(1.0, 0.001) > found(1.0, 0.002) > found(1.0, 0.01)
+    # The information is that of squared derivatives: four times it is worth half the noise.
+    assert found(4.0, 0.002) == pytest.approx(found(1.0, 0.001), rel=1e-12)
+
+
+@pytest.mark.parametrize("tensor", [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
+def test_an_open_normal_has_next_to_no_confidence(tensor):
+    found = photometric_confidence(np.array([tensor]), 0.01, np.ones(1), CAMERA)
+    assert found[0] < 1e-9
+
+
+def test_doubt_is_averaged_inside_the_mask_only():
+    mask = np.zeros(CAMERA.shape, bool)
+    mask[:, :4] = True
+    tensor = np.where(mask[..., None], [1e4, 0.0, 1e4], 0.0)
+    even = photometric_confidence(tensor, 0.01, np.ones(mask.shape), CAMERA, mask)
+    alone = photometric_confidence(tensor, 0.01, np.ones(mask.shape), CAMERA)
+    np.testing.assert_allclose(even[mask], alone[mask], rtol=1e-9)
+    tensor[4, 1] = 0
+    spoilt = photometric_confidence(tensor, 0.01, np.ones(mask.shape), CAMERA, mask)
+    assert spoilt[4, 2] < even[4, 2]
+
+
+def test_confidence_ranks_the_normals_of_the_demo():
+    # At half the size, which tells the same in a quarter of the time.
+    shape = make_shape("vase")
+    options = replace(DEMO_OPTIONS, camera=shape.camera.scaled(0.5))
+    capture, truth = render_scene(shape, make_albedo("pattern"), options)
+    result = refine(capture, "multi-light")
+    error = normal_error_map_deg(result.normals, truth.normals, truth.mask)
+    seen = truth.mask
+    assert spearmanr(result.confidence[seen], -error[seen]).statistic >= 0.5

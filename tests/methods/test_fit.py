@@ -1,0 +1,247 @@
+"""Fits of depth and lamps: the energy, its derivative, and steps that never raise it."""
+
+from dataclasses import replace
+from functools import cache, partial
+
+import numpy as np
+import pytest
+
+from rakelight.geometry.grid import Links
+from rakelight.methods.fit import (
+    LONGEST_STRIDE,
+    STRONGER,
+    STRONGEST,
+    TRIES,
+    depth_step,
+    depth_system,
+    first_fit,
+    joint_step,
+    lamps_step,
+    moved,
+    rescaled,
+    ripples,
+    ripples_transposed,
+    stride,
+)
+from rakelight.methods.levels import finest_level
+from rakelight.methods.multi_light import coloured, first_lamps
+from rakelight.prepare import prepare
+from rakelight.shading.photographs import Lamps
+from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
+
+STEPS = {
+    "depth": depth_step,
+    "joint": partial(joint_step, most_cells=10**6),
+    "joint, cells": partial(joint_step, most_cells=60),
+}
+
+
+@cache
+def make_level():
+    """A head of some 800 pixels, with thin parts that have no normal."""
+    shape = make_shape("head")
+    options = SceneOptions(
+        camera=shape.camera.scaled(0.15),
+        photographs=6,
+        depth_noise=DepthNoise(rms_mm=2.0),
+        image_noise=0.005,
+    )
+    return finest_level(prepare(render_scene(shape, make_albedo("pattern"), options)[0]))
+
+
+def with_cuts(level, share=0.15):
+    """The level with links missing here and there."""
+    whole, rng = Links.of(level.grid), np.random.default_rng(0)
+    right, down = (side & (rng.random(side.shape) > share) for side in (whole.right, whole.down))
+    grid = Links(level.mask, right, down)
+    return replace(level, photographs=replace(level.photographs, grid=grid))
+
+
+@pytest.fixture(params=["whole", "cut"])
+def level(request):
+    return make_level() if request.param == "whole" else with_cuts(make_level())
+
+
+@pytest.fixture
+def fit(level):
+    return first_fit(level, level.prior, first_lamps(level))
+
+
+def rough(level, seed=0):
+    return np.random.default_rng(seed).normal(size=level.mask.shape)
+
+
+def start(level, name):
+    """A fit that is far from the best one, in the way that its name says."""
+    lamps, prior, rng = first_lamps(level), level.prior, np.random.default_rng(3)
+    count = len(lamps.vector)
+    wild = Lamps.distant(rng.normal(size=(count, 1, 3)), rng.uniform(0, 1, (count, 1)))
+    alike = (np.repeat(each[:1], count, axis=0) for each in (lamps.vector, lamps.ambient))
+    depth, light = {
+        "rough depth": (prior + 0.03 * rough(level), lamps),
+        "flat depth": (np.full_like(prior, prior.mean()), lamps),
+        "wild lamps": (prior, wild),
+        "lamps behind": (prior, replace(lamps, vector=-lamps.vector)),
+        "no light": (prior, lamps.brighter(0.0)),
+        "lamps alike": (prior, Lamps.distant(*alike)),
+        "near": (prior, replace(lamps, closeness=np.full(count, 3.0))),
+    }.get(name, (prior, lamps))
+    fit = first_fit(level, depth, light, near="near" in name)
+    return rescaled(level, coloured(fit)) if "coloured" in name else fit
+
+
+STARTS = (
+    "prior", "rough depth", "flat depth", "wild lamps", "lamps behind", "no light", "lamps alike",
+    "coloured", "near", "coloured near",
+)  # fmt: skip
+
+
+# ---- ripples
+
+
+def test_ripples_transposed_is_their_transpose(level):
+    x = rough(level, 1)
+    images = [rough(level, seed) for seed in (2, 3)]
+    there = sum((wave * image).sum() for wave, image in zip(ripples(level, x), images, strict=True))
+    assert there == pytest.approx((x * ripples_transposed(level, images)).sum(), abs=1e-11)
+
+
+def test_ripples_do_not_see_smooth_surfaces(level):
+    row, column = np.indices(level.mask.shape) / 10.0
+    smooth = 3 + row - 2 * column + 0.5 * row**2 - row * column + 0.7 * column**2 + row**3
+    for wave in ripples(level, smooth):
+        assert np.abs(wave).max() < 1e-12
+
+
+def test_ripples_see_a_checkerboard_that_the_gradient_does_not(level):
+    # Wherever two linked neighbours follow on both sides.
+    board = (-1.0) ** np.indices(level.mask.shape).sum(axis=0)
+    links, gradient = Links.of(level.grid), level.surface(board).gradient
+    for k, wave in enumerate(ripples(level, board)):
+        linked = np.pad((links.right, links.down.T)[k], ((0, 0), (2, 2)))
+        ahead = [linked[:, i : i + level.mask.shape[1 - k]] for i in range(4)]
+        where = np.logical_and.reduce(ahead)
+        where = where if k == 0 else where.T
+        assert where.sum() > 100
+        np.testing.assert_array_equal(wave, np.where(where, 2 * board, 0))
+        assert not gradient[where, k].any()
+
+
+def test_ripples_do_not_reach_across_a_cut():
+    level = make_level()
+    links, left = Links.of(level.grid), np.indices(level.mask.shape)[1] < 15
+    step = 100.0 * left
+    assert np.abs(ripples(level, step)[0]).max() > 10
+    grid = replace(links, right=links.right & (left == np.roll(left, -1, axis=1)))
+    cut = replace(level, photographs=replace(level.photographs, grid=grid))
+    assert not np.any(ripples(cut, step))
+
+
+# ---- the derivative
+
+
+@pytest.mark.parametrize("name", ["prior", "rough depth", "near"])
+def test_the_right_side_is_minus_half_the_derivative_of_the_energy(level, name):
+    # By then the albedo's reweighting has come to rest, and the energy owes nothing to it.
+    fit = start(level, name)
+    for _ in range(40):
+        fit = moved(level, fit, fit.log_depth, fit.lamps)
+    system = depth_system(level, fit, fit.explanation.tensor)
+    assert not system.pinned.any()
+    for seed in range(3):
+        way = 1e-7 * rough(level, seed)
+        ahead, behind = (
+            moved(level, fit, fit.log_depth + sign * way, fit.lamps).energy for sign in (1, -1)
+        )
+        expected = -(ahead - behind) / 4
+        scale = np.linalg.norm(system.rhs) * np.linalg.norm(way[level.mask])
+        assert (system.rhs * way)[level.mask].sum() == pytest.approx(expected, abs=1e-8 * scale)
+        assert abs(expected) > 1e-4 * scale
+
+
+# ---- steps
+
+
+@pytest.mark.parametrize("kind", STEPS)
+@pytest.mark.parametrize("name", STARTS)
+def test_steps_never_raise_the_energy(level, name, kind):
+    before = start(level, name)
+    first = before.energy
+    for _ in range(3):
+        fit = STEPS[kind](level, before)
+        assert fit.energy <= before.energy
+        assert np.isfinite(fit.energy)
+        assert np.isfinite(fit.log_depth).all()
+        assert stride(level, before, fit).energy <= fit.energy
+        before = fit
+    if name in ("prior", "rough depth", "near", "coloured near") and kind != "joint, cells":
+        assert fit.energy < 0.7 * first
+
+
+@pytest.mark.parametrize("kind", STEPS)
+def test_a_steps_energy_is_that_of_its_depth_and_lamps(level, fit, kind):
+    after = STEPS[kind](level, fit)
+    again = moved(level, fit, after.log_depth, after.lamps)
+    assert again.energy == after.energy < fit.energy
+    assert after.scales is fit.scales
+    assert (after.lamps is fit.lamps) is (kind == "depth")
+
+
+@pytest.mark.parametrize("kind", STEPS)
+def test_a_refused_step_leaves_all_but_the_damping(level, fit, kind):
+    perfect = replace(fit, energy=0.0)
+    after = STEPS[kind](level, perfect)
+    assert after.log_depth is fit.log_depth
+    assert after.lamps is fit.lamps
+    damping = "depth_damping" if kind == "depth" else "joint_damping"
+    assert getattr(after, damping) == pytest.approx(getattr(fit, damping) * STRONGER**TRIES)
+    assert replace(after, **{damping: getattr(fit, damping)}) == perfect
+    for _ in range(5):
+        after = STEPS[kind](level, after)
+    assert getattr(after, damping) == STRONGEST
+
+
+def test_a_depth_step_leaves_the_lamps_and_cells_leave_the_detail(level, fit):
+    assert depth_step(level, fit).lamps is fit.lamps
+    # Linear between centres some four pixels apart: next to nothing for ripples to see.
+    sizes = {
+        kind: np.abs(ripples(level, STEPS[kind](level, fit).log_depth - fit.log_depth)).max()
+        for kind in ("joint", "joint, cells")
+    }
+    assert sizes["joint, cells"] < 0.2 * sizes["joint"]
+
+
+# ---- strides
+
+
+@pytest.mark.parametrize("name", ["prior", "near", "coloured"])
+def test_a_stride_goes_on_where_steps_are_short(level, name):
+    before = start(level, name)
+    whole = joint_step(level, depth_step(level, before), 10**6)
+    way, lights = whole.log_depth - before.log_depth, lamps_step(before.lamps, whole.lamps)
+    short = moved(level, before, before.log_depth + way / 20, before.lamps.moved(lights / 20))
+    far = stride(level, before, short)
+    assert far.energy < 0.9 * short.energy
+    share = (far.log_depth - short.log_depth).sum() / (way / 20).sum()
+    assert np.log2(share) == pytest.approx(round(np.log2(share)), abs=1e-9)
+    assert 2 < share <= LONGEST_STRIDE
+    for after, step in (
+        (far.log_depth - short.log_depth, way),
+        (lamps_step(short.lamps, far.lamps), lights),
+    ):
+        np.testing.assert_allclose(after, share * step / 20, atol=1e-12)
+
+
+def test_a_stride_uphill_is_none(level, fit):
+    better = joint_step(level, depth_step(level, fit), 10**6)
+    assert stride(level, better, fit) is fit
+
+
+@pytest.mark.parametrize("name", ["prior", "near", "coloured near"])
+def test_lamps_step_is_what_moves_them(name):
+    fit = start(make_level(), name)
+    rng = np.random.default_rng(1)
+    other = Lamps(*(each + 0.1 * rng.random(each.shape) for each in fit.lamps.arrays))
+    moved_lamps = fit.lamps.moved(lamps_step(fit.lamps, other))
+    for one, two in zip(moved_lamps.arrays, other.arrays, strict=True):
+        np.testing.assert_allclose(one, two, atol=1e-15)
