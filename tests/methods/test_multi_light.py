@@ -139,7 +139,6 @@ def test_a_depth_jump_is_not_bridged(jump):
     assert jump.max() < 5.0
 
 
-@pytest.mark.xfail(strict=True, reason="the last pixel beside a jump is 2 to 3 mm off")
 def test_depth_is_right_up_to_the_last_pixel_beside_a_jump(jump):
     assert jump.max() < 1.0
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 TINY = 1e-30
-ALBEDO_ROUNDS = 3
+ALBEDO_ROUNDS = 2
 
 
 def decoded(photographs):

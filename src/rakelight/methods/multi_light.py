@@ -41,13 +41,17 @@ from rakelight.shading.lighting import estimate_light
 from rakelight.shading.photographs import Lamps
 from rakelight.solve.robust import MEAN_ABSOLUTE_TO_SIGMA
 
-# So many pixels share an error of the photographs' explanation, whatever the depth's errors do.
+# The depth's weight, in white noise's, until its errors are known.
 FIRST_TRUST = 3.0
+# So many pixels share an error of the photographs' explanation, whatever the depth's errors do.
 COHERENT_PIXELS = 75.0
 HEAVIEST_TAILS = 16.0
 LEAST_TRUST, MOST_TRUST = 0.3, 15.0
 # A coarse level explains averaged photographs, and only roughly: the depth holds it the more.
 COARSER = 2.0
+# Steps at a level that is not the last; its end is not worth waiting for.
+ON_THE_WAY = 4
+# The loss is settled when the noise falls by less than this factor from one step to the next.
 SETTLED = 0.95
 # Lamps get more freedom where that lowers the energy by more than this fraction.
 WORTH_IT = 0.03
@@ -111,11 +115,12 @@ def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback
 
     # Coarse to fine: the depth's detail, then lights and depth together, until both rest.
     weigh = options.depth_trust is None
+    brief = replace(options, max_iterations=min(options.max_iterations, ON_THE_WAY))
     for index in reversed(range(coarsest)):
         log_depth = levels[index].carried(levels[index + 1], descent.fit.log_depth)
         fit = first_fit(levels[index], log_depth, descent.fit.lamps, near=descent.fit.near)
-        first = replace(options, max_iterations=2) if weigh and index == 0 else options
-        descent = descend(levels[index], fit, first, progress, stage(index))
+        steps = options if index == 0 and not weigh else brief
+        descent = descend(levels[index], fit, steps, progress, stage(index))
 
     # What is left of the sensor's depth says how its errors hang together, and what they count.
     level = levels[0]

@@ -13,7 +13,7 @@ from numba import prange
 from rakelight.jit import helper, kernel
 
 # Rounds of reweighting for a pixel's own albedo.
-ALBEDO_ROUNDS = 3
+ALBEDO_ROUNDS = 2
 BINS = 1024
 # Residuals are counted in bins up to this value; white is 1.
 WIDEST = 0.5
@@ -96,6 +96,7 @@ def fit_albedo(a, value, good, scale, rho, w):
     Returns the albedo and sum w a^2; `rho` is where the reweighting starts, negative for nowhere.
     """
     rounds = ALBEDO_ROUNDS if scale > 0.0 else 1
+    sharp = 1.0 / (scale * scale) if scale > 0.0 else 0.0
     for _round in range(rounds):
         squares, products = 0.0, 0.0
         for i in range(a.size):
@@ -103,8 +104,8 @@ def fit_albedo(a, value, good, scale, rho, w):
             if good[i]:
                 w[i] = 1.0
                 if scale > 0.0 and rho >= 0.0:
-                    off = (rho * a[i] - value[i]) / scale
-                    w[i] = 1.0 / (1.0 + off * off)
+                    off = rho * a[i] - value[i]
+                    w[i] = 1.0 / (1.0 + sharp * off * off)
                 squares += w[i] * a[i] * a[i]
                 products += w[i] * a[i] * value[i]
         rho = products / squares if squares > 1e-12 else 0.0
@@ -146,6 +147,7 @@ def explain(
             for k in range(3):
                 point[k] = points[row, column, k]
             scale, off, seen = scales[row, column], 0.0, 0.0
+            sharp = 1.0 / (scale * scale) if scale > 0.0 else 0.0
             uu, uv, vv, bu, bv = 0.0, 0.0, 0.0, 0.0, 0.0
             for c in range(3):
                 if c < channels:
@@ -167,7 +169,7 @@ def explain(
                     seen += 1.0
                     histogram[row, min(int(abs(r) * (BINS / WIDEST)), BINS - 1)] += 1
                     if scale > 0.0:  # one logarithm for many residuals
-                        product *= 1.0 + (r / scale) ** 2
+                        product *= 1.0 + sharp * r * r
                         if product > 1e200:
                             energy += scale * scale * np.log(product)
                             product = 1.0
