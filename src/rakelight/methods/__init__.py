@@ -33,6 +33,9 @@ from rakelight.prepare import Prepared, Scale, prepare
 METHODS = {
     "multi-light": "multi_light",
     "multi-light-alternating": "multi_light_alternating",
+    "rgb-ratio": "rgb_ratio",
+    "fusion-like": "fusion_like",
+    "rgbd-fusion": "rgbd_fusion",
 }
 
 # What `auto` picks, best first, by what the capture holds.
@@ -40,7 +43,7 @@ _FOR_MANY: tuple[str, ...] = ("multi-light", "multi-light-alternating")
 _FOR_LEDS: tuple[str, ...] = ("rgb-ratio",)
 _FOR_ONE: tuple[str, ...] = ("fusion-like",)
 
-PLANNED = ("rgb-ratio", "fusion-like", "rgbd-fusion", "ldr-ps")
+PLANNED = ("ldr-ps",)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,8 @@ from rakelight.solve import DepthSystem, solve
 
 EdgeWeights = tuple[Floats, Floats]
 
+WEAKEST = 1e-6
+
 
 def edge_weights(
     color: Floats, depth_m: Floats, mask: Mask, *, sigma_c: float, sigma_d: float,
@@ -40,7 +42,9 @@ def edge_weights(
         deep = depth_m[there] - depth_m[here]
         alike = np.exp(-((apart / sigma_c) ** 2 + (deep / sigma_d) ** 2) / 2)
         weight = np.zeros(mask.shape)
-        weight[here] = np.where(linked[here] & (apart <= tau), alike, 0.0)
+        # Less is no link: the solver's coarse levels have single precision.
+        close = linked[here] & (apart <= tau) & (alike > WEAKEST)
+        weight[here] = np.where(close, alike, 0.0)
         weights.append(weight)
     return weights[0], weights[1]
 
@@ -75,10 +79,12 @@ def piecewise_smooth(
         stencil[entry, 1:-1, 1:-1] = -pull
         centre[here] += pull[here]
         centre[there] += pull[here]
-    # What nothing determines stays at its target.
+    # What nothing determines stays at its target, and so do areas that no data reaches; a trace
+    # of a millionth is what the single precision of the solver's coarse levels still sees.
     lonely = mask & (centre <= 0)
-    centre[lonely] = 1.0
-    centre[mask] += 1e-9 * float(centre[mask].mean())
-    rhs = np.where(mask, weight * target, 0.0) + np.where(lonely, target, 0.0)
+    trace = 1e-6 * float(centre[mask].mean())
+    hold = np.where(lonely, 1.0, np.where(mask & (weight < trace), trace, 0.0))
+    centre += hold
+    rhs = np.where(mask, (weight + hold) * target, 0.0)
     system = DepthSystem(stencil, rhs, np.where(mask, target, 0.0), mask, lonely)
     return solve(system, tolerance=tolerance).value

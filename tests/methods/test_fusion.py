@@ -1,0 +1,204 @@
+"""The baselines for one photograph: accuracy, the terms of the depth step, what they warn of."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rakelight.errors import InputError
+from rakelight.geometry.normals import surface_normals
+from rakelight.methods import fusion_like as fusion
+from rakelight.methods import rgbd_fusion as rgbd
+from rakelight.metrics import evaluate
+from rakelight.model import silent
+from rakelight.paper.scenes import paper_scene
+from rakelight.prepare import prepare
+from rakelight.shading.piecewise import edge_weights
+
+METHODS = {
+    "fusion-like": (fusion.fusion_like, fusion.Options),
+    "rgbd-fusion": (rgbd.rgbd_fusion, rgbd.Options),
+}
+
+
+@pytest.fixture(scope="module")
+def scene():
+    capture, truth = paper_scene("pattern", "ambient", size=0.5)
+    return prepare(capture), truth
+
+
+@pytest.fixture(scope="module")
+def prepared(scene):
+    return scene[0]
+
+
+@pytest.fixture(scope="module", params=METHODS)
+def method(request):
+    return METHODS[request.param]
+
+
+def scores(log_depth, prepared, truth):
+    depth_m = np.exp(log_depth)
+    normals = surface_normals(depth_m, prepared.mask, prepared.camera)
+    both = evaluate(prepared.embed(depth_m, np.nan), prepared.embed(normals, np.nan), truth)
+    return both.depth.rmse_mm, both.normals.mae_deg
+
+
+@pytest.fixture(scope="module")
+def estimate(prepared, method):
+    run, options = method
+    return run(prepared, options(), silent)
+
+
+# ---- the results
+
+
+def test_result_is_hardly_worse_than_the_prepared_depth_on_patterned_paint(estimate, scene):
+    prepared, truth = scene
+    before = scores(np.log(prepared.depth_m), prepared, truth)
+    after = scores(estimate.log_depth, prepared, truth)
+    assert after[0] < 1.02 * before[0]
+    assert after[1] < 1.04 * before[1]
+
+
+def test_without_smoothness_paint_is_carved_into_the_surface(estimate, method, scene):
+    run, options = method
+    rough = run(scene[0], options(smooth=False), silent)
+    assert scores(rough.log_depth, *scene)[1] > 1.2 * scores(estimate.log_depth, *scene)[1]
+
+
+def test_energy_never_rises(estimate):
+    assert len(estimate.energy) > 1
+    assert (np.diff(estimate.energy) <= 0).all()
+    assert estimate.energy[1] < estimate.energy[0]
+
+
+def test_albedo_has_its_brightest_at_one(estimate, prepared):
+    assert np.percentile(estimate.albedo[prepared.mask], 99) == pytest.approx(1, abs=1e-9)
+    assert (estimate.albedo[~prepared.mask] == 0).all()
+
+
+def test_lights_and_albedo_explain_the_photograph_on_average(estimate, prepared):
+    normals = surface_normals(np.exp(estimate.log_depth), prepared.mask, prepared.camera)
+    shade = normals @ estimate.lights.vector[0, 0] + estimate.lights.ambient[0, 0]
+    model = (estimate.albedo * shade[..., None])[prepared.mask].mean(axis=0)
+    np.testing.assert_allclose(model, prepared.pixels(0)[0].mean(axis=0), rtol=0.05)
+
+
+def test_confidence_is_modest_and_zero_where_the_depth_stayed(method, prepared):
+    run, options = method
+    still = run(prepared, options(max_iterations=0), silent)
+    np.testing.assert_array_equal(
+        still.log_depth[prepared.mask], np.log(prepared.depth_m[prepared.mask])
+    )
+    assert (still.confidence == 0).all()
+    moved = run(prepared, options(max_iterations=1), silent).confidence
+    assert 0 < moved.max() <= 0.5
+    assert (moved[~prepared.mask] == 0).all()
+
+
+def test_only_the_first_photograph_counts(method, prepared):
+    run, options = method
+    once = options(max_iterations=1)
+    other = np.roll(prepared.photographs, 5, axis=1)
+    several = replace(
+        prepared,
+        photographs=np.concatenate([prepared.photographs, other]),
+        names=("a.png", "b.png"),
+    )
+    one, two = run(prepared, once, silent), run(several, once, silent)
+    np.testing.assert_array_equal(one.log_depth, two.log_depth)
+    assert [f.code for f in one.findings] == ["single-photograph"]
+    assert [(f.severity, f.code) for f in two.findings] == [
+        ("warning", "single-photograph"),
+        ("note", "one-photograph"),
+    ]
+    assert "a.png" in two.findings[1].message
+
+
+def test_saturated_pixels_say_nothing(method, prepared):
+    run, options = method
+    white = prepared.photographs.copy()
+    white[:] = np.iinfo(white.dtype).max
+    blind = run(replace(prepared, photographs=white), options(), silent)
+    assert np.abs(blind.log_depth - np.log(prepared.depth_m))[prepared.mask].max() < 1e-9
+    assert (blind.confidence == 0).all()
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"lambda_rho": -1.0}, {"sigma_c": 0.0}, {"sigma_d": np.inf}, {"lambda_z1": 0.0}]
+)
+def test_impossible_options_are_refused(method, wrong):
+    with pytest.raises(InputError, match=next(iter(wrong))):
+        method[1](**wrong)
+
+
+# ---- the terms
+
+
+@pytest.fixture(scope="module")
+def depth(prepared):
+    view = fusion.View.of(prepared)
+    light = np.array([0.1, -0.2, -0.5, 0.3])
+    albedo = 0.3 + 0.5 * view.intensity
+    return fusion.Depth(view, light, albedo, view.intensity, 1e-4, 1e-2)
+
+
+def test_light_is_found_again(prepared):
+    view = fusion.View.of(prepared)
+    light = np.array([0.1, -0.2, -0.5, 0.3])
+    clean = replace(view, intensity=fusion.shading(view, light))
+    np.testing.assert_allclose(fusion.harmonics(clean), light, atol=1e-9)
+
+
+def test_linear_residual_is_the_image_model(depth):
+    view = depth.view
+    gradient = fusion.mean_gradient(view.prior, view.mask)
+    u, v, miss = depth.linear(view.normals(view.prior)[1])
+    expected = depth.albedo * fusion.shading(view, depth.light) - depth.aim
+    found = u * gradient[0] + v * gradient[1] + miss
+    np.testing.assert_allclose(found[view.seen], expected[view.seen], atol=1e-12)
+
+
+def test_step_minimises_the_energy_with_lagged_length(depth, monkeypatch):
+    prior = depth.view.prior
+    best = depth.step(prior).value
+    length = depth.view.normals(prior)[1]
+    normals = fusion.View.normals
+    monkeypatch.setattr(fusion.View, "normals", lambda self, p: (normals(self, p)[0], length))
+    least = depth.energy(best)
+    rng = np.random.default_rng(0)
+    for size in (1e-4, 1e-3):
+        change = size * rng.normal(size=prior.shape) * depth.view.mask
+        up, down = depth.energy(best + change), depth.energy(best - change)
+        assert min(up, down) > least
+        assert abs(up - down) < 0.01 * (up + down - 2 * least)
+
+
+def test_ambient_is_the_minimiser(prepared):
+    view, options = fusion.View.of(prepared), rgbd.Options(lambda_beta1=0.7, lambda_beta2=0.4)
+    edges = view.edges(0.1, 0.01, 0.05)
+    rng = np.random.default_rng(0)
+    left = np.where(view.mask, rng.normal(size=view.mask.shape), 0.0)
+    beta = rgbd.ambient(view, left, edges, options)
+
+    def energy(b):
+        right, down = (b[:, :-1] - b[:, 1:]) ** 2, (b[:-1] - b[1:]) ** 2
+        smooth = (edges[0][:, :-1] * right).sum() + (edges[1][:-1] * down).sum()
+        inside = ((b - left) ** 2 * view.seen + 0.4 * b**2)[view.mask].sum()
+        return inside + 0.7 * smooth
+
+    for _ in range(3):
+        change = 0.01 * rng.normal(size=beta.shape) * view.mask
+        up, down = energy(beta + change), energy(beta - change)
+        assert abs(up - down) < 0.01 * (up + down - 2 * energy(beta))
+
+
+def test_paint_of_another_intensity_is_not_linked(prepared):
+    view = fusion.View.of(prepared)
+    color = view.intensity[..., None]
+    linked = view.edges(1.0, 1.0, tau=0.05)[0]
+    free = edge_weights(color, np.exp(view.prior), view.mask, sigma_c=1.0, sigma_d=1.0)[0]
+    apart = np.abs(np.diff(view.intensity, axis=1)) > 0.05
+    assert (linked[:, :-1][apart] == 0).all()
+    np.testing.assert_array_equal(linked[:, :-1][~apart], free[:, :-1][~apart])
