@@ -46,7 +46,7 @@ def table1(
 
     >>> table = table1(size=0.25, rows=ROWS[:2])
     >>> [(cell.method, cell.rmse_mm is None) for cell in table.cells[::3]]
-    [('input reference', False), ('RGB-Fusion (no smooth)', True)]
+    [('input reference', False), ('RGB-Fusion (no smooth)', False)]
     """
     scores: dict[tuple[str, str], Evaluation] = {}
     pictures: dict[str, Array] = {}
