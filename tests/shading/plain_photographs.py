@@ -131,6 +131,7 @@ class Plain:
     vector: np.ndarray
     residuals: np.ndarray
     misfit: np.ndarray
+    light_slope: np.ndarray
 
 
 def explain(photographs, surface, lamps, *, scale=0.0, start=None, lagged=False, project=True):
@@ -148,6 +149,7 @@ def explain(photographs, surface, lamps, *, scale=0.0, start=None, lagged=False,
     if project:
         J = freed(J, a, w)
     pairs = ((0, 0), (0, 1), (1, 1))
+    turned = rho * shading_by_light(photographs, surface, lamps, near=True)
     return Plain(
         albedo=rho,
         energy=float(loss[good].sum()),
@@ -155,6 +157,9 @@ def explain(photographs, surface, lamps, *, scale=0.0, start=None, lagged=False,
         vector=np.moveaxis(vector, 0, -1),
         residuals=residual[good],
         misfit=ratio((abs(residual) * good).sum(axis=(0, -1)), good.sum(axis=(0, -1))),
+        light_slope=(weights(residual, good, scale) * turned * residual)
+        .sum(axis=(1, 2, 3, 4))
+        .reshape(*lamps.ambient.shape, 5),
     )
 
 

@@ -164,19 +164,17 @@ def test_light_terms_are_the_plain_ones(lamps, scale, near, cell, project):
             close(each, other)
 
 
-@pytest.mark.parametrize("project", [True, False])
 @pytest.mark.parametrize("scale", SCALES)
-@pytest.mark.parametrize(("near", "cell"), [(False, 0), (True, 4)])
-def test_first_derivatives_alone_are_the_same(lamps, scale, near, cell, project):
+def test_lights_turn_as_in_the_plain_pass(lamps, scale):
     photographs, surface = faulty(lamps)
-    albedo = photographs.explain(surface, lamps, scale=SCALES[scale]).albedo
-    how = {"scale": SCALES[scale], "near": near, "project": project, "cell": cell}
-    both = photographs.light_terms(surface, lamps, albedo, **how)
-    first = photographs.light_terms(surface, lamps, albedo, second=False, **how)
-    np.testing.assert_array_equal(first[1], both[1])
-    for k in (0, 2):
-        assert both[k].any() or not both[k].size
-        np.testing.assert_array_equal(first[k], np.zeros_like(both[k]))
+    found = photographs.explain(surface, lamps, scale=SCALES[scale], turning=True)
+    close(
+        found.light_slope,
+        plain.explain(photographs, surface, lamps, scale=SCALES[scale]).light_slope,
+    )
+    still = photographs.explain(surface, lamps, scale=SCALES[scale])
+    assert still.light_slope is None
+    assert still.energy == found.energy
 
 
 def test_light_terms_of_some_pixels():
@@ -277,6 +275,7 @@ def test_slope_is_the_derivative_of_half_the_energy(lamps, scale, near):
     _, slope, _ = photographs.light_terms(
         surface, lamps, found.albedo, scale=scale, near=near, cell=1
     )
+    along = photographs.explain(surface, lamps, scale=scale, start=found.albedo, turning=True)
     shape = (*lamps.ambient.shape, 5 if near else 4)
     direction = np.random.default_rng(8).normal(size=shape)
     direction[:, 1:, 3:-1] = direction[:, :1, 3:-1]  # a lamp has one place for all channels
@@ -292,6 +291,9 @@ def test_slope_is_the_derivative_of_half_the_energy(lamps, scale, near):
     else:
         difference = (energy(step) - energy(-step)) / (2 * step)
     assert 2 * (slope * direction.ravel()).sum() == pytest.approx(difference, rel=1e-5)
+    if near:
+        slope = along.light_slope.ravel()
+        assert 2 * (slope * direction.ravel()).sum() == pytest.approx(difference, rel=1e-5)
 
 
 def moved(lamps, step):
@@ -451,8 +453,9 @@ def test_the_same_numbers_on_one_core_and_on_two():
     try:
         for threads in (1, 2):
             numba.set_num_threads(threads)
-            found = photographs.explain(surface, lamps, scale=0.01)
+            found = photographs.explain(surface, lamps, scale=0.01, turning=True)
             terms = photographs.light_terms(surface, lamps, found.albedo, near=True, cell=7)
+            terms = (*terms, found.light_slope)
             small = photographs.halved().values
             results.append((found.albedo, found.energy, found.rms, found.tensor, *terms, small))
     finally:

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -45,7 +44,7 @@ class Fit:
     """Log depth (h, w) and lamps at one level, and how they explain the photographs.
 
     scales : (h, w) of the Cauchy losses; noise : deviation of a value; energy : of everything
-    stiffness : (h, w, 2) weight of the second differences along u and v
+    stiffness : (h, w, 2) weight of the fourth differences along u and v
     near : whether the lamps' distances are fitted too
     depth_damping, joint_damping : of the next step of each kind
     """
@@ -65,9 +64,9 @@ class Fit:
 
 def first_fit(level: Level, log_depth: Floats, lamps: Lamps, near: bool = False) -> Fit:
     """The photographs explained by a depth and lamps; the loss takes its scale from that."""
-    plain = level.photographs.explain(level.surface(log_depth), lamps)
-    nothing = np.zeros((*level.mask.shape, 2))
     surface = level.surface(log_depth)
+    plain = level.photographs.explain(surface, lamps)
+    nothing = np.zeros((*level.mask.shape, 2))
     start = Fit(log_depth, lamps, surface, plain, nothing[..., 0], 0.0, 0.0, nothing, near)
     return rescaled(level, start)
 
@@ -81,11 +80,11 @@ def rescaled(level: Level, fit: Fit, noisiest: float = NOISIEST) -> Fit:
     return moved(level, same, fit.log_depth, fit.lamps)
 
 
-def moved(level: Level, fit: Fit, log_depth: Floats, lamps: Lamps) -> Fit:
-    """The fit at another depth and other lamps, under the same loss."""
+def moved(level: Level, fit: Fit, log_depth: Floats, lamps: Lamps, turning: bool = False) -> Fit:
+    """The fit at another depth and other lamps, under the same loss; see `explain`."""
     surface = level.surface(log_depth)
     explanation = level.photographs.explain(
-        surface, lamps, scale=fit.scales, start=fit.explanation.albedo
+        surface, lamps, scale=fit.scales, start=fit.explanation.albedo, turning=turning
     )
     waves = ripples(level, log_depth)
     bending = sum(float((fit.stiffness[..., k] * wave**2).sum()) for k, wave in enumerate(waves))
@@ -172,7 +171,7 @@ def depth_step(level: Level, fit: Fit) -> Fit:
     for _ in range(TRIES):
         system = depth_system(level, fit, damped_tensor(level, fit, damping))
         step = solve(system, tolerance=1e-3).value
-        tried = moved(level, fit, fit.log_depth + step, fit.lamps)
+        tried = moved(level, fit, fit.log_depth + step, fit.lamps, turning=True)
         if tried.energy < fit.energy:
             return replace(tried, depth_damping=max(damping / STRONGER, WEAKEST))
         damping *= STRONGER
@@ -189,13 +188,12 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     # Some pixels are enough for the curvature; near the end only all have the right slope.
     some = level.photographs.some(2 * most_cells)
     share = np.count_nonzero(level.photographs.active) / np.count_nonzero(some)
-    terms = partial(
-        level.photographs.light_terms, fit.surface, fit.lamps, fit.explanation.albedo,
-        scale=fit.scales, near=fit.near,
+    hessian, _, coupling = level.photographs.light_terms(
+        fit.surface, fit.lamps, fit.explanation.albedo, scale=fit.scales, near=fit.near,
+        cell=cell, active=some,
     )  # fmt: skip
-    hessian, slope, coupling = terms(cell=cell, active=some)
     hessian, coupling = share * hessian, share * coupling
-    slope = slope if share == 1 else terms(second=False)[1]
+    slope = light_slope(level, fit)
     hessian = hessian + gauge(fit, hessian)
     weight = fit.noise**2 * level.prior_weight * level.mask
     cells, damping = Cells.on(level.mask, cell), fit.joint_damping
@@ -203,15 +201,14 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     grid = Links.of(level.grid if cell == 1 else cells.inside)
     along = gradient_matrices(grid)
     columns = sum(matrix.T @ coupling[cells.inside][:, k] / cell for k, matrix in enumerate(along))
+    residual = cells.gather(depth_system(level, fit, fit.explanation.tensor).rhs)
     for _ in range(TRIES):
         tensor = damped_tensor(level, fit, damping)
-        system = depth_system(level, fit, tensor)
         matrix = field_matrix(
             grid, along, cell_sums(tensor, cell) / cell**2,
             cell_sums(weight, cell), level.pairs if cell == 1 else None,
             STIFFNESS if cell == 1 else CELL_STIFFNESS,
         )  # fmt: skip
-        residual = cells.gather(system.rhs)
         joint = border(matrix, residual[cells.inside], columns, hessian, slope)
         correction, lights = joint.step(damping)
         field = np.zeros(cells.inside.shape)
@@ -224,6 +221,16 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
             return replace(tried, joint_damping=max(damping / STRONGER, WEAKEST))
         damping *= STRONGER
     return replace(fit, joint_damping=min(damping, STRONGEST))
+
+
+def light_slope(level: Level, fit: Fit) -> Floats:
+    """(K,) half the energy's derivatives with what may move of the lights."""
+    slope = fit.explanation.light_slope
+    if slope is None:
+        slope = level.photographs.explain(
+            fit.surface, fit.lamps, scale=fit.scales, start=fit.explanation.albedo, turning=True
+        ).light_slope
+    return np.delete(np.asarray(slope), () if fit.near else 3, axis=-1).ravel()
 
 
 def field_matrix(

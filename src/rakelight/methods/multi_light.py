@@ -170,10 +170,10 @@ def descend(
             fits = [fit]
         before = fit
         fit = joint_step(level, depth_step(level, fit), options.coarse_pixels)
-        if settled:
+        converged = settled and before.energy - fit.energy < options.tolerance * before.energy
+        if settled and not converged:
             fit = stride(level, before, fit)
         fits.append(fit)
-        converged = settled and before.energy - fit.energy < options.tolerance * before.energy
         if converged:
             break
     return Descent(tuple(fits), converged, step + 1)

@@ -90,6 +90,30 @@ def shade(vectors, ambients, closeness, c, n, point, a, s):
 
 
 @helper
+def turn(vector, n, point, s, pull, out):
+    """Add to out (5) what a change of a light's vector and closeness does where s (3) arrives.
+
+    pull : what the shading's change counts.  With e = s/|s| and Df = 1/r^3 (I - 3 e e^T), both
+    as in `light_at`:  d/dq = Df n + u (s . n / |q| - u . Df n),  d/dk = -|q| X . Df n
+    """
+    size = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2) + 1e-12
+    there = np.sqrt(s[0] ** 2 + s[1] ** 2 + s[2] ** 2) + 1e-300
+    dot = s[0] * n[0] + s[1] * n[1] + s[2] * n[2]
+    by_r2 = there / size
+    by_r3 = by_r2 * np.sqrt(by_r2)
+    steep = 3.0 * dot / (there * there)
+    h0 = by_r3 * (n[0] - steep * s[0])
+    h1 = by_r3 * (n[1] - steep * s[1])
+    h2 = by_r3 * (n[2] - steep * s[2])
+    uh = (vector[0] * h0 + vector[1] * h1 + vector[2] * h2) / size
+    along = (dot / size - uh) / size
+    out[0] += pull * (h0 + along * vector[0])
+    out[1] += pull * (h1 + along * vector[1])
+    out[2] += pull * (h2 + along * vector[2])
+    out[3] -= pull * size * (point[0] * h0 + point[1] * h1 + point[2] * h2)
+
+
+@helper
 def fit_albedo(a, value, good, scale, rho, w):
     """The albedo that a (N) gives `value` (N), by least squares or with Cauchy weights w (N).
 
@@ -115,12 +139,13 @@ def fit_albedo(a, value, good, scale, rho, w):
 @kernel
 def explain(
     photos, table, low, high, active, gradient, points, camera, vectors, ambients, closeness,
-    scales, lagged, project, albedo, tensor, vector, sums, histogram, misfit,
+    scales, lagged, project, albedo, tensor, vector, sums, histogram, misfit, turning, slope,
 ):  # fmt: skip
     """Albedo, depth terms, energy and residuals of every active pixel; see `Photographs.explain`.
 
     sums (h, 3): energy, squared residuals, count; histogram (h, BINS) of absolute residuals;
-    misfit (h, w): each pixel's mean absolute residual.
+    misfit (h, w): each pixel's mean absolute residual.  When `turning`, slope (h, N, C, 5) gets
+    the first derivatives of half the energy with each light's vector, closeness, ambient.
     """
     height, width = active.shape
     count, channels = photos.shape[0], vectors.shape[1]
@@ -129,7 +154,7 @@ def explain(
         n, du, dv, point = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
         a, w, value = np.empty(count), np.empty(count), np.empty(count)
         good = np.empty(count, np.bool_)
-        s = np.empty((count, 3))
+        s, pull = np.empty((count, 3)), np.zeros(count)
         energy, squared, counted = 0.0, 0.0, 0.0
         for k in range(BINS):
             histogram[row, k] = 0
@@ -185,6 +210,19 @@ def explain(
                         bv -= w[i] * jv * r
                         tu += w[i] * ju * a[i]
                         tv += w[i] * jv * a[i]
+                    if turning:
+                        force = rho * r / (1.0 + sharp * r * r)
+                        slope[row, i, ambient_c, 4] += force
+                        if a[i] - ambients[i, ambient_c] > 0.0:
+                            pull[i] += force
+                if turning and (channels == 3 or c == 2):
+                    for i in range(count):
+                        if pull[i] != 0.0:
+                            turn(
+                                vectors[i, ambient_c], n, point, s[i], pull[i],
+                                slope[row, i, ambient_c],
+                            )  # fmt: skip
+                            pull[i] = 0.0
                 if scale > 0.0:
                     energy += scale * scale * np.log(product)
                 if project and total > 1e-12:
@@ -205,18 +243,35 @@ def explain(
         sums[row, 0], sums[row, 1], sums[row, 2] = energy, squared, counted
 
 
+@helper
+def take_product(hessian, block, u, total):
+    """hessian[block] -= u u^T / total."""
+    for k in range(u.size):
+        factor = u[k] / total
+        for m in range(u.size):
+            hessian[block, k, m] -= factor * u[m]
+
+
+@helper
+def take_scaled(cross, i, j, u, along_u, along_v):
+    """cross[i, j] -= (along_u, along_v) u^T."""
+    for k in range(u.size):
+        cross[i, j, 0, k] -= along_u * u[k]
+    for k in range(u.size):
+        cross[i, j, 1, k] -= along_v * u[k]
+
+
 @kernel
 def light_terms(
     photos, table, low, high, active, gradient, points, camera, vectors, ambients, closeness,
-    scales, albedo, parameters, project, hessian, slope, cross, cell, second,
+    scales, albedo, parameters, project, hessian, slope, cross, cell,
 ):  # fmt: skip
     """Second and first derivatives of half the energy with respect to the lights.
 
     Each light has `parameters` numbers: its vector, [closeness,] ambient.  The albedo is
     eliminated when `project`.  hessian (blocks, K, K), its upper triangle, and slope (blocks, K)
     are sums per block of rows; cross (h/cell, w/cell, 2, K) the mixed derivatives with the gradient
-    of log depth, summed over cells of `cell` x `cell` pixels; left alone when cell is 0.  Without
-    `second` the slope is all there is.
+    of log depth, summed over cells of `cell` x `cell` pixels; left alone when cell is 0.
     """
     height, width = active.shape
     count, channels = photos.shape[0], vectors.shape[1]
@@ -297,9 +352,9 @@ def light_terms(
                             weighted = w[i] * beta[i, k]
                             u[start + k] = a[i] * weighted
                             slope[block, start + k] += weighted * r
-                            for m in range(k, parameters if second else 0):
+                            for m in range(k, parameters):
                                 hessian[block, start + k, start + m] += weighted * beta[i, m]
-                        if lit and second:
+                        if lit:
                             ju = rho * (s[i, 0] * du[0] + s[i, 1] * du[1] + s[i, 2] * du[2])
                             jv = rho * (s[i, 0] * dv[0] + s[i, 1] * dv[1] + s[i, 2] * dv[2])
                             tu += w[i] * ju * a[i]
@@ -312,15 +367,11 @@ def light_terms(
                                     cross[row // cell, column // cell, 1, start + k] += (
                                         w[i] * jv * beta[i, k]
                                     )
-                    if not (project and second) or total <= 1e-12:
+                    if not project or total <= 1e-12:
                         continue
-                    for k in range(size):
-                        factor = u[k] / total
-                        if cell:
-                            cross[row // cell, column // cell, 0, k] -= tu * factor
-                            cross[row // cell, column // cell, 1, k] -= tv * factor
-                        for m in range(k, size):
-                            hessian[block, k, m] -= factor * u[m]
+                    take_product(hessian, block, u, total)
+                    if cell:
+                        take_scaled(cross, row // cell, column // cell, u, tu / total, tv / total)
 
 
 @kernel

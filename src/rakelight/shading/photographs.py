@@ -90,6 +90,8 @@ class Explanation:
         changes the energy by about  d^T M d - 2 b . d
     misfit : (h, w) mean absolute residual of each pixel
     spread : robust standard deviation (from the median) of a value; rms : root mean square
+    light_slope : (N, C, 5) half the energy's derivatives with the lights' vector, closeness and
+        ambient, the albedo following; None unless asked for
     """
 
     albedo: Floats
@@ -100,6 +102,7 @@ class Explanation:
     rms: float
     observations: int
     misfit: Floats
+    light_slope: Floats | None = None
 
     def darker(self, gain: float) -> Explanation:
         """The same with an albedo `gain` times smaller, for lamps that much brighter."""
@@ -162,12 +165,14 @@ class Photographs:
         start: Floats | None = None,
         lagged: bool = False,
         project: bool = True,
+        turning: bool = False,
     ) -> Explanation:
         """The albedo that explains the photographs best, and what is left unexplained.
 
         scale : of the Cauchy loss, 0 for plain least squares; start : albedo (h, w, 3) where its
         reweighting starts; lagged : derivatives with |m| held, the paper's; project : the albedo
-        follows the depth (variable projection) instead of being held
+        follows the depth (variable projection) instead of being held; turning : with the first
+        derivatives of the lights, for half as much time again
         """
         from rakelight.shading import _kernels
 
@@ -177,11 +182,12 @@ class Photographs:
         sums = np.zeros((height, 3))
         histogram = np.zeros((height, _kernels.BINS), dtype=np.int64)
         misfit = np.zeros((height, width))
+        slope = np.zeros((height if turning else 0, *lamps.ambient.shape, 5))
         with threads_for(len(self) * self.mask.size):
             _kernels.explain(
                 self.values, self.table, self.low, self.high, self.active, surface.gradient,
                 surface.points, self._optics, *lamps.arrays, self._scales(scale), lagged, project,
-                albedo, tensor, vector, sums, histogram, misfit,
+                albedo, tensor, vector, sums, histogram, misfit, turning, slope,
             )  # fmt: skip
         energy, squared, count = sums.sum(axis=0)
         return Explanation(
@@ -193,6 +199,7 @@ class Photographs:
             rms=float(np.sqrt(squared / max(count, 1.0))),
             observations=int(count),
             misfit=misfit,
+            light_slope=slope.sum(axis=0) if turning else None,
         )
 
     def light_terms(
@@ -206,7 +213,6 @@ class Photographs:
         project: bool = True,
         active: Mask | None = None,
         cell: int = 0,
-        second: bool = True,
     ) -> tuple[Floats, Floats, Floats]:
         """Second (K, K) and first (K,) derivatives of half the energy with the lights.
 
@@ -214,7 +220,6 @@ class Photographs:
         mixed derivatives with the gradient of log depth, summed over cells of cell x cell pixels:
         (ceil(h / cell), ceil(w / cell), 2, K); else an empty array.
         active : the pixels to use, all that have a normal unless given
-        second : False for the first derivatives alone, the others 0, in a fraction of the time
         """
         from rakelight.shading import _kernels
 
@@ -229,9 +234,9 @@ class Photographs:
                 self.values, self.table, self.low, self.high,
                 self.active if active is None else active, surface.gradient, surface.points,
                 self._optics, *lamps.arrays, self._scales(scale), albedo, parameters, project,
-                hessian, slope, mixed, cell, second,
+                hessian, slope, mixed, cell,
             )  # fmt: skip
-        upper = hessian.sum(axis=0)
+        upper = np.triu(hessian.sum(axis=0))
         return upper + np.triu(upper, 1).T, slope.sum(axis=0), mixed
 
     def _scales(self, scale: Floats | float) -> Floats:
