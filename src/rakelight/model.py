@@ -58,6 +58,22 @@ class Camera:
             cy=(self.cy + 0.5) * factor - 0.5,
         )
 
+    def resized(self, width: int, height: int) -> Camera:
+        """The same view in an image of another size, its pixels of other proportions if need be.
+
+        >>> Camera(640, 480, 500.0, 500.0, 319.5, 239.5).resized(320, 120).fy
+        125.0
+        """
+        across, along = width / self.width, height / self.height
+        return Camera(
+            width=width,
+            height=height,
+            fx=self.fx * across,
+            fy=self.fy * along,
+            cx=(self.cx + 0.5) * across - 0.5,
+            cy=(self.cy + 0.5) * along - 0.5,
+        )
+
     def cropped(self, rows: slice, columns: slice) -> Camera:
         """The camera of the window image[rows, columns]."""
         top, bottom, _ = rows.indices(self.height)
@@ -73,6 +89,29 @@ class RigidTransform:
 
     rotation: Floats
     translation_m: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class SensorNoise:
+    """How noisy a depth sensor is: sigma_m * (z / at_m)^growth at depth z.
+
+    sigma_m : standard deviation of one measurement at the depth at_m, both metres
+    growth : 2 for triangulation (stereo, structured light), about 1 for time of flight, 0 for
+        noise that is the same everywhere
+
+    The default is Khoshelham & Elberink's (Sensors 12, 2012) for structured light, 1.425e-3 z^2.
+
+    >>> SensorNoise().at(np.array([1.0, 2.0])).tolist()
+    [0.001425, 0.0057]
+    """
+
+    sigma_m: float = 1.425e-3
+    at_m: float = 1.0
+    growth: float = 2.0
+
+    def at(self, depth_m: Floats) -> Floats:
+        """Standard deviation in metres of measurements of `depth_m`, metres."""
+        return np.asarray(self.sigma_m * (depth_m / self.at_m) ** self.growth)
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +173,7 @@ class Capture:
     camera : the colour camera
     depth_camera, depth_to_color : set when the depth is not in the colour camera's frame;
         without them the depth map covers the colour image's field of view exactly
+    depth_noise : of the depth sensor, None when it is not known
     names : the photographs' file names
     findings : what the reader noticed
     source : where it came from, for messages
@@ -147,6 +187,7 @@ class Capture:
     lighting: Lighting = "moving-lamp"
     depth_camera: Camera | None = None
     depth_to_color: RigidTransform | None = None
+    depth_noise: SensorNoise | None = None
     names: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
     source: str = ""

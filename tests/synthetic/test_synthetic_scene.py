@@ -8,7 +8,7 @@ import pytest
 from rakelight.errors import InputError
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.grid import area_mean
-from rakelight.model import Camera
+from rakelight.model import Camera, RigidTransform
 from rakelight.prepare.linear import to_linear
 from rakelight.synthetic import (
     Albedo,
@@ -338,3 +338,31 @@ def test_a_camera_that_looks_past_the_object():
     camera = Camera(20, 20, 900.0, 900.0, 5000.0, 0.0)
     with pytest.raises(InputError, match="does not see the object"):
         render_scene(SPHERE, painted(0.5), replace(QUIET, camera=camera))
+
+
+# ---- a depth camera of its own
+
+
+BESIDE = RigidTransform(np.eye(3), np.array([0.05, 0.0, 0.0]))
+
+
+def test_a_depth_camera_sees_the_object_from_its_own_place():
+    options = replace(QUIET, depth_factor=1.5, depth_to_color=BESIDE)
+    capture, truth = render_scene(SPHERE, painted(0.5), options)
+    same, _ = render_scene(SPHERE, painted(0.5), QUIET)
+    np.testing.assert_array_equal(capture.photographs, same.photographs)
+    assert capture.depth_to_color is BESIDE
+    camera, depth = capture.depth_camera, capture.depth_m[0]
+    assert camera.shape == depth.shape
+    assert camera.width == round(capture.camera.width / 1.5)
+    points = back_project(depth, camera)[np.isfinite(depth)] + BESIDE.translation_m
+    radius = np.linalg.norm(points - [0, 0, 0.8], axis=-1)
+    np.testing.assert_allclose(radius, 0.1, atol=2e-3)  # means over pixels of a round thing
+    assert np.median(radius) == pytest.approx(0.1, abs=2e-4)
+    assert truth.depth.shape == capture.camera.shape
+
+
+def test_a_depth_map_is_seen_from_its_own_place_only():
+    shape = Shape("scan", SPHERE.camera, SPHERE.render)
+    with pytest.raises(InputError, match="colour camera's place only"):
+        render_scene(shape, painted(0.5), replace(QUIET, depth_to_color=BESIDE))

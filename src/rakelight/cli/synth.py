@@ -42,7 +42,9 @@ _SCENE: tuple[tuple[tuple[str, ...], Any, Any, str], ...] = (
     (("--image-noise",), float, 0.01, "Standard deviation, as a fraction of white."),
     (("--bits",), int, 16, "8 or 16."),
     (("--encoding",), str, "linear", "linear or srgb."),
-    (("--depth-factor",), int, 2, "Colour pixels per depth pixel, along each side."),
+    (("--depth-factor",), float, 2, "Colour pixels per depth pixel, along each side."),
+    (("--baseline", "depth_to_color"), float, None, "Metres from the colour camera to a depth "
+     "camera of its own, on its right; --depth-factor need not be whole then."),
     (("--depth-frames",), int, 1, "How many depth maps."),
     (("--depth-noise", "rms_mm"), float, 2.5, "Depth noise, rms in millimetres."),
     (("--depth-correlation", "correlation_length_px"), float, 6.0, "Its correlation length, in "
@@ -56,6 +58,24 @@ _OPTION_OF = {
     "shape": "--shape",
     "albedo": "--albedo",
 }
+
+
+def _beside(baseline_m: float | None) -> Any:
+    """The place of a depth camera so far to the right of the colour camera, turned as it is."""
+    if baseline_m is None:
+        return None
+    import numpy as np
+
+    from rakelight.model import RigidTransform
+
+    if not abs(baseline_m) <= 1:
+        raise InputError(
+            "not a baseline",
+            source="--baseline",
+            seen=f"{baseline_m:g}",
+            needed="metres, at most 1",
+        )
+    return RigidTransform(np.eye(3), np.array([baseline_m, 0.0, 0.0]))
 
 
 @contextmanager
@@ -123,6 +143,7 @@ def command(
 
     if not 0 < size <= 16:
         raise InputError("not a size", source="--size", seen=str(size), needed="above 0, up to 16")
+    settings["depth_to_color"] = _beside(settings["depth_to_color"])
     noise = {f.name: settings.pop(f.name) for f in fields(DepthNoise) if f.name in settings}
     require_free(output, overwrite=overwrite, marker="truth/depth.tiff")  # never a real capture
     with _options_named():

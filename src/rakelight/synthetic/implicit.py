@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rakelight.geometry.camera import pixel_rays
-from rakelight.model import Camera, Floats, Mask
+from rakelight.model import Camera, Floats, Mask, RigidTransform
 
 Values: TypeAlias = npt.NDArray[np.inexact[Any]]
 """Real numbers, or complex ones that carry a derivative in their imaginary part."""
@@ -58,6 +58,31 @@ class Solid:
     def along(self, x: Values, y: Values, z: Values) -> Values:
         """The field at depth z on the rays z * (x, y, 1) of the camera frame."""
         return self.field(z * x, -z * y, self.distance_m - z)
+
+
+def seen_from(solid: Solid, pose: RigidTransform) -> Solid:
+    """A solid as another camera has it before itself.
+
+    pose : from that camera's frame to the one that the solid is given in
+
+    >>> ball = Solid(lambda x, y, z: np.sqrt(x**2 + y**2 + z**2) - 0.1, 0.8, 0.11)
+    >>> right = RigidTransform(np.eye(3), np.array([0.05, 0.0, 0.0]))
+    >>> camera = Camera(1, 1, fx=7.0, fy=7.0, cx=0.5, cy=0.0)  # its pixel looks to the left
+    >>> trace(seen_from(ball, right), camera).depth.round(9).tolist()
+    [[0.7]]
+    """
+
+    def field(x: Values, y: Values, z: Values) -> Values:
+        at = x, -y, solid.distance_m - z
+        right, down, ahead = (
+            sum(turn * value for turn, value in zip(row, at, strict=True)) + shift
+            for row, shift in zip(pose.rotation, pose.translation_m, strict=True)
+        )
+        return solid.field(right, -down, solid.distance_m - ahead)
+
+    centre = np.array([0.0, 0.0, solid.distance_m])
+    moved = float(np.linalg.norm(pose.rotation.T @ (centre - pose.translation_m) - centre))
+    return replace(solid, field=field, radius_m=solid.radius_m + moved)
 
 
 MARCH_STEPS = 300

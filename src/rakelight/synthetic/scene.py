@@ -15,11 +15,22 @@ import numpy as np
 from rakelight.errors import InputError
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.grid import area_mean
-from rakelight.model import Array, Camera, Capture, Encoding, Floats, Lighting, Lights, Mask, Truth
+from rakelight.model import (
+    Array,
+    Camera,
+    Capture,
+    Encoding,
+    Floats,
+    Lighting,
+    Lights,
+    Mask,
+    RigidTransform,
+    Truth,
+)
 from rakelight.synthetic.albedo import Albedo, make_albedo
-from rakelight.synthetic.implicit import Surface
+from rakelight.synthetic.implicit import Surface, seen_from, trace
 from rakelight.synthetic.noise import PERFECT, DepthNoise, add_depth_noise
-from rakelight.synthetic.shapes import Shape, make_shape
+from rakelight.synthetic.shapes import SHAPES, Shape, make_shape
 
 Conditions: TypeAlias = list[tuple[str, bool, str]]
 
@@ -56,6 +67,8 @@ class SceneOptions:
         encoding : "linear" or "srgb"
     Depth sensor
         depth_factor : colour pixels per depth pixel, along each side
+        depth_to_color : the place of a depth camera of its own, None for the colour camera's; of
+            analytic shapes only, and `depth_factor` need not be a whole number then
         depth_frames : how many depth maps, with noise of their own
         depth_noise : the sensor's errors
     seed : of everything random; each part has its own stream
@@ -80,7 +93,8 @@ class SceneOptions:
     image_noise: float = 0.01
     bits: int = 16
     encoding: Encoding = "linear"
-    depth_factor: int = 1
+    depth_factor: float = 1
+    depth_to_color: RigidTransform | None = None
     depth_frames: int = 1
     depth_noise: DepthNoise = PERFECT
     seed: int = 0
@@ -115,7 +129,13 @@ class SceneOptions:
             *all_of(
                 "a whole number from 1",
                 lambda count: isinstance(count, int) and count >= 1,
-                *("photographs", "supersampling", "depth_factor", "depth_frames"),
+                *("photographs", "supersampling", "depth_frames"),
+            ),
+            (
+                "depth_factor",
+                self.depth_factor >= 1
+                and (self.depth_to_color is not None or self.depth_factor % 1 == 0),
+                "at least 1, and whole without depth_to_color",
             ),
             *all_of(
                 "at least 0",
@@ -152,7 +172,8 @@ def render_scene(
     """
     options = options or SceneOptions()
     camera = options.camera or shape.camera
-    _check_camera(camera, options.depth_factor)
+    if options.depth_to_color is None:
+        _check_camera(camera, int(options.depth_factor))
     surface = shape.render(camera)
     fine_camera = camera.scaled(options.supersampling)
     fine = shape.render(fine_camera) if options.supersampling > 1 else surface
@@ -166,13 +187,16 @@ def render_scene(
         np.quantile(light[:, mask], options.peak_quantile)
     )
     light *= np.float32(level)
+    depth_camera, depth_m = _depth_view(shape, surface, camera, options)
     capture = Capture(
         photographs=_develop(light, options),
-        depth_m=_sense_depth(surface.depth, options),
+        depth_m=_sense_depth(depth_m, options),
         mask=mask,
         camera=camera,
         encoding=options.encoding,
         lighting=options.lighting,
+        depth_camera=depth_camera,
+        depth_to_color=options.depth_to_color,
         names=tuple(f"{i:03d}.png" for i in range(len(light))),
     )
     truth = Truth(
@@ -373,15 +397,35 @@ def _srgb(light: Floats) -> Floats:
 # ---- depth
 
 
-def _sense_depth(depth_m: Floats, options: SceneOptions) -> Floats:
-    """(K, h, w) what the depth sensor reports: block means of the truth, then its errors.
+def _depth_view(
+    shape: Shape, surface: Surface, camera: Camera, options: SceneOptions
+) -> tuple[Camera | None, Floats]:
+    """The depth camera, None for the colour camera's view, and (h, w) its pixels' true depth.
 
-    A block that the object does not fill gives no measurement.
+    Block means; a block that the object does not fill gives no measurement.
     """
-    coarse = area_mean(depth_m, options.depth_factor)
+    factor = options.depth_factor
+    if options.depth_to_color is None:
+        return None, area_mean(surface.depth, int(factor))
+    if shape.solid is None:
+        raise InputError(
+            "this object can be seen from the colour camera's place only",
+            source="depth_to_color",
+            seen=shape.name,
+            needed="one of " + ", ".join(SHAPES),
+        )
+    size = (max(round(side / factor), 1) for side in (camera.width, camera.height))
+    own = camera.resized(*size)
+    rays = max(round(factor), 2)
+    seen = trace(seen_from(shape.solid, options.depth_to_color), own.scaled(rays))
+    return own, area_mean(seen.depth, rays)
+
+
+def _sense_depth(depth_m: Floats, options: SceneOptions) -> Floats:
+    """(K, h, w) what the depth sensor reports: the truth with its errors."""
     return np.stack(
         [
-            add_depth_noise(coarse, options.depth_noise, [options.seed, DEPTH_STREAM, frame])
+            add_depth_noise(depth_m, options.depth_noise, [options.seed, DEPTH_STREAM, frame])
             for frame in range(options.depth_frames)
         ]
     )

@@ -31,11 +31,13 @@ class Shape:
 
     camera : a view that it fills
     render : its surface as a camera at the same place sees it, whatever the resolution
+    solid : the object itself, where it can be looked at from other places too
     """
 
     name: str
     camera: Camera
     render: Callable[[Camera], Surface]
+    solid: Solid | None = None
 
 
 def make_shape(name: str) -> Shape:
@@ -50,7 +52,7 @@ def make_shape(name: str) -> Shape:
         raise InputError(
             "no such shape", source="shape", seen=name, needed="one of " + ", ".join(SHAPES)
         )
-    return Shape(name, VIEW, partial(trace, SHAPES[name]))
+    return Shape(name, VIEW, partial(trace, SHAPES[name]), SHAPES[name])
 
 
 # ---- arithmetic that is analytic, so that it carries complex steps
