@@ -12,7 +12,13 @@ import pytest
 
 import rakelight
 from rakelight import errors
-from rakelight.capture.config import CaptureTable, IntrinsicsTable, TransformTable, parse_config
+from rakelight.capture.config import (
+    CaptureTable,
+    IntrinsicsTable,
+    NoiseTable,
+    TransformTable,
+    parse_config,
+)
 from rakelight.cli import COMMANDS
 from rakelight.cli import rakelight as program
 from rakelight.errors import InputError, MachineError, RakelightError
@@ -176,7 +182,7 @@ def test_keys_of_capture_toml():
     keys = {key.strip("[]") for key in re.findall(r"`([^`]+)`", listed)}
     assert keys == {field.name for field in msgspec.structs.fields(CaptureTable)}
     section = conventions().split("key of `capture.toml`")[1].split("\n\n")[0]
-    for struct in (IntrinsicsTable, TransformTable):
+    for struct in (IntrinsicsTable, NoiseTable, TransformTable):
         for field in msgspec.structs.fields(struct):
             assert f"`{field.name}`" in section
 

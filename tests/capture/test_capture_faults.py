@@ -21,7 +21,7 @@ from capture_builder import (
 from rakelight.capture import load_capture, write_capture
 from rakelight.capture.images import encode_png, encode_tiff
 from rakelight.errors import CaptureError
-from rakelight.model import Camera, RigidTransform
+from rakelight.model import Camera, RigidTransform, SensorNoise
 
 
 @pytest.fixture
@@ -383,6 +383,34 @@ def test_transform_and_depth_camera_belong_together(tmp_path):
     before, after = config.read_text().split("[depth_intrinsics]")
     config.write_text(before + "[depth_to_color]" + after.split("[depth_to_color]")[1])
     refusal(tmp_path / "c", "capture.toml", "[depth_to_color] without [depth_intrinsics]")
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ((1.4, 1.0, 2.0), ("depth_noise.sigma_m' is implausible", "1.4 m", "not millimetres")),
+        ((0.0, 1.0, 2.0), ("depth_noise.sigma_m' is not positive",)),
+        ((np.nan, 1.0, 2.0), ("depth_noise.sigma_m' is not a number",)),
+        ((0.001, -1.0, 2.0), ("depth_noise.at_m' is not positive", "metres")),
+        ((0.001, 1.0, np.inf), ("depth_noise.growth' is not a number", "power of the depth")),
+        ((0.001, 1.0, 9.0), ("depth_noise.growth' is implausible", "0 to 4")),
+        ((0.001, 1.0, -1.0), ("depth_noise.growth' is implausible",)),
+    ],
+)
+def test_wrong_depth_noise(tmp_path, values, words):
+    write_capture(small_capture(depth_noise=SensorNoise(*values)), tmp_path / "c")
+    refusal(tmp_path / "c", "capture.toml", *words)
+
+
+def test_keys_of_depth_noise(folder):
+    config = folder / "capture.toml"
+    text = config.read_text()
+    config.write_text(text + "\n[depth_noise]\nsigma_mm = 1.4\n")
+    refusal(folder, "capture.toml", "unknown key 'depth_noise.sigma_mm'", "'sigma_m'?")
+    config.write_text(text + "\n[depth_noise]\nat_m = 1.0\n")
+    refusal(folder, "capture.toml", "key 'depth_noise.sigma_m' is missing")
+    config.write_text(text + "\n[depth_noise]\nsigma_m = 0.002\n")
+    assert load_capture(folder).depth_noise == SensorNoise(0.002, 1.0, 2.0)
 
 
 # --- 11 to 15: photographs ---

@@ -10,7 +10,7 @@ from capture_builder import HEIGHT, WIDTH, build, codes, edit_config, small_capt
 
 from rakelight.capture import load_capture, load_truth, write_capture
 from rakelight.errors import CaptureError, InputError, MachineError, OutputExistsError
-from rakelight.model import Camera, RigidTransform
+from rakelight.model import Camera, RigidTransform, SensorNoise
 
 REAL = Path(__file__).parents[3] / "shared" / "captures"
 
@@ -33,6 +33,7 @@ def test_written_and_read_back_is_the_same(tmp_path, dtype, factor):
     assert (again.encoding, again.lighting) == ("srgb", "rgb-leds")
     assert again.depth_camera is None
     assert again.depth_to_color is None
+    assert again.depth_noise is None
     assert again.names == ("000.png", "001.png", "002.png", "003.png")
     assert again.source == str(tmp_path / "c")
     assert "median depth 0.60 m" in [finding.message for finding in again.findings]
@@ -47,10 +48,12 @@ def test_depth_camera_comes_back(tmp_path):
         depth_m=np.full((1, 10, 14), 0.7, np.float32),
         depth_camera=Camera(14, 10, 20.0, 20.0, 6.5, 4.5),
         depth_to_color=transform,
+        depth_noise=SensorNoise(sigma_m=0.0021, at_m=0.7, growth=1.5),
     )
     write_capture(capture, tmp_path / "c")
     again = load_capture(tmp_path / "c")
     assert again.depth_camera == capture.depth_camera
+    assert again.depth_noise == capture.depth_noise
     assert same_bits(again.depth_to_color.rotation, transform.rotation)
     assert same_bits(again.depth_to_color.translation_m, transform.translation_m)
     nine = ", ".join(map(repr, transform.rotation.ravel().tolist()))

@@ -236,6 +236,19 @@ def test_synth_by_default(run, tmp_path):
     assert_reads_back(tmp_path / "made", *render_scene(vase, make_albedo("pattern"), scene))
 
 
+def test_synth_with_a_depth_camera_beside(run, tmp_path):
+    made, out = tmp_path / "made", tmp_path / "out"
+    options = ("--baseline", "0.04", "--depth-factor", "1.7", "--lights", "6")
+    assert run("synth", made, "--size", "0.25", *options).code == 0
+    capture = load_capture(made)
+    np.testing.assert_array_equal(capture.depth_to_color.translation_m, [0.04, 0, 0])
+    assert capture.depth_m.shape[2] == round(capture.camera.width / 1.7)
+    assert run("refine", made, "-o", out).code == 0
+    scores = json.loads(run("eval", out, "--truth", made, "--json").out)
+    assert scores["refined"]["normals"]["mae_deg"] < 0.7 * scores["prepared"]["normals"]["mae_deg"]
+    assert run("synth", tmp_path / "no", "--baseline", "40").code == 2
+
+
 def test_synth_then_refine_then_eval(run, tmp_path):
     made, out = tmp_path / "made", tmp_path / "out"
     assert run("synth", made, "--size", "0.2", "--lights", "8").code == 0

@@ -579,8 +579,9 @@ def test_holes_and_a_part_without_depth(capture):
     depth[:, 10:20, 10:20] = np.nan
     depth[:, 33:] = np.nan
     result = refine(replace(part, depth_m=depth), "multi-light-alternating")
-    assert np.isfinite(result.depth[part.mask]).all()
-    seen = result.depth[part.mask]
+    assert np.isfinite(result.depth[5:30, 5:35]).all()
+    seen = result.depth[np.isfinite(result.depth)]
+    assert (result.depth > 0).sum() < part.mask.sum()  # what is far from all depth is left out
     assert 0.6 < seen.min() < seen.max() < 1.0
 
 

@@ -32,6 +32,7 @@ def make_prepared(height=24, width=30, mask=None, factor=1, dtype=np.uint16, enc
         full_camera=camera,
         rows=slice(0, height),
         columns=slice(0, width),
+        sensor=None,
     )
 
 

@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
-from rakelight.prepare.average import KINECT_NOISE, noise_sigma, robust_average
+from rakelight.model import SensorNoise
+from rakelight.prepare.average import noise_sigma, robust_average, scatter
+
+KINECT_NOISE = SensorNoise().sigma_m
 
 SHAPE = (40, 50)
 
@@ -143,3 +146,90 @@ def test_sigma_of_tiny_maps(shape):
 
 def test_sigma_of_nothing_is_nothing():
     assert np.isnan(noise_sigma(np.full((5, 5), np.nan))).all()
+
+
+# ---- noise of several maps
+
+
+def noisy_maps(count, share, seed=0, shape=(120, 160)):
+    """(K, h, w) of a slanted plane with `share` times the sensor model's noise, and the plane."""
+    plane = 0.6 + 0.008 * np.mgrid[: shape[0], : shape[1]][1]
+    noise = np.random.default_rng(seed).normal(size=(count, *shape))
+    return plane + share * SensorNoise().at(plane) * noise, plane
+
+
+@pytest.mark.parametrize("count", [2, 3, 20])
+@pytest.mark.parametrize("share", [0.3, 1.0, 2.5])
+def test_scatter_of_the_maps_is_the_noise_of_one(count, share):
+    maps, plane = noisy_maps(count, share)
+    found = scatter(maps) / SensorNoise().at(plane)
+    # what differs by more than three widths of the whole is left out where the noise is largest
+    assert np.median(found) == pytest.approx(share, rel=0.05)
+    assert np.quantile(np.abs(found - np.median(found)), 0.9) < 0.25 * share
+
+
+def test_noise_is_that_of_the_maps_where_there_are_several():
+    maps, plane = noisy_maps(9, 0.4)
+    sigma = noise_sigma(robust_average(maps), maps_m=maps)
+    assert np.median(sigma / SensorNoise().at(plane)) == pytest.approx(0.4, rel=0.05)
+    # deeper is noisier, as the maps say
+    assert np.median(sigma[:, -20:]) > 4 * np.median(sigma[:, :20])
+    single = noise_sigma(maps[0], maps_m=maps[:1])
+    np.testing.assert_allclose(np.median(single / SensorNoise().at(plane)), 1, rtol=0.05)
+
+
+def test_noisy_places_are_noisy():
+    maps, plane = noisy_maps(9, 0.5)
+    maps[:, 40:80, 40:80] += (
+        1.0
+        * SensorNoise().at(plane[40:80, 40:80])
+        * np.random.default_rng(3).normal(size=(9, 40, 40))
+    )
+    sigma = noise_sigma(robust_average(maps), maps_m=maps) / SensorNoise().at(plane)
+    assert np.median(sigma[45:75, 45:75]) == pytest.approx(np.hypot(0.5, 1.0), rel=0.08)
+    assert np.median(sigma[:30]) == pytest.approx(0.5, rel=0.08)
+
+
+def test_maps_that_repeat_each_other_say_nothing():
+    # A fixed pattern of smooth errors: what the maps have in common is not known from them.
+    one, plane = noisy_maps(1, 1.0)
+    maps = np.repeat(one, 5, axis=0)
+    assert (scatter(maps) == 0).all()
+    sigma = noise_sigma(plane, maps_m=maps)
+    np.testing.assert_allclose(sigma, SensorNoise().at(plane), rtol=1e-12)
+
+
+def test_coarse_steps_are_not_free_of_noise():
+    maps, plane = noisy_maps(12, 0.4)
+    maps = np.rint(maps * 500) / 500  # 2 mm: where it is near, few maps differ at all
+    sigma = noise_sigma(robust_average(maps), maps_m=maps) / SensorNoise().at(plane)
+    assert (scatter(maps) < 0.02e-3).any()
+    assert sigma.min() > 0.15
+
+
+def test_scatter_where_little_was_measured():
+    maps, _ = noisy_maps(4, 1.0)
+    maps[:, :60] = np.nan
+    maps[1:, 60:, :80] = np.nan  # measured once
+    found = scatter(maps)
+    assert np.isnan(found[:50]).all()
+    assert np.isnan(found[70:, :70]).all()
+    assert np.isfinite(found[70:, 90:]).all()
+    average = np.where(np.isfinite(maps[0]), maps[0], 1.0)
+    assert np.isfinite(noise_sigma(average, maps_m=maps)).all()
+
+
+@pytest.mark.parametrize("growth", [0.0, 1.0, 2.0])
+def test_a_known_sensor_is_believed(growth):
+    maps, plane = noisy_maps(5, 3.0)
+    noise = SensorNoise(sigma_m=0.002, at_m=0.8, growth=growth)
+    sigma = noise_sigma(plane, noise, maps)
+    np.testing.assert_allclose(sigma, 0.002 * (plane / 0.8) ** growth, rtol=1e-12)
+
+
+def test_noise_that_counts_is_that_of_the_object():
+    depth = np.full((60, 80), 0.8)
+    depth[:, 40:] += np.random.default_rng(0).normal(0, 0.03, (60, 40))
+    on_object = np.arange(80) < 35
+    sigma = noise_sigma(depth, on_object=np.broadcast_to(on_object, depth.shape))
+    np.testing.assert_allclose(sigma[:, :35], SensorNoise().at(depth[:, :35]), rtol=1e-12)

@@ -7,9 +7,10 @@ import pytest
 
 from rakelight.errors import CaptureError, InputError
 from rakelight.geometry.camera import back_project
-from rakelight.model import Camera, Capture, RigidTransform
+from rakelight.model import Camera, Capture, RigidTransform, SensorNoise
 from rakelight.prepare import prepare
-from rakelight.prepare.average import KINECT_NOISE
+
+KINECT_NOISE = SensorNoise().sigma_m
 
 CAMERA = Camera(width=64, height=48, fx=700.0, fy=720.0, cx=30.5, cy=25.0)
 ROWS, COLUMNS = np.indices(CAMERA.shape)
@@ -214,14 +215,18 @@ def test_parts_do_not_mix():
     np.testing.assert_allclose(full[mask & (COLUMNS > 40)], 1.4, rtol=1e-3)
 
 
-def test_a_part_without_any_depth_is_filled():
+def test_a_part_without_any_depth_is_left_out():
     mask = np.zeros(CAMERA.shape, bool)
     mask[4:20, 4:20] = mask[30:44, 40:60] = True
     depth = np.full((1, 24, 32), np.nan, np.float32)
     depth[0, :12, :12] = 0.7
     prepared = prepare(make_capture(2, mask=mask, depth_m=depth))
-    np.testing.assert_allclose(prepared.depth_m[prepared.mask], 0.7, rtol=1e-6)
-    assert not prepared.embed(prepared.measured, 0)[30:].any()
+    full = prepared.embed(prepared.depth_m, np.nan)
+    np.testing.assert_allclose(full[4:20, 4:20], 0.7, rtol=1e-6)
+    assert np.isnan(full[30:]).all()
+    (warning,) = prepared.findings
+    assert (warning.severity, warning.code) == ("warning", "holes-left-out")
+    assert f"{280 / (280 + 256):.1%} of the object" in warning.message
 
 
 # ---- what is refused
@@ -254,8 +259,12 @@ def test_arrays_that_do_not_fit(changes):
 
 
 @pytest.mark.parametrize(
-    "changes", [{"depth_camera": CAMERA}, {"depth_to_color": RigidTransform(np.eye(3), np.ones(3))}]
+    ("changes", "words"),
+    [
+        ({"depth_camera": CAMERA}, "depth camera are of different size"),
+        ({"depth_to_color": RigidTransform(np.eye(3), np.ones(3))}, "without depth_camera"),
+    ],
 )
-def test_depth_from_another_camera(changes):
-    with pytest.raises(CaptureError, match="registered"):
+def test_depth_cameras_that_do_not_fit(changes, words):
+    with pytest.raises(CaptureError, match=words):
         prepare(make_capture(**changes))

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from rakelight.errors import CaptureError
-from rakelight.model import Camera, Encoding, Lighting, RigidTransform
+from rakelight.model import Camera, Encoding, Lighting, RigidTransform, SensorNoise
 
 CONFIG = "capture.toml"
 EXAMPLE = (
@@ -42,6 +42,18 @@ class TransformTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     translation: list[float]
 
 
+class NoiseTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """[depth_noise]: sigma_m (z / at_m)^growth, metres."""
+
+    sigma_m: float
+    at_m: float = 1.0
+    growth: float = 2.0
+
+    def noise(self) -> SensorNoise:
+        """The same as a SensorNoise."""
+        return SensorNoise(self.sigma_m, self.at_m, self.growth)
+
+
 class CaptureTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The whole of capture.toml; a key with a default is optional."""
 
@@ -51,6 +63,7 @@ class CaptureTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     lighting: Lighting | None = None
     depth_intrinsics: IntrinsicsTable | None = None
     depth_to_color: TransformTable | None = None
+    depth_noise: NoiseTable | None = None
 
 
 _TABLES: dict[str, type[msgspec.Struct]] = {
@@ -58,6 +71,7 @@ _TABLES: dict[str, type[msgspec.Struct]] = {
     "intrinsics": IntrinsicsTable,
     "depth_intrinsics": IntrinsicsTable,
     "depth_to_color": TransformTable,
+    "depth_noise": NoiseTable,
 }
 _CHOICES = {"encoding": get_args(Encoding), "lighting": get_args(Lighting)}
 
@@ -98,6 +112,7 @@ def format_config(
     depth_scale: float | None = None,
     depth_camera: Camera | None = None,
     depth_to_color: RigidTransform | None = None,
+    depth_noise: SensorNoise | None = None,
 ) -> str:
     """The text of a capture.toml; every number is read back as it was.
 
@@ -123,13 +138,19 @@ def format_config(
             translation = np.asarray(depth_to_color.translation_m, float).tolist()
             lines += ["", "[depth_to_color]"]
             lines += [f"rotation = {rotation!r}", f"translation = {translation!r}"]
+    if depth_noise is not None:
+        lines += ["", "[depth_noise]"]
+        lines += _number_lines(depth_noise, "sigma_m", "at_m", "growth")
     return "\n".join(lines) + "\n"
 
 
 def _intrinsics_lines(table: str, camera: Camera) -> list[str]:
-    lengths = (f"{key} = {float(getattr(camera, key))!r}" for key in ("fx", "fy", "cx", "cy"))
     size = (f"width = {int(camera.width)}", f"height = {int(camera.height)}")
-    return ["", f"[{table}]", *size, *lengths]
+    return ["", f"[{table}]", *size, *_number_lines(camera, "fx", "fy", "cx", "cy")]
+
+
+def _number_lines(value: Camera | SensorNoise, *keys: str) -> list[str]:
+    return [f"{key} = {float(getattr(value, key))!r}" for key in keys]
 
 
 def _syntax_error(text: str, message: str, source: str) -> CaptureError:

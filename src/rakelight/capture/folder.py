@@ -87,6 +87,9 @@ def load_capture(folder: str | PathLike[str]) -> Capture:
         if depth_camera is None
         else None
     )
+    depth_noise = None if table.depth_noise is None else table.depth_noise.noise()
+    if depth_noise is not None:
+        validate.check_noise(depth_noise, root.shown(CONFIG))
 
     photographs = _read_photographs(rgb)
     names = tuple(map(printable, rgb.names))
@@ -105,6 +108,7 @@ def load_capture(folder: str | PathLike[str]) -> Capture:
         lighting=lighting,
         depth_camera=depth_camera,
         depth_to_color=depth_to_color,
+        depth_noise=depth_noise,
         names=names,
         findings=(
             *assumed,
@@ -177,6 +181,7 @@ def write_capture(
         depth_scale,
         capture.depth_camera,
         capture.depth_to_color,
+        capture.depth_noise,
     )
     with staged_folder(target, overwrite=overwrite, marker=CONFIG) as staging:
         for name in ("rgb", "depth"):

@@ -12,7 +12,7 @@ import numpy as np
 
 from rakelight.capture.headers import Header
 from rakelight.errors import CaptureError
-from rakelight.model import Array, Camera, Finding, Floats, Mask, RigidTransform
+from rakelight.model import Array, Camera, Finding, Floats, Mask, RigidTransform, SensorNoise
 
 SATURATED = 0.98  # of the largest value, in any channel
 BLACK = 0.004  # of the largest value, in all channels
@@ -23,6 +23,8 @@ PLAUSIBLE_M = (0.05, 20.0)
 # Values per metre: millimetres, TUM, 0.1 mm, L515, metres
 COMMON_DEPTH_SCALES = (1000.0, 5000.0, 10000.0, 4000.0, 1.0)
 LONGEST_BASELINE_M = 1.0
+NOISIEST = 0.2  # standard deviation over depth
+STEEPEST_GROWTH = 4.0
 # Why a depth value is none, in the order of the codes that the reader gives.
 HOLES = ("measured", "zero", "negative", "at the largest value", "not finite")
 
@@ -192,6 +194,42 @@ def check_transform(transform: RigidTransform, source: str) -> None:
             seen=f"{baseline_m:g} m",
             needed=f"at most {LONGEST_BASELINE_M:g} m",
             remedy="give it in metres, not millimetres",
+        )
+
+
+def check_noise(noise: SensorNoise, source: str) -> None:
+    """[depth_noise] is that of a depth sensor.
+
+    >>> check_noise(SensorNoise(sigma_m=1.4), "capture.toml")
+    Traceback (most recent call last):
+    rakelight.errors.CaptureError: capture.toml: key 'depth_noise.sigma_m' is implausible
+    (seen 1.4 m at 1 m, needed above 0, at most 0.2 of at_m). Fix: ...
+    """
+    for key, least in (("sigma_m", 0.0), ("at_m", 0.0), ("growth", -np.inf)):
+        value = getattr(noise, key)
+        if not (np.isfinite(value) and value > least):
+            raise CaptureError(
+                f"key 'depth_noise.{key}' is not "
+                + ("positive" if np.isfinite(value) else "a number"),
+                source=source,
+                seen=f"{value:g}",
+                needed="metres" if key != "growth" else "a power of the depth, 2 for most sensors",
+            )
+    if noise.sigma_m > NOISIEST * noise.at_m:
+        raise CaptureError(
+            "key 'depth_noise.sigma_m' is implausible",
+            source=source,
+            seen=f"{noise.sigma_m:g} m at {noise.at_m:g} m",
+            needed=f"above 0, at most {NOISIEST:g} of at_m",
+            remedy="give it in metres, not millimetres",
+        )
+    if not 0 <= noise.growth <= STEEPEST_GROWTH:
+        raise CaptureError(
+            "key 'depth_noise.growth' is implausible",
+            source=source,
+            seen=f"{noise.growth:g}",
+            needed=f"0 to {STEEPEST_GROWTH:g}",
+            remedy="2 for stereo and structured light, 1 for time of flight",
         )
 
 

@@ -130,7 +130,7 @@ def refine(
         depth=prepared.embed(depth_m, np.nan),
         normals=prepared.embed(normals, np.nan),
         albedo=prepared.embed(np.maximum(estimate.albedo, 0), 0.0),
-        confidence=prepared.embed(estimate.confidence, 0.0),
+        confidence=prepared.embed(prepared.marked(estimate.confidence), 0.0),
         lights=estimate.lights,
         camera=prepared.full_camera,
         prepared_depth=prepared.embed(prepared.depth_m, np.nan),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import ceil
 
 import numpy as np
 
@@ -64,14 +65,16 @@ def require_photographs(prepared: Prepared, method: str, least: int) -> None:
 
     Super-resolution by a factor s needs at least s^2: so many unknowns share a depth pixel.
     """
-    count, needed = len(prepared.photographs), max(least, prepared.factor**2)
+    count = len(prepared.photographs)
+    needed = max(least, ceil(prepared.factor**2 - 1e-6))
     if count < needed:
         raise MethodError(
-            f"too few photographs for {method} at scale {prepared.factor}",
+            f"too few photographs for {method} at scale {prepared.factor:.3g}",
             source=prepared.source,
             seen=str(count),
             needed=f"at least {needed}",
-            remedy="take more photographs with the lamp in other places and the camera fixed",
+            remedy="take more photographs with the lamp in other places and the camera fixed"
+            + (", or choose a smaller --scale" if needed > least else ""),
         )
 
 

@@ -1,7 +1,8 @@
 """A capture made ready for a method: one grid, linear photographs, filled and denoised depth.
 
-The steps of the paper's 3.1, each in its own file: robust average of the depth maps, inpainting,
-bilateral denoising, upsampling to the output resolution.
+The steps of the paper's 3.1, each in its own file: robust average of the depth maps, without flying
+pixels and registered to the colour camera; inpainting of small holes; bilateral denoising;
+upsampling to the output resolution.
 """
 
 from __future__ import annotations
@@ -14,11 +15,12 @@ import numpy as np
 from rakelight.errors import CaptureError, InputError
 from rakelight.geometry.grid import area_mean, bounding_window
 from rakelight.model import Array, Camera, Capture, Encoding, Finding, Floats, Mask
-from rakelight.prepare.average import noise_sigma, robust_average
 from rakelight.prepare.denoise import bilateral
+from rakelight.prepare.holes import hole_findings, unseen, within_reach
 from rakelight.prepare.inpaint import inpaint
 from rakelight.prepare.linear import SATURATED, to_linear, usable
-from rakelight.prepare.upsample import coarse_mask, upsample
+from rakelight.prepare.sensor import Grid, SensorDepth, check_sizes, sensed, sensor_shape
+from rakelight.prepare.upsample import upsample
 
 Scale = Literal["auto"] | int
 
@@ -32,8 +34,9 @@ class Prepared:
     depth_m : (h, w) float64 prepared depth, metres; the object's continuation outside the mask
     sigma_m : (h, w) float64 noise of the sensor's depth at each pixel, metres
     measured : (h, w) bool, where the sensor saw the object (elsewhere the depth was filled)
-    factor : output pixels per depth pixel, along each side
+    factor : output pixels per depth pixel, along each side; not always a whole number
     camera : of this window; `rows`, `columns` place it in `full_camera`'s image
+    sensor : the measurements themselves at the sensor's resolution, with their noise and place
     """
 
     photographs: Array
@@ -42,11 +45,12 @@ class Prepared:
     depth_m: Floats
     sigma_m: Floats
     measured: Mask
-    factor: int
+    factor: float
     camera: Camera
     full_camera: Camera
     rows: slice
     columns: slice
+    sensor: SensorDepth
     names: tuple[str, ...] = ()
     source: str = ""
     findings: tuple[Finding, ...] = ()
@@ -58,6 +62,10 @@ class Prepared:
         """Linear light (P, 3) of one photograph on the mask, and which values are usable."""
         values = self.photographs[photograph][self.mask]
         return to_linear(values, self.encoding), usable(values)
+
+    def marked(self, confidence: Floats) -> Floats:
+        """Confidence (h, w), halved where only the photographs carry the depth."""
+        return np.where(self.measured, confidence, confidence / 2)
 
     def embed(self, window: Floats, outside: float) -> Floats:
         """An image (h, w[, C]) of the window, masked, in the full image (H, W[, C]), float32."""
@@ -71,95 +79,86 @@ class Prepared:
 def prepare(capture: Capture, scale: Scale = "auto") -> Prepared:
     """The window, the photographs and the prepared depth of `capture`.
 
-    scale : output resolution over the depth's; "auto" is the colour camera's resolution
+    scale : output resolution over the depth's, the nearest whole number; "auto" is the colour
+        camera's resolution
 
     Raises InputError for a scale that the colour camera does not reach, CaptureError where the
     object has no depth.
     """
-    if capture.depth_camera is not None or capture.depth_to_color is not None:
-        raise CaptureError(
-            "depth from a camera of its own cannot be registered to the colour camera yet",
-            source=capture.source,
-            seen="depth_intrinsics or depth_to_color",
-            remedy="register the depth to the colour image and drop these tables",
-        )
-    step = _colour_per_depth_pixel(capture)
-    factor = _output_factor(step, scale)
-    shrink = step // factor
+    check_sizes(capture)
+    colour = Grid(sensor_shape(capture), capture.camera.shape)
+    shrink = _shrink(colour, scale)
     camera = capture.camera.scaled(1 / shrink)
     mask = capture.mask if shrink == 1 else area_mean(capture.mask, shrink) == 1
+    photographs, encoding = capture.photographs, capture.encoding
+    if shrink > 1:
+        photographs, encoding = _shrunk(capture, shrink), "linear"
+    grid = Grid(colour.sensor, camera.shape)
 
-    sensor_mask = coarse_mask(mask, factor)
-    average = np.full(sensor_mask.shape, np.nan)
-    if sensor_mask.any():
-        window = bounding_window(sensor_mask)
-        average[window] = robust_average(capture.depth_m[:, *window])
+    average, sigma = sensed(capture, capture.mask)
+    sensor_mask = grid.touched(mask)
     measured = sensor_mask & np.isfinite(average)
     if not measured.any():
         raise CaptureError("no depth on the object", source=capture.source)
-    filled = inpaint(average, sensor_mask)
-    sigma = noise_sigma(np.where(sensor_mask, average, np.nan))
-    typical_m = float(np.median(filled[sensor_mask]))
-    smooth = bilateral(
-        filled, sensor_mask, float(np.nanmedian(sigma)), typical_m * factor / camera.fx
+    carried = within_reach(measured, sensor_mask)
+    seen = mask & grid.spread(carried)
+    seen &= ~unseen(photographs, seen & ~grid.spread(measured), round(grid.factor))
+    findings = hole_findings(mask, seen, grid.spread(measured))
+
+    filled = inpaint(average, carried)
+    typical_m, typical_sigma_m = (
+        float(np.median(image[use])) for image, use in ((filled, carried), (sigma, measured))
     )
-    rows, columns = bounding_window(mask, margin=1)
-    photographs = capture.photographs
-    encoding = capture.encoding
-    if shrink > 1:
-        photographs, encoding = _shrunk(capture, shrink), "linear"
+    smooth = bilateral(filled, carried, typical_sigma_m, typical_m * grid.factor / camera.fx)
+    rows, columns = bounding_window(seen, margin=1)
+    everywhere_m = np.where(measured, sigma, typical_sigma_m)
     return Prepared(
         photographs=photographs[:, rows, columns],
         encoding=encoding,
-        mask=mask[rows, columns],
-        depth_m=upsample(smooth, factor)[rows, columns],
-        sigma_m=_repeat(np.where(np.isfinite(sigma), sigma, np.nanmedian(sigma)), factor)[
-            rows, columns
-        ],
-        measured=_repeat(measured, factor)[rows, columns],
-        factor=factor,
+        mask=seen[rows, columns],
+        depth_m=upsample(smooth, camera.shape)[rows, columns],
+        sigma_m=grid.spread(everywhere_m)[rows, columns],
+        measured=grid.spread(measured)[rows, columns],
+        sensor=grid.window(average, sigma, measured, rows, columns),
+        factor=grid.factor,
         camera=camera.cropped(rows, columns),
         full_camera=camera,
         rows=rows,
         columns=columns,
         names=capture.names,
         source=capture.source,
-        findings=capture.findings,
+        findings=capture.findings + findings,
     )
 
 
-def _colour_per_depth_pixel(capture: Capture) -> int:
-    """How many colour pixels lie along each side of a depth pixel; checks the arrays' sizes."""
-    height, width = size = capture.camera.shape
-    step = width // capture.depth_m.shape[-1] or 1
-    for name, seen, needed in (
-        ("photographs", capture.photographs.shape[1:], (*size, 3)),
-        ("mask", capture.mask.shape, size),
-        ("depth_m", capture.depth_m.shape[1:], (height / step, width / step)),
-    ):
-        if seen != needed:
-            raise CaptureError(
-                f"{name} and colour camera are of different size",
-                source=capture.source,
-                seen=str(seen),
-                needed=f"{needed}" if name != "depth_m" else f"a whole fraction of {size}",
-            )
-    return step
-
-
-def _output_factor(step: int, scale: Scale) -> int:
-    divisors = [d for d in range(1, step + 1) if step % d == 0]
+def _shrink(colour: Grid, scale: Scale) -> int:
+    """Colour pixels along each side of an output pixel."""
     if scale == "auto":
-        return step
-    if scale not in divisors:
+        return 1
+    scales = _scales(colour)
+    if scale not in scales:
         raise InputError(
             "the colour camera does not have that resolution",
             source=f"scale {scale}",
-            seen=f"colour {step} times the depth's resolution",
-            needed=f"one of {', '.join(map(str, divisors))}",
+            seen=f"colour {colour.factor:.4g} times the depth's resolution",
+            needed=f"one of {', '.join(map(str, sorted(scales)))}",
             remedy="leave --scale away for the colour camera's own resolution",
         )
-    return int(scale)
+    return scales[scale]
+
+
+def _scales(colour: Grid) -> dict[int, int]:
+    """Scale, the nearest whole number -> colour pixels along each side of an output pixel.
+
+    Where the colour camera has a whole number of pixels per depth pixel, so has every output.
+    """
+    whole = colour.factor == round(colour.factor)
+    scales: dict[int, int] = {}
+    for shrink in range(1, max(round(colour.factor), 1) + 1):
+        if any(side % shrink for side in colour.shape) or (whole and colour.factor % shrink):
+            continue
+        scales.setdefault(max(round(colour.factor / shrink), 1), shrink)
+    return scales
 
 
 def _shrunk(capture: Capture, shrink: int) -> Array:
@@ -178,8 +177,4 @@ def _shrunk(capture: Capture, shrink: int) -> Array:
     return small
 
 
-def _repeat(image: Array, factor: int) -> Array:
-    return image.repeat(factor, axis=0).repeat(factor, axis=1)
-
-
-__all__ = ["Prepared", "Scale", "prepare"]
+__all__ = ["Prepared", "Scale", "SensorDepth", "prepare"]

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from rakelight.model import Floats
-
-# Standard deviation of one measurement at depth z metres: KINECT_NOISE * z^2 metres
-# (Khoshelham & Elberink 2012, for the structured-light sensor that most captures come from).
-KINECT_NOISE = 1.425e-3
+from rakelight.model import Floats, Mask, SensorNoise
 
 MAD_TO_SIGMA = 1.4826
+# Maps that differ by less than this fraction of what the sensor model says repeat each other.
+REPEATED = 0.1
+# Scatter is averaged over so many pixels along each side: two maps alone say little of a pixel.
+NEIGHBOURHOOD_PX = 7
 
 
 def robust_average(depth_m: Floats) -> Floats:
@@ -18,51 +18,112 @@ def robust_average(depth_m: Floats) -> Floats:
 
     Infinite, zero and negative depth is no measurement either.
     Per pixel, measurements further than three noise widths from the median are left out and the
-    rest averaged; the noise width is that of the whole stack, and never below that of the sensor
-    model.  A pixel measured in less than a quarter of the maps has no measurement: what so few
-    maps saw is mostly the edge of something else.
+    rest averaged; the noise width is that of the whole stack, in metres or as a multiple of the
+    sensor model, and never below the model's.  A pixel measured in less than a quarter of the maps
+    has no measurement: what so few maps saw is mostly the edge of something else.
 
     >>> maps = np.array([[[1.0]], [[1.002]], [[1.001]], [[1.9]]])
     >>> round(float(robust_average(maps)[0, 0]), 6)
     1.001
     """
-    stack = np.asarray(depth_m, dtype=np.float64)
-    seen = np.isfinite(stack) & (stack > 0)
-    stack = np.where(seen, stack, np.nan)
+    stack, inlier = _inliers(depth_m)
     if len(stack) == 1:
         return np.asarray(stack[0])
-    enough = seen.sum(axis=0) >= max(1.0, len(stack) / 4)
-    median = np.full(stack.shape[1:], np.nan)
-    median[enough] = np.nanmedian(stack[:, enough], axis=0)
-    # The difference of two maps has twice the variance; deviations from the median of a few maps
-    # would be too small.
-    steps = np.abs(np.diff(stack, axis=0))
-    steps = steps[np.isfinite(steps)]
-    width = MAD_TO_SIGMA * np.median(steps) / np.sqrt(2) if steps.size else 0.0
-    inlier = np.abs(stack - median) <= 3 * np.maximum(width, KINECT_NOISE * median**2)
     total = np.where(inlier, stack, 0.0).sum(axis=0)
     count = inlier.sum(axis=0)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def noise_sigma(depth_m: Floats) -> Floats:
-    """Standard deviation (h, w) in metres of `depth_m` (h, w), metres.
+def noise_sigma(
+    depth_m: Floats,
+    noise: SensorNoise | None = None,
+    maps_m: Floats | None = None,
+    on_object: Mask | None = None,
+) -> Floats:
+    """Standard deviation (h, w) in metres of `depth_m` (h, w), metres; NaN where there is none.
 
-    The larger of the sensor model a z^2 (Khoshelham & Elberink 2012) and the map's own
-    pixel-to-pixel noise, read from its second differences; NaN where there is no depth.  An
-    average of several maps is trusted no more than one: what a fixed sensor gets wrong about a
-    fixed object, it gets wrong every time.
+    noise : of the sensor, where it is known: the answer
+    maps_m : (K, h, w) the maps that `depth_m` is the average of, where there are several
+    on_object : (h, w) pixels whose noise counts, None for all
+
+    Otherwise the larger of two things.  One is what the maps differ by from each other, pixel by
+    pixel, and for a single map, or maps that repeat each other, the sensor model a z^2
+    (Khoshelham & Elberink 2012).  The other is the pixel-to-pixel noise of `depth_m` itself, read
+    from its second differences.  An average of several maps is trusted no more than one: what a
+    fixed sensor gets wrong about a fixed object, it gets wrong every time.
 
     >>> flat = np.full((32, 32), 2.0)
     >>> round(float(noise_sigma(flat)[0, 0]), 7)
     0.0057
+    >>> float(noise_sigma(flat, SensorNoise(sigma_m=0.002, at_m=1.0, growth=1.0))[0, 0])
+    0.004
     """
     depth = np.asarray(depth_m, dtype=np.float64)
+    if noise is not None:
+        return noise.at(depth)
+    single = SensorNoise().at(depth)
+    object_m = depth if on_object is None else np.where(on_object, depth, np.nan)
+    if maps_m is not None and len(maps_m) > 1:
+        share = scatter(maps_m) / single
+        known = np.isfinite(share) & np.isfinite(object_m)
+        typical = float(np.median(share[known])) if known.any() else 0.0
+        if typical >= REPEATED:
+            # Where all maps gave the same step of a coarse scale they are not free of noise.
+            single = single * np.maximum(np.where(np.isfinite(share), share, 0), typical / 2)
     bends = np.concatenate(
-        [np.diff(depth, n=2, axis=axis).ravel() for axis in (0, 1) if depth.shape[axis] > 2]
+        [np.diff(object_m, n=2, axis=axis).ravel() for axis in (0, 1) if depth.shape[axis] > 2]
         or [np.zeros(0)]
     )
     bends = np.abs(bends[np.isfinite(bends)])
     # The second difference of white noise has variance (1 + 4 + 1) sigma^2.
     own = MAD_TO_SIGMA * np.median(bends) / np.sqrt(6) if bends.size else 0.0
-    return np.asarray(np.maximum(KINECT_NOISE * depth**2, own))
+    return np.asarray(np.maximum(single, own))
+
+
+def scatter(depth_m: Floats) -> Floats:
+    """Standard deviation (h, w) in metres of one of several maps (K, h, w), from their differences.
+
+    Of maps in succession, outliers left out, averaged over 7 x 7 pixels; NaN where no pixel
+    nearby was measured twice in a row.
+
+    >>> maps = 1 + 0.003 * np.random.default_rng(0).standard_normal((5, 20, 20))
+    >>> round(float(np.median(scatter(maps))), 3)
+    0.003
+    """
+    from scipy.ndimage import uniform_filter
+
+    stack, inlier = _inliers(depth_m)
+    both = inlier[1:] & inlier[:-1]
+    # The difference of two measurements has twice the variance of one.
+    squares = np.where(both, np.diff(np.where(inlier, stack, 0.0), axis=0) ** 2 / 2, 0.0)
+    total, count = (
+        uniform_filter(image.sum(axis=0, dtype=np.float64), NEIGHBOURHOOD_PX, mode="constant")
+        for image in (squares, both)
+    )
+    some = count > 0.5 / NEIGHBOURHOOD_PX**2
+    return np.where(some, np.sqrt(np.maximum(total, 0) / np.where(some, count, 1)), np.nan)
+
+
+def _inliers(depth_m: Floats) -> tuple[Floats, Mask]:
+    """The maps (K, h, w) with NaN for no measurement, and which measurements are to be used."""
+    stack = np.asarray(depth_m, dtype=np.float64)
+    seen = np.isfinite(stack) & (stack > 0)
+    stack = np.where(seen, stack, np.nan)
+    if len(stack) == 1:
+        return stack, seen
+    enough = seen.sum(axis=0) >= max(1.0, len(stack) / 4)
+    median = np.full(stack.shape[1:], np.nan)
+    median[enough] = np.nanmedian(stack[:, enough], axis=0)
+    model = SensorNoise().at(median)
+    steps = np.abs(np.diff(stack, axis=0))
+    width = np.maximum(_width(steps), np.maximum(_width(steps / model), 1.0) * model)
+    return stack, np.abs(stack - median) <= 3 * width
+
+
+def _width(steps: Floats) -> float:
+    """Standard deviation of measurements from the differences of two; 0 without any.
+
+    Deviations from the median of a few maps would be too small.
+    """
+    known = steps[np.isfinite(steps)]
+    return float(MAD_TO_SIGMA * np.median(known) / np.sqrt(2)) if known.size else 0.0

@@ -1,0 +1,68 @@
+"""Flying pixels: measurements between two surfaces, where a depth pixel saw both."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rakelight.model import Camera, Floats, Mask
+
+# A step to a neighbour that is no more than this many pixel widths deep may be a crease.
+CREASE = 3.0
+# So many steps in a row are a slope; a jump that the optics blur is over in fewer.
+SLOPE_STEPS = 3
+# How much steeper a round surface becomes from one pixel to the next.
+STEEPENING = 3.0
+SIGMAS = 3.0
+DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
+
+
+def flying(depth_m: Floats, sigma_m: Floats, camera: Camera) -> Mask:
+    """Which measurements (h, w) lie between a near and a far surface and belong to neither.
+
+    depth_m : (h, w) metres along the optical axis, NaN = no measurement
+    sigma_m : (h, w) its noise, metres
+    camera : of the depth map
+
+    Along one of the four directions a flying pixel is much deeper than its one neighbour and much
+    less deep than the other, and neither side's surface goes on to it.  A step belongs to a
+    surface when it is no larger than a crease, or than thrice the slope that the surface has had
+    over three pixels: slopes that are five pixels wide stay, and so does what is nearer, or
+    farther, than both its neighbours, however thin it is.
+
+    >>> camera = Camera(6, 1, fx=500.0, fy=500.0, cx=2.5, cy=0.0)
+    >>> depth = np.array([[1.0, 1.0, 1.0, 1.2, 1.3, 1.3]])
+    >>> flying(depth, 0.001 * depth, camera).tolist()
+    [[False, False, False, True, False, False]]
+    """
+    reach = SLOPE_STEPS + 1
+    height, width = depth_m.shape
+    padded = np.pad(depth_m, reach, constant_values=np.nan)
+    sigma = np.pad(sigma_m, reach, constant_values=np.nan)
+    found = np.zeros(padded.shape, dtype=bool)
+    here = tuple(slice(reach, reach + side) for side in (height, width))
+    for dy, dx in DIRECTIONS:
+        ahead, behind = (
+            tuple(
+                slice(reach + sign * step, reach + sign * step + side)
+                for step, side in ((dy, height), (dx, width))
+            )
+            for sign in (1, -1)
+        )
+        step = padded[ahead] - padded[here], padded[here] - padded[behind]
+        pixel_m = padded[here] * np.hypot(dx / camera.fx, dy / camera.fy)
+        allowed = CREASE * pixel_m + SIGMAS * np.sqrt(2) * sigma[here]
+        between = (np.abs(step[0]) > allowed) & (np.abs(step[1]) > allowed)
+        between &= np.sign(step[0]) == np.sign(step[1])
+        rows, columns = np.nonzero(between)
+        at = rows + reach, columns + reach
+        for side in (1, -1):
+            # Steps away from the pixel: the one to it, then those of the surface that leads there.
+            line = [padded[at[0] + side * k * dy, at[1] + side * k * dx] for k in range(reach + 1)]
+            rise = np.diff(line, axis=0) * np.sign(line[1] - line[0])
+            # Where the map ends sooner fewer steps have to do; what ends at once may be anything.
+            slope = np.maximum(np.fmin.reduce(rise[1:], axis=0), 0)
+            apart = rise[0] > allowed[rows, columns] + STEEPENING * slope
+            at = at[0][apart], at[1][apart]
+            rows, columns = rows[apart], columns[apart]
+        found[at] = True
+    return found[here]

@@ -1,0 +1,69 @@
+"""Holes in the depth: which ones the photographs carry, and what nobody saw."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rakelight.model import Array, Finding, Mask
+from rakelight.prepare.inpaint import dilate
+from rakelight.prepare.linear import usable
+
+# Photographs know slopes.  Over so many depth pixels (16 mm for 1 mm pixels) a slope that is off
+# by 2 degrees adds up to half a millimetre, the noise of a good sensor; further it is a guess.
+REACH_PX = 16
+
+
+def within_reach(measured: Mask, mask: Mask) -> Mask:
+    """The part of a mask (h, w) that is at most 16 pixels from a measurement, inside the mask.
+
+    >>> measured = np.zeros((1, 40), bool); measured[0, 0] = True
+    >>> int(within_reach(measured, np.ones((1, 40), bool)).sum())
+    17
+    """
+    from scipy.ndimage import binary_dilation
+
+    near = binary_dilation(measured & mask, np.ones((3, 3), bool), iterations=REACH_PX, mask=mask)
+    return np.asarray(near)
+
+
+def unseen(photographs: Array, unmeasured: Mask, margin: int) -> Mask:
+    """Which of the pixels without depth (h, w) no photograph shows either.
+
+    photographs : (N, h, w, 3) as stored
+    margin : pixels around what is seen that count as seen
+    """
+    rows, columns = np.nonzero(unmeasured)
+    shown = np.zeros(len(rows), dtype=bool)
+    for photograph in photographs:
+        shown |= usable(photograph[rows, columns]).any(axis=1)
+    dark = np.zeros(unmeasured.shape, dtype=bool)
+    dark[rows, columns] = ~shown
+    return dark & ~dilate(~dark, max(margin, 1)) if dark.any() else dark
+
+
+def hole_findings(mask: Mask, seen: Mask, measured: Mask) -> tuple[Finding, ...]:
+    """What to say of holes: those that were left out, those that the photographs carry."""
+    findings = []
+    left_out = np.count_nonzero(mask & ~seen)
+    if left_out:
+        findings.append(
+            Finding(
+                "warning",
+                "holes-left-out",
+                f"{left_out / np.count_nonzero(mask):.1%} of the object left out: no depth within "
+                f"{REACH_PX} depth pixels, or seen by no camera",
+                "let the sensor see these parts (other distance or angle, matt spray), or leave "
+                "them out of mask.png",
+            )
+        )
+    carried = np.count_nonzero(seen & ~measured)
+    if carried:
+        findings.append(
+            Finding(
+                "note",
+                "holes-carried",
+                f"{carried / np.count_nonzero(seen):.1%} of the result has no depth of its own: "
+                "the photographs carry it, its confidence is halved",
+            )
+        )
+    return tuple(findings)

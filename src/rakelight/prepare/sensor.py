@@ -1,0 +1,247 @@
+"""The depth sensor's measurements on its own grid, and how its pixels lie on the photographs'."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rakelight.errors import CaptureError
+from rakelight.geometry.camera import back_project
+from rakelight.geometry.grid import bounding_window
+from rakelight.model import Array, Camera, Capture, Floats, Mask, RigidTransform
+from rakelight.prepare.average import NEIGHBOURHOOD_PX, noise_sigma, robust_average
+from rakelight.prepare.flying import flying
+from rakelight.prepare.register import project, register, sensor_grid
+
+
+@dataclass(frozen=True, slots=True)
+class SensorDepth:
+    """What the sensor measured of the object, at the sensor's resolution, and where that lies.
+
+    depth_m : (hs, ws) metres, NaN = no measurement; not filled, not smoothed
+    sigma_m : (hs, ws) its standard deviation, metres, NaN where there is no measurement
+    row_edges, column_edges : (hs + 1,), (ws + 1,) where its pixels begin and end, in pixels of the
+        output window from its upper left corner: pixel (i, j) covers rows row_edges[i] to
+        row_edges[i + 1].  Whole numbers where the ratio is one; the outermost pixels may reach
+        beyond the window.
+    """
+
+    depth_m: Floats
+    sigma_m: Floats
+    row_edges: Floats
+    column_edges: Floats
+
+    @property
+    def measured(self) -> Mask:
+        """(hs, ws) where there is a measurement."""
+        return np.isfinite(self.depth_m)
+
+    def overlaps(self, shape: tuple[int, int]) -> tuple[Any, Any]:
+        """Sparse (hs, h) and (ws, w): how much of each output row and column its pixels cover.
+
+        The averaging operator K of a window (h, w) with mask m is
+        K x = (R (m x) C^T) / (R m C^T), R and C these two.
+        """
+        return overlaps(self.row_edges, shape[0]), overlaps(self.column_edges, shape[1])
+
+    def average(self, image: Floats, mask: Mask) -> Floats:
+        """K: means of an image (h, w) over the object's part (mask) of every sensor pixel (hs, ws).
+
+        NaN for pixels without a part of the object.
+
+        >>> edges = np.array([0.0, 1.5, 3.0])
+        >>> sensor = SensorDepth(np.ones((2, 2)), np.ones((2, 2)), edges, edges)
+        >>> sensor.average(np.arange(9.0).reshape(3, 3), np.ones((3, 3), bool)).round(3).tolist()
+        [[1.333, 2.667], [5.333, 6.667]]
+        """
+        rows, columns = self.overlaps(mask.shape)
+        total, area = (
+            rows @ part @ columns.T for part in (np.where(mask, image, 0.0), mask.astype(float))
+        )
+        return np.where(area > LEAST_SHARE, total / np.maximum(area, LEAST_SHARE), np.nan)
+
+
+# Less of an output pixel than this is rounding.
+LEAST_SHARE = 1e-9
+
+
+def overlaps(edges: Floats, size: int) -> Any:
+    """Sparse (n, size): how much of each of `size` unit cells the n cells between edges cover.
+
+    >>> overlaps(np.array([0.0, 1.5, 3.0]), 3).toarray().tolist()
+    [[1.0, 0.5, 0.0], [0.0, 0.5, 1.0]]
+    """
+    from scipy.sparse import csr_array
+
+    cell = np.arange(size)
+    first = np.clip(np.floor(edges[:-1] + LEAST_SHARE).astype(int), 0, size)
+    last = np.clip(np.ceil(edges[1:] - LEAST_SHARE).astype(int), 0, size)
+    reach = int((last - first).max(initial=0))
+    columns = first[:, None] + np.arange(reach)
+    inside = columns < last[:, None]
+    columns = np.minimum(columns, size - 1)
+    shares = np.minimum(edges[1:, None], cell[columns] + 1) - np.maximum(
+        edges[:-1, None], cell[columns]
+    )
+    rows = np.broadcast_to(np.arange(len(first))[:, None], columns.shape)
+    return csr_array(
+        (shares[inside], (rows[inside], columns[inside])), shape=(len(edges) - 1, size)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """A sensor's pixels (hs, ws) over the same view as an image's (h, w).
+
+    Where `shape` is a multiple of `sensor`, sensor pixels are blocks.
+    """
+
+    sensor: tuple[int, int]
+    shape: tuple[int, int]
+
+    @property
+    def factor(self) -> float:
+        """Image pixels per sensor pixel, along each side; the geometric mean of both."""
+        rows, columns = (side / small for side, small in zip(self.shape, self.sensor, strict=True))
+        return rows if rows == columns else float(np.sqrt(rows * columns))
+
+    def edges(self, axis: int) -> Floats:
+        """Where the sensor's pixels begin and end along an axis, in image pixels."""
+        count, side = self.sensor[axis], self.shape[axis]
+        return np.arange(count + 1) * side / count
+
+    def touched(self, mask: Mask) -> Mask:
+        """(hs, ws) the sensor pixels that any of the mask's (h, w) lies in.
+
+        >>> Grid((1, 2), (2, 3)).touched(np.array([[0, 1, 0], [0, 0, 0]], bool)).tolist()
+        [[True, True]]
+        """
+        rows, columns = (overlaps(self.edges(axis), self.shape[axis]) for axis in (0, 1))
+        return np.asarray(rows @ mask.astype(float) @ columns.T > LEAST_SHARE)
+
+    def spread(self, image: Array) -> Array:
+        """(h, w) the value of the sensor pixel (hs, ws) that holds each pixel's centre.
+
+        >>> Grid((1, 2), (1, 3)).spread(np.array([[5, 6]])).tolist()
+        [[5, 6, 6]]
+        """
+        rows, columns = (
+            np.minimum(((np.arange(side) + 0.5) * small / side).astype(int), small - 1)
+            for side, small in zip(self.shape, self.sensor, strict=True)
+        )
+        return image[np.ix_(rows, columns)]
+
+    def window(
+        self, depth_m: Floats, sigma_m: Floats, measured: Mask, rows: slice, columns: slice
+    ) -> SensorDepth:
+        """The sensor's pixels (hs, ws) that reach into a window of the image."""
+        parts, ends = [], []
+        for axis, part in enumerate((rows, columns)):
+            edges = self.edges(axis)
+            first = int(np.searchsorted(edges, part.start + LEAST_SHARE, "right")) - 1
+            last = int(np.searchsorted(edges, part.stop - LEAST_SHARE, "left"))
+            parts.append(slice(first, last))
+            ends.append(edges[first : last + 1] - part.start)
+        depth, sigma = (np.where(measured, image, np.nan)[*parts] for image in (depth_m, sigma_m))
+        return SensorDepth(depth, sigma, *ends)
+
+
+def sensor_shape(capture: Capture) -> tuple[int, int]:
+    """(hs, ws) of the grid that `sensed` answers on.
+
+    Raises CaptureError where the capture's arrays do not fit each other.
+    """
+    if capture.depth_camera is None:
+        if capture.depth_to_color is not None:
+            raise CaptureError(
+                "depth_to_color without depth_camera",
+                source=capture.source,
+                remedy="give both, or neither when the depth is aligned to the colour",
+            )
+        _require_size(capture, "depth_m", capture.depth_m.shape[1:], _whole_fraction(capture))
+        return capture.depth_m.shape[1], capture.depth_m.shape[2]
+    _require_size(capture, "depth_m", capture.depth_m.shape[1:], capture.depth_camera.shape)
+    return sensor_grid(capture.camera, capture.depth_camera).shape
+
+
+def check_sizes(capture: Capture) -> None:
+    """Photographs and mask have the colour camera's size; raises CaptureError."""
+    size = capture.camera.shape
+    _require_size(capture, "photographs", capture.photographs.shape[1:], (*size, 3))
+    _require_size(capture, "mask", capture.mask.shape, size)
+
+
+def _whole_fraction(capture: Capture) -> tuple[float, ...]:
+    height, width = capture.camera.shape
+    step = width // capture.depth_m.shape[-1] or 1
+    return height / step, width / step
+
+
+def _require_size(
+    capture: Capture, name: str, seen: tuple[int, ...], needed: tuple[float, ...]
+) -> None:
+    if seen == needed:
+        return
+    own = capture.depth_camera is not None
+    whole = f"a whole fraction of {capture.camera.shape}"
+    raise CaptureError(
+        f"{name} and {'depth' if own and name == 'depth_m' else 'colour'} camera are of "
+        "different size",
+        source=capture.source,
+        seen=str(seen),
+        needed=whole if name == "depth_m" and not own else str(needed),
+    )
+
+
+def sensed(capture: Capture, mask: Mask | None = None) -> tuple[Floats, Floats]:
+    """The sensor's depth and its standard deviation (hs, ws), metres, before the colour camera.
+
+    Of several maps the average; flying pixels left out; depth of a camera of its own registered
+    to the colour camera, on the pixels of `sensor_grid`.
+
+    mask : (H, W) the object in the photographs; None for everything.  What is further than a few
+        pixels from it may be missing, and its noise is that which counts.
+    """
+    shape = sensor_shape(capture)
+    if capture.depth_camera is not None:
+        pose = capture.depth_to_color or RigidTransform(np.eye(3), np.zeros(3))
+        average = robust_average(capture.depth_m)
+        points = project(back_project(average, capture.depth_camera), pose, capture.camera)
+        depth, sigma = _trusted(
+            average, capture, capture.depth_m, capture.depth_camera, _lookup(mask, points)
+        )
+        grid = sensor_grid(capture.camera, capture.depth_camera)
+        return register(depth, sigma, capture.depth_camera, pose, grid)
+    on_object = np.ones(shape, bool) if mask is None else Grid(shape, mask.shape).touched(mask)
+    depth, sigma = np.full(shape, np.nan), np.full(shape, np.nan)
+    if on_object.any():
+        part = bounding_window(on_object, margin=NEIGHBOURHOOD_PX)
+        maps_m = capture.depth_m[:, *part]
+        camera = capture.camera.resized(shape[1], shape[0]).cropped(*part)
+        depth[part], sigma[part] = _trusted(
+            robust_average(maps_m), capture, maps_m, camera, on_object[part]
+        )
+    return depth, sigma
+
+
+def _trusted(
+    average: Floats, capture: Capture, maps_m: Floats, camera: Camera, on_object: Mask
+) -> tuple[Floats, Floats]:
+    """The average (h, w) of maps and its noise, without flying pixels."""
+    sigma = noise_sigma(average, capture.depth_noise, maps_m, on_object)
+    between = flying(average, sigma, camera)
+    return np.where(between, np.nan, average), np.where(between, np.nan, sigma)
+
+
+def _lookup(mask: Mask | None, points: Floats) -> Mask:
+    """Which of the pixel positions (h, w, 3) as u, v, z lie in a mask; all without one."""
+    if mask is None:
+        return np.isfinite(points[..., 2])
+    height, width = mask.shape
+    u, v = (np.rint(np.nan_to_num(points[..., i], nan=-9)) for i in (0, 1))
+    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    hit = np.zeros(inside.shape, dtype=bool)
+    hit[inside] = mask[v[inside].astype(int), u[inside].astype(int)]
+    return hit

@@ -1,0 +1,114 @@
+"""Flying pixels at ray-traced jumps that the sensor's optics blur; slopes and thin things stay."""
+
+import numpy as np
+import pytest
+from numpy.lib.stride_tricks import sliding_window_view
+from ray_traced import depth_of
+from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
+
+from rakelight.geometry.grid import area_mean
+from rakelight.model import Camera, SensorNoise
+from rakelight.prepare.flying import flying
+from rakelight.synthetic.implicit import Solid, trace
+
+CAMERA = Camera(320, 240, fx=300.0, fy=302.0, cx=160.7, cy=118.0)
+SIGMA = SensorNoise()
+
+
+def find(depth, camera=CAMERA):
+    return flying(depth, SIGMA.at(depth), camera)
+
+
+def wrong_by(depth, truth):
+    """Distance of each depth from the nearest true one within a pixel."""
+    nearby = sliding_window_view(np.pad(truth, 1, mode="edge"), (3, 3)).reshape(*truth.shape, 9)
+    return np.abs(nearby - depth[..., None]).min(axis=-1)
+
+
+@pytest.fixture(scope="module")
+def fine():
+    """The scene of ball, post and wall by four rays per pixel and side, and by one."""
+    return depth_of(CAMERA.scaled(4)), depth_of(CAMERA)
+
+
+@pytest.mark.parametrize("noisy", [False, True])
+@pytest.mark.parametrize(("blur_px", "kept_share"), [(0.0, 0.0), (0.3, 0.005), (0.5, 0.03)])
+def test_mixed_pixels_are_found(fine, blur_px, kept_share, noisy):
+    rays, truth = fine
+    depth = area_mean(gaussian_filter(rays, 4 * blur_px) if blur_px else rays, 4)
+    if noisy:
+        depth = depth + SIGMA.at(depth) * np.random.default_rng(0).normal(size=depth.shape)
+    found, off = find(depth), wrong_by(depth, truth)
+    mixed = off > 0.02
+    assert mixed.sum() > 300
+    assert (mixed & ~found).sum() <= kept_share * mixed.sum()
+    # what else is left out lies at jumps, and is little
+    jump = maximum_filter(truth, 5) - minimum_filter(truth, 5) > 0.03
+    assert not (found & ~jump).any()
+    assert (found & (off < 0.003)).sum() <= 0.1 * mixed.sum()
+
+
+def test_a_jump_between_pixels_loses_nothing(fine):
+    _, truth = fine
+    found = find(truth)
+    # between post and wall the ball is but two pixels wide in places
+    assert found.sum() <= 10
+    wall = truth > 0.97
+    assert not (found & wall).any()
+
+
+@pytest.mark.parametrize("tilt_deg", [30, 60, 75, 80, 84])
+@pytest.mark.parametrize("noisy", [False, True])
+def test_slopes_stay(tilt_deg, noisy):
+    x = (np.arange(CAMERA.width) - CAMERA.cx) / CAMERA.fx
+    depth = np.repeat(0.8 / (1 - x * np.tan(np.radians(tilt_deg)))[None], 40, axis=0)
+    depth[(depth < 0.3) | (depth > 3)] = np.nan
+    if noisy:
+        depth = depth + SIGMA.at(depth) * np.random.default_rng(1).normal(size=depth.shape)
+    assert np.isfinite(depth).sum() > 300
+    assert not find(depth).any()
+
+
+@pytest.mark.parametrize("radius_m", [0.02, 0.05, 0.2])
+def test_limbs_stay(radius_m):
+    ball = Solid(
+        lambda x, y, z: np.sqrt(x**2 + y**2 + z**2) - radius_m, 0.8, radius_m=radius_m + 0.001
+    )
+    depth = trace(ball, CAMERA).depth
+    assert np.isfinite(depth).sum() > 100
+    assert not find(np.where(np.isfinite(depth), depth, 2.0)).any()
+    assert not find(depth).any()
+
+
+@pytest.mark.parametrize("pixels", [1, 2, 3])
+@pytest.mark.parametrize("slant", [0.0, 0.004, 0.006])
+def test_thin_things_stay(pixels, slant):
+    # A post, a bar and a rod across, before a wall; they may lead far into the depth.
+    rows, columns = np.indices(CAMERA.shape)
+    along = [rows, columns, rows + columns]
+    across = [columns - 60, rows - 120, columns - rows - 30]
+    for line, distance in zip(along, across, strict=True):
+        depth = np.full(CAMERA.shape, 12.0)
+        on = (distance >= 0) & (distance < pixels)
+        depth[on] = 0.7 + slant * line[on]
+        assert not find(depth).any()
+
+
+@pytest.mark.parametrize("steps", [2, 3])
+def test_stairs_stay(steps):
+    columns = np.indices(CAMERA.shape)[1]
+    depth = 0.8 + 0.1 * (columns // steps % 7)
+    assert not find(depth).any()
+
+
+def test_holes_and_small_maps():
+    assert not find(np.full(CAMERA.shape, np.nan)).any()
+    for shape in ((1, 1), (1, 3), (3, 1), (2, 5)):
+        assert not flying(np.ones(shape), np.full(shape, 1e-3), CAMERA).any()
+    depth = np.full((9, 9), 1.0)
+    depth[:, 5:] = 1.5
+    depth[:, 4] = 1.25
+    camera = Camera(9, 9, fx=300.0, fy=300.0, cx=4.0, cy=4.0)
+    assert flying(depth, 0.001 * depth, camera)[:, 4].all()
+    depth[:, 3] = np.nan  # one side is not known: it may be a surface
+    assert not flying(depth, 0.001 * depth, camera).any()
