@@ -10,8 +10,9 @@ from rakelight.geometry.cells import cell_sums, spread
 from rakelight.geometry.grid import mean_gradient
 from rakelight.methods.levels import FILLED, Level, finest_level, pyramid
 from rakelight.model import Camera
-from rakelight.prepare import Prepared
+from rakelight.prepare import Prepared, SensorDepth
 from rakelight.prepare.linear import usable
+from rakelight.solve import assemble
 
 
 def make_prepared(height=24, width=30, mask=None, factor=1, dtype=np.uint16, encoding="linear"):
@@ -32,7 +33,11 @@ def make_prepared(height=24, width=30, mask=None, factor=1, dtype=np.uint16, enc
         full_camera=camera,
         rows=slice(0, height),
         columns=slice(0, width),
-        sensor=None,
+        sensor=SensorDepth(
+            np.full((-(-height // factor), -(-width // factor)), 0.8),
+            np.full((-(-height // factor), -(-width // factor)), 2e-3),
+            *(np.arange(-(-side // factor) + 1) * float(factor) for side in (height, width)),
+        ),
     )
 
 
@@ -105,6 +110,35 @@ def test_depth_pixels_share_their_precision(factor):
     np.testing.assert_allclose(weight[~seen] * factor**2, one[~seen] / 100, rtol=1e-12)
     assert FILLED == 0.01
     assert (~seen).any()
+
+
+@pytest.mark.parametrize("factor", [1, 2, 4])
+def test_the_sensor_sees_means_over_its_pixels(factor):
+    level = finest_level(make_prepared(width=32, factor=factor))
+    rng = np.random.default_rng(4)
+    change = 1e-3 * rng.normal(size=level.mask.shape)
+    means = change.reshape(24 // factor, factor, 32 // factor, factor).mean(axis=(1, 3))
+    expected = (cell_sums(level.prior_weight, factor) * means**2).sum()
+    assert level.sensor_misfit(level.prior + change) == pytest.approx(expected, rel=1e-10)
+    assert level.sensor_misfit(level.prior) == 0
+    # the terms of the normal equations belong to that energy: exact, as it is quadratic
+    still = np.zeros((*level.mask.shape, 3))
+    system = assemble(
+        level.mask, still, still[..., :2], **level.sensor_terms(level.prior + change, 3.0)
+    )
+    step = 1e-3 * rng.normal(size=level.mask.shape)
+    form = (step * system.apply(step)).sum() - 2 * (step * system.rhs).sum()
+    energies = [level.sensor_misfit(level.prior + change + t * step) for t in (0, 1)]
+    assert form == pytest.approx(3 * (energies[1] - energies[0]), rel=1e-6)
+
+
+@pytest.mark.parametrize(("factor", "averaged"), [(1, []), (2, [0]), (4, [0, 1])])
+def test_levels_as_coarse_as_the_sensor_need_no_averaging(factor, averaged):
+    levels = pyramid(finest_level(make_prepared(height=96, width=96, factor=factor)), 200)
+    assert len(levels) > 3
+    assert [k for k, level in enumerate(levels) if level.averaging is not None] == averaged
+    for k in averaged:
+        assert levels[k].averaging.factor == factor / 2**k
 
 
 def test_the_weight_is_the_precision_of_log_depth():

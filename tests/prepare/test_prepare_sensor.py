@@ -73,8 +73,8 @@ def test_average_is_over_the_objects_part_of_a_pixel():
     rows, columns = np.arange(5) * 2.0, np.arange(7) * 2.0
     sensor = SensorDepth(np.ones((4, 6)), np.ones((4, 6)), rows, columns)
     total, count = (area_mean(part, 2) for part in (np.where(mask, image, 0), mask))
-    found = sensor.average(image, mask)
-    assert np.isnan(found[0, 0])
+    found = sensor.averaging(mask).down(image)
+    assert found[0, 0] == 0
     np.testing.assert_allclose(found[count > 0], (total / np.maximum(count, 0.1))[count > 0])
 
 
@@ -86,7 +86,7 @@ def test_averages_of_a_plane_are_its_values_at_the_middles(sensor):
     measured = np.ones(sensor, bool)
     window = grid.window(np.ones(sensor), np.ones(sensor), measured, rows, columns)
     v, u = np.indices(shape)[:, rows, columns]
-    found = window.average(2.0 + 0.3 * v - 0.2 * u, np.ones(v.shape, bool))
+    found = window.averaging(np.ones(v.shape, bool)).down(2.0 + 0.3 * v - 0.2 * u)
     middle_v, middle_u = (
         (edges[1:] + edges[:-1]) / 2 - 0.5 for edges in (window.row_edges, window.column_edges)
     )
@@ -130,10 +130,10 @@ def test_the_sensors_own_pixels_come_along(factor):
     )
     # what the object really is, averaged over the sensor's pixels, is what the sensor measured
     truth = TRUTH[prepared.rows, prepared.columns]
-    inner = sensor.average(prepared.mask.astype(float), np.ones(prepared.mask.shape, bool)) > 0.999
+    inner = sensor.averaging(np.ones(prepared.mask.shape, bool)).down(prepared.mask) > 0.999
     inner &= sensor.measured
     assert inner.sum() > 500
-    error = np.abs(sensor.average(truth, prepared.mask) - sensor.depth_m)[inner]
+    error = np.abs(sensor.averaging(prepared.mask).down(truth) - sensor.depth_m)[inner]
     assert np.quantile(error, 0.99) < 1e-3
     assert np.median(error) < 0.1e-3
 
@@ -157,7 +157,7 @@ def test_blocks_of_the_window(factor):
         np.testing.assert_array_equal((edges + part.start) % factor, 0)
         assert edges[0] <= 0
         assert edges[-1] >= part.stop - part.start
-    average = sensor.average(prepared.measured.astype(float), prepared.mask)
+    average = sensor.averaging(prepared.mask).down(prepared.measured)
     np.testing.assert_array_equal(average == 1, sensor.measured)
 
 

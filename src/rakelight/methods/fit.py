@@ -4,7 +4,7 @@ The energy of log depth p and lights s, albedo eliminated (variable projection):
 
     E = sum loss(rho_c (max(0, s_i . n) + phi_i) - I_ic)    n from the mean gradient G p, (3)
         + beta sum M_uu (p_uuuu / 8)^2 + M_vv (p_vvvv / 8)^2    against a checkerboard
-        + sigma^2 sum w (p - p_0)^2                         the sensor's depth
+        + sigma^2 sum w (K (p - p_0))^2                     the sensor's depth
 
 The mean gradient does not see a checkerboard; fourth differences do, and see little else.  The
 matrix of a step is that of one-sided differences, which sees both.
@@ -88,8 +88,7 @@ def moved(level: Level, fit: Fit, log_depth: Floats, lamps: Lamps, turning: bool
     )
     waves = ripples(level, log_depth)
     bending = sum(float((fit.stiffness[..., k] * wave**2).sum()) for k, wave in enumerate(waves))
-    pull = level.prior_weight * (log_depth - level.prior) ** 2
-    energy = explanation.energy + bending + fit.noise**2 * float(pull[level.mask].sum())
+    energy = explanation.energy + bending + fit.noise**2 * level.sensor_misfit(log_depth)
     return replace(
         fit, log_depth=log_depth, lamps=lamps, surface=surface, explanation=explanation,
         energy=energy,
@@ -142,11 +141,10 @@ def depth_system(level: Level, fit: Fit, tensor: Floats) -> DepthSystem:
     weighted = [
         fit.stiffness[..., k] * wave for k, wave in enumerate(ripples(level, fit.log_depth))
     ]
+    sensor = level.sensor_terms(fit.log_depth, fit.noise**2)
     return assemble(
-        level.mask, tensor, fit.explanation.vector, fit.noise**2 * level.prior_weight,
-        level.prior - fit.log_depth, level.pairs,
-        extra_rhs=-ripples_transposed(level, weighted),
-    )  # fmt: skip
+        level.mask, tensor, fit.explanation.vector, pair_weights=level.pairs, **sensor,
+    ).plus(-ripples_transposed(level, weighted))  # fmt: skip
 
 
 def damped_tensor(level: Level, fit: Fit, damping: float) -> Floats:

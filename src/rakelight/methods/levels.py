@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from rakelight.geometry.averaging import AveragedData, Averaging
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.cells import cell_sums, spread
 from rakelight.geometry.grid import Grid, Links, mean_gradient, surface_links
@@ -17,6 +19,8 @@ from rakelight.shading.photographs import Photographs, Surface
 
 # Depth that was filled in is worth this fraction of what the sensor measured.
 FILLED = 0.01
+# With fewer of its pixels along a sensor pixel's side a level is the sensor's own resolution.
+NEARLY_ONE = 1.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +29,7 @@ class Level:
 
     prior : (h, w) log of the prepared depth
     prior_weight : (h, w) its precision, 1 / variance of log depth; halving adds up four pixels'
+    averaging : of the sensor's pixels, where those are wider than this level's; None elsewhere
     middle_m : (3,) the object's middle, metres
     points : (h, w, 3) of the prepared depth, metres from the middle, for lamps near the object:
         what refining moves them by is nothing beside the lamps' distance
@@ -35,6 +40,7 @@ class Level:
     prior_weight: Floats
     middle_m: Floats
     points: Floats
+    averaging: Averaging | None = None
 
     @property
     def mask(self) -> Mask:
@@ -54,6 +60,34 @@ class Level:
     def surface(self, log_depth: Floats) -> Surface:
         """What the photographs see of `log_depth` (h, w)."""
         return Surface(np.stack(mean_gradient(log_depth, self.grid), axis=-1), self.points)
+
+    def sensor_terms(self, log_depth: Floats, scale: float = 1.0) -> dict[str, Any]:
+        """What the sensor says of a correction of `log_depth` (h, w), as `solve.assemble` takes it.
+
+        The energy  scale sum w (K (p - prior))^2:  the prior's detail within a sensor pixel is
+        interpolation, and nothing holds the surface to that.
+        """
+        aim = self.prior - log_depth
+        if self.averaging is None:
+            return {"data_weight": scale * self.prior_weight, "data_target": aim}
+        weight = scale * self.averaging.total(self.prior_weight)
+        data = AveragedData(self.averaging, weight)
+        nothing = np.zeros(self.mask.shape)
+        return {
+            "data_weight": nothing, "data_target": nothing, "extra": data,
+            "extra_rhs": data.apply(aim),
+        }  # fmt: skip
+
+    def sensor_misfit(self, log_depth: Floats) -> float:
+        """sum w (K (p - prior))^2 of a log depth (h, w)."""
+        miss, weight = self.at_sensor(log_depth - self.prior), self.prior_weight
+        if self.averaging is None:
+            return float((weight * miss**2)[self.mask].sum())
+        return float((self.averaging.total(weight) * miss**2).sum())
+
+    def at_sensor(self, image: Floats) -> Floats:
+        """K image: means (hs, ws) over the sensor's pixels; the image itself where it has none."""
+        return image if self.averaging is None else self.averaging.down(image)
 
     def trusting(self, trust: float) -> Level:
         """This level with the prior's weight multiplied by `trust`."""
@@ -78,7 +112,13 @@ class Level:
             self.middle_m,
             cell_sums(np.where(self.mask[..., None], self.points, 0.0), 2)
             / np.maximum(weight, 1)[..., None],
+            self._halved_averaging(photographs.mask),
         )
+
+    def _halved_averaging(self, mask: Mask) -> Averaging | None:
+        if self.averaging is None or self.averaging.factor <= 2 * NEARLY_ONE:
+            return None
+        return self.averaging.halved(mask)
 
     def carried(self, coarse: Level, log_depth: Floats) -> Floats:
         """The coarse level's log depth on this level's grid, without the prior's fine noise."""
@@ -115,6 +155,7 @@ def finest_level(prepared: Prepared, *, cut: bool = False) -> Level:
         np.where(prepared.measured, precision, FILLED * precision),
         middle,
         points - middle,
+        prepared.sensor.averaging(prepared.mask) if prepared.factor > NEARLY_ONE else None,
     )
 
 

@@ -35,18 +35,18 @@ from rakelight.methods.fit import (
     stride,
 )
 from rakelight.methods.levels import Level, finest_level, pyramid
-from rakelight.model import Finding, Floats, Mask, Progress, ProgressCallback
+from rakelight.model import Finding, Floats, Progress, ProgressCallback
 from rakelight.prepare import Prepared
 from rakelight.shading.lighting import estimate_light
 from rakelight.shading.photographs import Lamps
 from rakelight.solve.robust import MEAN_ABSOLUTE_TO_SIGMA
 
-# The depth's weight, in white noise's, until its errors are known.
-FIRST_TRUST = 3.0
+# The depth's weight, in white noise's, until its errors are known; the more the fewer pixels the
+# sensor has for what the photographs, together, get wrong.
+FIRST_TRUST = 10.0
 # So many pixels share an error of the photographs' explanation, whatever the depth's errors do.
 COHERENT_PIXELS = 75.0
-HEAVIEST_TAILS = 16.0
-LEAST_TRUST, MOST_TRUST = 0.3, 15.0
+LEAST_TRUST, MOST_TRUST = 0.3, 300.0
 # A coarse level explains averaged photographs, and only roughly: the depth holds it the more.
 COARSER = 2.0
 # Steps at a level that is not the last; its end is not worth waiting for.
@@ -101,7 +101,8 @@ def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback
     Raises MethodError for fewer than 3 photographs.
     """
     require_photographs(prepared, "multi-light", 3)
-    trust = options.depth_trust or FIRST_TRUST
+    first_trust = FIRST_TRUST * prepared.factor**2
+    trust = options.depth_trust or first_trust
     levels = [
         level.trusting(trust * COARSER**k)
         for k, level in enumerate(pyramid(finest_level(prepared, cut=True), options.coarse_pixels))
@@ -125,9 +126,9 @@ def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback
     # What is left of the sensor's depth says how its errors hang together, and what they count.
     level = levels[0]
     if weigh:
-        trust = deserved_trust(level, descent.fit, prepared.measured)
+        trust = deserved_trust(level, descent.fit, prepared)
         # Jumps that the sensor blurred, or its noise hid, are steep by now.
-        level = level.trusting(trust / FIRST_TRUST).cut(descent.fit.log_depth)
+        level = level.trusting(trust / first_trust).cut(descent.fit.log_depth)
         again = descend(level, descent.fit, options, progress, "refine, weighed", noisiest=1.0)
         descent = replace(again, steps=descent.steps + again.steps)
     return finished(prepared, level, descent, trust)
@@ -229,24 +230,29 @@ def stage(index: int) -> str:
     return f"refine 1/{2**index}" if index else "refine"
 
 
-def deserved_trust(level: Level, fit: Fit, measured: Mask) -> float:
+def deserved_trust(level: Level, fit: Fit, prepared: Prepared) -> float:
     """The weight of the depth, as a multiple of white noise's, from the errors of both sides.
 
-    Depth errors e that hang together over r^2 = <e^2> / <|de|^2> pixels say r^2 times less than
-    independent ones (medians, so that depth jumps do not count).  Photographs err together too,
-    `COHERENT_PIXELS` where the model holds, the more the heavier their residuals' tails are:
-    shadows, highlights and edges are no white noise.
+    Depth errors e that hang together over r^2 = <e^2> / <|de|^2> of the sensor's pixels say r^2
+    times less than independent ones (medians, so that depth jumps do not count).  Photographs err
+    together too, `COHERENT_PIXELS` where the model holds, the more the heavier their residuals'
+    tails are: shadows, highlights and edges are no white noise.
     """
-    error = level.prior - fit.log_depth
-    seen = level.mask & measured
-    steps = [
-        np.diff(error, axis=axis)[seen[here] & seen[there]]
-        for axis, (here, there) in ((axis, pair_slices(axis)) for axis in (1, 0))
-    ]
+    averaging = prepared.sensor.averaging(level.mask)
+    seen = prepared.sensor.measured & averaging.covered
+    error = np.log(np.where(seen, prepared.sensor.depth_m, 1.0)) - averaging.down(fit.log_depth)
+    steps = np.concatenate(
+        [
+            np.diff(error, axis=axis)[seen[here] & seen[there]]
+            for axis, (here, there) in ((axis, pair_slices(axis)) for axis in (1, 0))
+        ]
+    )
+    if not steps.size:
+        return MOST_TRUST  # of depth pixels side by side there are none
     error = error[seen] - np.median(error[seen])
-    together = np.median(error**2) / max(float(np.median(np.concatenate(steps) ** 2)), 1e-30)
+    together = np.median(error**2) / max(float(np.median(steps**2)), 1e-30)
     tails = fit.explanation.rms / max(fit.explanation.spread, 1e-30)
-    trust = COHERENT_PIXELS * min(tails**4, HEAVIEST_TAILS) / max(float(together), 1e-30)
+    trust = COHERENT_PIXELS * tails / max(float(together), 1e-30)
     return float(np.clip(trust, LEAST_TRUST, MOST_TRUST))
 
 

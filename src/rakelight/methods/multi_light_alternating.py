@@ -134,7 +134,7 @@ def light_and_albedo(level: Level, log_depth: Floats, albedo: Floats, lamps: Lam
 
     # Negative log-likelihood per observation, the photographs' noise being estimated too.
     noise = max(explanation.rms, SMALLEST_NOISE)
-    misfit = float((level.prior_weight * (log_depth - level.prior) ** 2)[level.mask].sum())
+    misfit = level.sensor_misfit(log_depth)
     energy = float(np.log(noise)) + misfit / (2 * explanation.observations)
     return Fit(log_depth, lamps, surface, explanation, noise, energy)
 
@@ -158,8 +158,7 @@ def depth(level: Level, fit: Fit) -> Solution:
         level.mask,
         tensor / fit.noise**2,
         aim / fit.noise**2,
-        level.prior_weight,
-        level.prior,
+        **level.sensor_terms(np.zeros(level.mask.shape)),
     )
     return solve(system, start=fit.log_depth, tolerance=1e-4)
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from rakelight.errors import CaptureError
+from rakelight.geometry.averaging import LEAST_SHARE, Averaging, overlaps
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.grid import bounding_window
 from rakelight.model import Array, Camera, Capture, Floats, Mask, RigidTransform
@@ -38,57 +38,9 @@ class SensorDepth:
         """(hs, ws) where there is a measurement."""
         return np.isfinite(self.depth_m)
 
-    def overlaps(self, shape: tuple[int, int]) -> tuple[Any, Any]:
-        """Sparse (hs, h) and (ws, w): how much of each output row and column its pixels cover.
-
-        The averaging operator K of a window (h, w) with mask m is
-        K x = (R (m x) C^T) / (R m C^T), R and C these two.
-        """
-        return overlaps(self.row_edges, shape[0]), overlaps(self.column_edges, shape[1])
-
-    def average(self, image: Floats, mask: Mask) -> Floats:
-        """K: means of an image (h, w) over the object's part (mask) of every sensor pixel (hs, ws).
-
-        NaN for pixels without a part of the object.
-
-        >>> edges = np.array([0.0, 1.5, 3.0])
-        >>> sensor = SensorDepth(np.ones((2, 2)), np.ones((2, 2)), edges, edges)
-        >>> sensor.average(np.arange(9.0).reshape(3, 3), np.ones((3, 3), bool)).round(3).tolist()
-        [[1.333, 2.667], [5.333, 6.667]]
-        """
-        rows, columns = self.overlaps(mask.shape)
-        total, area = (
-            rows @ part @ columns.T for part in (np.where(mask, image, 0.0), mask.astype(float))
-        )
-        return np.where(area > LEAST_SHARE, total / np.maximum(area, LEAST_SHARE), np.nan)
-
-
-# Less of an output pixel than this is rounding.
-LEAST_SHARE = 1e-9
-
-
-def overlaps(edges: Floats, size: int) -> Any:
-    """Sparse (n, size): how much of each of `size` unit cells the n cells between edges cover.
-
-    >>> overlaps(np.array([0.0, 1.5, 3.0]), 3).toarray().tolist()
-    [[1.0, 0.5, 0.0], [0.0, 0.5, 1.0]]
-    """
-    from scipy.sparse import csr_array
-
-    cell = np.arange(size)
-    first = np.clip(np.floor(edges[:-1] + LEAST_SHARE).astype(int), 0, size)
-    last = np.clip(np.ceil(edges[1:] - LEAST_SHARE).astype(int), 0, size)
-    reach = int((last - first).max(initial=0))
-    columns = first[:, None] + np.arange(reach)
-    inside = columns < last[:, None]
-    columns = np.minimum(columns, size - 1)
-    shares = np.minimum(edges[1:, None], cell[columns] + 1) - np.maximum(
-        edges[:-1, None], cell[columns]
-    )
-    rows = np.broadcast_to(np.arange(len(first))[:, None], columns.shape)
-    return csr_array(
-        (shares[inside], (rows[inside], columns[inside])), shape=(len(edges) - 1, size)
-    )
+    def averaging(self, mask: Mask) -> Averaging:
+        """The averaging operator K of a window with that mask (h, w)."""
+        return Averaging.on(mask, self.row_edges, self.column_edges)
 
 
 @dataclass(frozen=True, slots=True)
