@@ -5,7 +5,8 @@ The format is in docs/conventions.md.  What a file may be:
 - photographs: PNG or TIFF, 8 or 16 bit; JPEG with a warning.  Grey is repeated to three
   channels, alpha is dropped, each with a note.  EXIF orientation is ignored, with a warning.
 - depth: see rakelight.capture.depth.
-- mask.png: PNG; a pixel is object where any colour channel is not zero.
+- mask.png: PNG; a pixel is object where any colour channel is not zero.  Without it the object
+  nearest to the camera is cut out.
 - hidden files are skipped, files of other kinds listed in a note.
 """
 
@@ -13,6 +14,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 
@@ -95,14 +97,11 @@ def load_capture(folder: str | PathLike[str]) -> Capture:
     names = tuple(map(printable, rgb.names))
     validate.check_not_twice(photographs, names, rgb.source)
     depth_m, holes = read_depth(depth, table.depth_scale)
-    measured = np.asarray(np.isfinite(depth_m).any(axis=0))
-    mask, mask_findings = _read_mask(root, rgb.shape, measured, factor)
-    on_object = _coarse(mask, factor, depth.shape)
     encoding, lighting, assumed = _defaults(table, photographs)
-    return Capture(
+    capture = Capture(
         photographs=photographs,
         depth_m=depth_m,
-        mask=mask,
+        mask=np.ones(rgb.shape, bool),
         camera=camera,
         encoding=encoding,
         lighting=lighting,
@@ -110,6 +109,13 @@ def load_capture(folder: str | PathLike[str]) -> Capture:
         depth_to_color=depth_to_color,
         depth_noise=depth_noise,
         names=names,
+        source=root.shown(),
+    )
+    mask, mask_findings = _read_mask(root, rgb.shape) or _cut_out(root, capture)
+    on_object = _coarse(mask, factor, depth.shape)
+    return replace(
+        capture,
+        mask=mask,
         findings=(
             *assumed,
             *file_findings(rgb),
@@ -118,7 +124,6 @@ def load_capture(folder: str | PathLike[str]) -> Capture:
             *validate.check_depth(depth_m, holes, on_object, depth.source, table.depth_scale),
             *validate.check_exposure(photographs, mask, names, rgb.source),
         ),
-        source=root.shown(),
     )
 
 
@@ -260,40 +265,36 @@ def _defaults(
     return encoding, lighting, tuple(findings)
 
 
-def _read_mask(
-    root: Root, shape: tuple[int, int], measured: Mask, factor: int | None
-) -> tuple[Mask, tuple[Finding, ...]]:
-    """mask.png, or without it every pixel that has depth; (H, W) True = object.
-
-    measured : (h, w) where there is depth; factor : colour pixels per depth pixel along a side,
-    None when the depth is another camera's
-    """
+def _read_mask(root: Root, shape: tuple[int, int]) -> tuple[Mask, tuple[Finding, ...]] | None:
+    """mask.png, (H, W) True = object, and what is to say of it; None when there is none."""
     path, source = root.path / "mask.png", root.shown("mask.png")
-    if path.exists():
-        data = read_file(path, source)
-        header = read_header(data, source)
-        if header.format != "PNG":
-            raise CaptureError("not a PNG", source=source, seen=f"a {header.format}, by its bytes")
-        pixels = as_rgb(decode_image(data, source))
-        mask = np.asarray((pixels != 0).any(axis=2))
-        return mask, validate.check_mask(mask, shape, source)
-    if factor is None:
-        mask, what = np.ones(shape, bool), "every pixel"
-    else:
-        mask = measured.repeat(factor, axis=0).repeat(factor, axis=1)
-        what = "every pixel with depth"
-    if not mask.any():
+    if not path.exists():
+        return None
+    data = read_file(path, source)
+    header = read_header(data, source)
+    if header.format != "PNG":
+        raise CaptureError("not a PNG", source=source, seen=f"a {header.format}, by its bytes")
+    pixels = as_rgb(decode_image(data, source))
+    mask = np.asarray((pixels != 0).any(axis=2))
+    return mask, validate.check_mask(mask, shape, source)
+
+
+def _cut_out(root: Root, capture: Capture) -> tuple[Mask, tuple[Finding, ...]]:
+    """The nearest object, and a finding that says so."""
+    from rakelight.prepare.mask import cut_out
+
+    if not np.isfinite(capture.depth_m).any():
         raise CaptureError(
             "no depth at all", source=root.shown("depth"), seen="no positive finite value"
         )
-    return mask, (
-        Finding(
-            "warning",
-            "no-mask",
-            f"no mask.png: {what} counts as object ({mask.mean():.0%} of the image)",
-            "draw the object white on black at the photographs' size and save it as mask.png",
-        ),
-    )
+    mask, findings = cut_out(capture)
+    if not mask.any():
+        raise CaptureError(
+            "the colour camera sees nothing of what has depth",
+            source=root.shown("depth"),
+            remedy="check [depth_intrinsics] and [depth_to_color]",
+        )
+    return mask, findings
 
 
 def _coarse(mask: Mask, factor: int | None, shape: tuple[int, int]) -> Mask:

@@ -1,0 +1,293 @@
+"""The object nearest to the camera, cut out from depth and colour where nobody drew a mask."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from rakelight.geometry.camera import pixel_rays
+from rakelight.geometry.grid import Links, bounding_window, surface_links
+from rakelight.model import Array, Camera, Capture, Finding, Floats, Mask
+from rakelight.prepare.inpaint import dilate
+from rakelight.prepare.linear import to_linear
+from rakelight.prepare.sensor import Grid, sensed
+
+REMEDY = "draw the object white on black at the photographs' size and save it as mask.png"
+# The outer part of the image that background reaches; depth often ends a little before it.
+FRAME = 0.04
+# Tables and walls: so much of the depth, so much of the frame, as flat as this.
+PLANE_SHARE, PLANE_FRAME, FLAT_M = 0.08, 0.04, 0.005
+PLANES, TRIALS, SAMPLE = 4, 300, 3000
+# An object has this share of the image's pixels; nearness counts against size by this power.
+SMALLEST, NEARNESS = 0.002, 6
+# Parts belong together across a gap of so many pixels where the jump is no more than this share of
+# the object's width, or where the object is this share of all around the part.
+GAP_PX, PART_JUMP, PART_WITHIN = 4, 0.05, 0.5
+# Colour decides within so many depth pixels of the outline that depth gives.
+COLOUR_PX = 4
+GRABCUTS, FEWEST_COLOURS = 3, 50
+# Beyond these the answer is doubtful.
+RIVAL, AGREEMENT, AT_FRAME, TINY = 0.3, 0.8, 0.03, 0.005
+
+
+def cut_out(capture: Capture) -> tuple[Mask, tuple[Finding, ...]]:
+    """The mask (H, W) of the object nearest to the camera, and a finding that says so.
+
+    capture : its mask is not looked at
+
+    From depth: planes that reach the frame are tables and walls; of what stands before them the
+    surface that is nearest for its size, with the parts beside it.  From colour: the outline,
+    within a few depth pixels (GrabCut; Rother et al. 2004).  The finding is a warning where
+    another choice was nearly as good, where the object reaches the frame, is very small or not
+    what colours say, or where nothing stands out: then all that has depth is the object.
+    """
+    depth, sigma = sensed(capture)
+    grid = Grid(depth.shape, capture.camera.shape)
+    camera = capture.camera.resized(*depth.shape[::-1])
+    known = np.isfinite(depth)
+    found = nearest_object(depth, sigma, camera)
+    if found is None:
+        mask = grid.spread(known)
+        message = (
+            "no mask.png, and nothing stands out from what is around it: every pixel with depth "
+            f"counts as object ({mask.mean():.0%} of the image)"
+        )
+        return mask, (Finding("warning", "no-mask", message, REMEDY),)
+    mask, agreement = outlined(found.mask, known, _picture(capture), grid)
+    doubts = list(found.doubts)
+    if agreement < AGREEMENT:
+        mask = grid.spread(found.mask)
+        doubts.append("its colours are those of what is around it")
+    if mask.mean() < TINY:
+        doubts.append("it is very small")
+    low_m, high_m = np.quantile(depth[found.mask & known], [0.02, 0.98])
+    message = (
+        f"no mask.png: the nearest object was cut out, {mask.mean():.1%} of the image, "
+        f"{low_m:.2f} to {high_m:.2f} m away"
+    )
+    if doubts:
+        message += "; doubtful: " + ", ".join(doubts)
+    return mask, (Finding("warning" if doubts else "note", "no-mask", message, REMEDY),)
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """An object's mask (hs, ws) on the depth map, and why it may be the wrong one."""
+
+    mask: Mask
+    doubts: tuple[str, ...] = ()
+
+
+def nearest_object(depth_m: Floats, sigma_m: Floats, camera: Camera) -> Found | None:
+    """The object nearest to the camera in a depth map (h, w); None where nothing stands out.
+
+    depth_m, sigma_m : metres, NaN = no measurement; camera : of the depth map
+    """
+    known = np.isfinite(depth_m)
+    if not known.any():
+        return None
+    frame = _frame(known.shape)
+    before = known & ~behind_planes(depth_m, sigma_m, camera, frame)
+    parts, count = surfaces(np.where(before, depth_m, np.nan), camera)
+    if count == 0:
+        return None
+    area = np.bincount(parts[before], minlength=count)
+    at_frame = np.bincount(parts[before & frame], minlength=count) / np.count_nonzero(frame)
+    middle_m = np.array(
+        [np.median(part) for part in np.split(*_sorted(depth_m[before], parts[before], area))]
+    )
+    large = area >= SMALLEST * known.size
+    if not large.any():
+        return None
+    closeness = (middle_m[large].min() / middle_m) ** NEARNESS
+    score = np.where(large, area * closeness * np.clip(1 - 4 * at_frame, 0, 1), 0.0)
+    best = int(np.argmax(score))
+    # What is all there is stands out from nothing, unless nothing is all around it.
+    if score[best] == 0 or (at_frame[best] > AT_FRAME and area[best] > 0.9 * known.sum()):
+        return None
+    chosen = _with_its_parts(best, parts, area, at_frame, depth_m, camera)
+    others = np.setdiff1d(np.flatnonzero(large), chosen)
+    doubts = []
+    if others.size and score[others].max() > RIVAL * score[best]:
+        rival = others[np.argmax(score[others])]
+        doubts.append(f"another one is {middle_m[rival]:.2f} m away")
+    if at_frame[chosen].sum() > AT_FRAME:
+        doubts.append("it reaches the edge of the image")
+    return Found(_closed(np.isin(parts, chosen) & before, known), tuple(doubts))
+
+
+def behind_planes(depth_m: Floats, sigma_m: Floats, camera: Camera, frame: Mask) -> Mask:
+    """Which measurements (h, w) lie on, or behind, planes that reach the frame: tables, walls.
+
+    Inverse depth is linear in the image on a plane; planes are found by RANSAC.
+    """
+    x, y = np.broadcast_arrays(*pixel_rays(camera))
+    known = np.isfinite(depth_m)
+    rows = np.stack([x[known] / camera.fx, y[known] / camera.fy, np.ones(known.sum())], axis=-1)
+    inverse = 1 / depth_m[known]
+    # What a deviation in depth is in inverse depth.
+    allowed = (3 * sigma_m[known] + FLAT_M) * inverse**2
+    at_frame = frame[known]
+    random = np.random.default_rng(0)
+    left = np.ones(len(rows), dtype=bool)
+    behind = np.zeros(len(rows), dtype=bool)
+    for _ in range(PLANES):
+        if left.sum() < PLANE_SHARE * len(rows):
+            break
+        plane = _largest_plane(rows[left], inverse[left], allowed[left], random)
+        if plane is None:
+            break
+        height = inverse - rows @ plane
+        on = left & (np.abs(height) <= allowed)
+        if on.sum() < PLANE_SHARE * len(rows):
+            break
+        left &= ~on
+        if (on & at_frame).sum() >= PLANE_FRAME * np.count_nonzero(frame):
+            behind |= height <= allowed
+            left &= ~behind
+    image = np.zeros(known.shape, dtype=bool)
+    image[known] = behind
+    return image
+
+
+def _largest_plane(
+    rows: Floats, inverse: Floats, allowed: Floats, random: np.random.Generator
+) -> Floats | None:
+    """(3,) the plane that most of the points lie on."""
+    few = random.choice(len(rows), min(SAMPLE, len(rows)), replace=False)
+    corners = random.choice(few, (TRIALS, 3))
+    sound = np.abs(np.linalg.det(rows[corners])) > 1e-6
+    if not sound.any():
+        return None
+    planes = np.linalg.solve(rows[corners[sound]], inverse[corners[sound]][..., None])[..., 0]
+    on = np.abs(planes @ rows[few].T - inverse[few]) <= allowed[few]
+    plane = planes[np.argmax(on.sum(axis=1))]
+    for _ in range(2):
+        on = np.abs(rows @ plane - inverse) <= allowed
+        plane = np.linalg.lstsq(rows[on] / allowed[on, None], inverse[on] / allowed[on])[0]
+    return np.asarray(plane)
+
+
+def surfaces(depth_m: Floats, camera: Camera) -> tuple[Array, int]:
+    """(h, w) number from 0 of the connected surface that each measurement is on, and how many.
+
+    -1 where there is none.  Connected are neighbours without a jump between them.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    mask = np.isfinite(depth_m)
+    links: Links = surface_links(depth_m, mask, camera)
+    number = np.full(mask.shape, -1)
+    number[mask] = np.arange(np.count_nonzero(mask))
+    first = np.concatenate([number[links.right], number[links.down]])
+    second = np.concatenate(
+        [np.roll(number, -1, axis=1)[links.right], np.roll(number, -1, axis=0)[links.down]]
+    )
+    size = np.count_nonzero(mask)
+    graph = coo_array((np.ones(len(first)), (first, second)), shape=(size, size))
+    count, labels = connected_components(graph, directed=False)
+    parts = np.full(mask.shape, -1)
+    parts[mask] = labels
+    return parts, int(count) if size else 0
+
+
+def _sorted(values: Floats, labels: Array, area: Array) -> tuple[Floats, Array]:
+    """Values ordered by their label, and where each label but the first begins."""
+    return values[np.argsort(labels, kind="stable")], np.cumsum(area)[:-1]
+
+
+def _with_its_parts(
+    best: int, parts: Array, area: Array, at_frame: Floats, depth_m: Floats, camera: Camera
+) -> Array:
+    """The numbers of the surfaces that make up the object: beside it, at about its depth."""
+    chosen, mask = [best], parts == best
+    width_m = np.sqrt(area[best]) * float(np.median(depth_m[mask])) / camera.fx
+    while True:
+        around = dilate(mask, GAP_PX) & ~mask & (parts >= 0)
+        fresh = []
+        for other in np.setdiff1d(np.unique(parts[around]), chosen):
+            if area[other] > area[best] or at_frame[other] > AT_FRAME:
+                continue
+            part = parts == other
+            beside = dilate(part, GAP_PX) & ~part
+            within = np.count_nonzero(beside & mask) / np.count_nonzero(beside)
+            near_m, far_m = (
+                float(np.median(depth_m[side])) for side in (around & part, beside & mask)
+            )
+            if within >= PART_WITHIN or abs(near_m - far_m) <= PART_JUMP * width_m:
+                fresh.append(int(other))
+        if not fresh:
+            return np.array(chosen)
+        chosen += fresh
+        mask |= np.isin(parts, fresh)
+
+
+def _closed(mask: Mask, known: Mask) -> Mask:
+    """The mask with its holes, but for those in which depth shows something else."""
+    from scipy.ndimage import binary_fill_holes
+
+    return np.asarray(mask | (binary_fill_holes(mask) & ~known))
+
+
+def _frame(shape: tuple[int, int]) -> Mask:
+    width = max(round(FRAME * max(shape)), 1)
+    frame = np.ones(shape, dtype=bool)
+    frame[width:-width, width:-width] = False
+    return frame
+
+
+def _picture(capture: Capture) -> Array:
+    """(H, W, 3) uint8, blue green red: the mean photograph, as bright as eyes like it."""
+    mean = np.zeros((*capture.camera.shape, 3), dtype=np.float32)
+    for photograph in capture.photographs:
+        mean += to_linear(photograph, capture.encoding)
+    brightest = max(float(np.quantile(mean[::4, ::4], 0.99)), 1e-6)
+    return np.asarray(255 * np.sqrt(np.clip(mean / brightest, 0, 1)), np.uint8)[..., ::-1]
+
+
+def outlined(mask: Mask, known: Mask, picture: Array, grid: Grid) -> tuple[Mask, float]:
+    """The mask (hs, ws) at the picture's resolution with the outline where colours change.
+
+    known : (hs, ws) where there is depth; picture : (H, W, 3) uint8
+
+    Also how much of both masks agrees: their intersection over their union.
+    """
+    from scipy.ndimage import binary_erosion, distance_transform_edt
+
+    square = np.ones((3, 3), dtype=bool)
+    inner = binary_erosion(mask, square, iterations=2, border_value=1)
+    # Thin parts have nothing within; there depth is believed as it is.
+    thin = mask & ~dilate(inner, 4)
+    elsewhere = binary_erosion(known & ~mask, square, iterations=1, border_value=1)
+    elsewhere |= distance_transform_edt(~mask) > COLOUR_PX
+    window = bounding_window(grid.spread(dilate(mask, 3 * COLOUR_PX)))
+    coarse = grid.spread(mask)[window]
+    trimap = np.where(coarse, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
+    trimap[grid.spread(inner | thin)[window]] = cv2.GC_FGD
+    trimap[grid.spread(elsewhere & ~mask)[window]] = cv2.GC_BGD
+    if min(np.count_nonzero(trimap == side) for side in (cv2.GC_FGD, cv2.GC_BGD)) >= FEWEST_COLOURS:
+        colours = np.zeros((1, 65)), np.zeros((1, 65))
+        cv2.setRNGSeed(0)
+        image = np.ascontiguousarray(picture[window])
+        cv2.grabCut(image, trimap, (0, 0, 0, 0), *colours, GRABCUTS, cv2.GC_INIT_WITH_MASK)
+    fine = (trimap == cv2.GC_FGD) | (trimap == cv2.GC_PR_FGD)
+    full = np.zeros(grid.shape, dtype=bool)
+    full[window] = _tidy(fine, coarse)
+    agreement = (full[window] & coarse).sum() / max((full[window] | coarse).sum(), 1)
+    return full, float(agreement)
+
+
+def _tidy(fine: Mask, coarse: Mask) -> Mask:
+    """Without specks and pinholes: no part or hole smaller than a hundredth of the object."""
+    from scipy.ndimage import label
+
+    fine = fine.copy()
+    for value in (True, False):
+        labels, _ = label(fine == value)
+        small = np.bincount(labels.ravel()) < 0.01 * coarse.sum()
+        small[0] = False
+        fine[small[labels]] = not value
+    return fine
