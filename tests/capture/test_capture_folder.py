@@ -45,7 +45,7 @@ def test_depth_camera_comes_back(tmp_path):
         np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]), np.array([0.05, 1 / 3, -1e-9])
     )
     capture = small_capture(
-        depth_m=np.full((1, 10, 14), 0.7, np.float32),
+        depth_m=np.pad(np.full((1, 9, 14), 0.7, np.float32), ((0, 0), (1, 0), (0, 0))),
         depth_camera=Camera(14, 10, 20.0, 20.0, 6.5, 4.5),
         depth_to_color=transform,
         depth_noise=SensorNoise(sigma_m=0.0021, at_m=0.7, growth=1.5),
@@ -54,6 +54,7 @@ def test_depth_camera_comes_back(tmp_path):
     again = load_capture(tmp_path / "c")
     assert again.depth_camera == capture.depth_camera
     assert again.depth_noise == capture.depth_noise
+    assert "depth-holes" not in codes(tmp_path / "c")  # what of it is the object is not known
     assert same_bits(again.depth_to_color.rotation, transform.rotation)
     assert same_bits(again.depth_to_color.translation_m, transform.translation_m)
     nine = ", ".join(map(repr, transform.rotation.ravel().tolist()))

@@ -1,13 +1,19 @@
 """What is said of lamps that leave the surface open, and how sure of a normal photographs are."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
+from rakelight.errors import MethodError
 from rakelight.methods import refine
-from rakelight.methods.estimate import lamp_findings, photometric_confidence
+from rakelight.methods.estimate import (
+    lamp_findings,
+    photometric_confidence,
+    require_photographs,
+)
 from rakelight.metrics import normal_error_map_deg
 from rakelight.model import Camera, Lights
 from rakelight.synthetic import DEMO_OPTIONS, make_albedo, make_shape, render_scene
@@ -111,3 +117,21 @@ def test_confidence_ranks_the_normals_of_the_demo():
     error = normal_error_map_deg(result.normals, truth.normals, truth.mask)
     seen = truth.mask
     assert spearmanr(result.confidence[seen], -error[seen]).statistic >= 0.5
+
+
+# ---- how many photographs
+
+
+@pytest.mark.parametrize(
+    ("factor", "needed"), [(1, 3), (1.7, 3), (1.75, 4), (2, 4), (2.0000000001, 4), (4, 16)]
+)
+def test_scale_squared_photographs_are_needed(factor, needed):
+    for count in range(1, 18):
+        prepared = SimpleNamespace(photographs=[0] * count, factor=factor, source="here")
+        if count >= needed:
+            require_photographs(prepared, "multi-light", 3)
+            continue
+        with pytest.raises(MethodError, match="too few photographs") as error:
+            require_photographs(prepared, "multi-light", 3)
+        assert error.value.needed == f"at least {needed}"
+        assert ("smaller --scale" in error.value.remedy) == (needed > 3)

@@ -297,10 +297,10 @@ def _cut_out(root: Root, capture: Capture) -> tuple[Mask, tuple[Finding, ...]]:
     return mask, findings
 
 
-def _coarse(mask: Mask, factor: int | None, shape: tuple[int, int]) -> Mask:
-    """(h, w) True where a depth pixel sees the object; everywhere for another camera's depth."""
+def _coarse(mask: Mask, factor: int | None, shape: tuple[int, int]) -> Mask | None:
+    """(h, w) True where a depth pixel sees the object; None for another camera's depth."""
     if factor is None:
-        return np.ones(shape, bool)
+        return None
     h, w = shape
     return np.asarray(mask.reshape(h, factor, w, factor).any(axis=(1, 3)))
 

@@ -353,7 +353,7 @@ def depth_factor(
 def check_depth(
     depth_m: Floats,
     holes: Array,
-    on_object: Mask,
+    on_object: Mask | None,
     source: str,
     depth_scale: float | None,
 ) -> tuple[Finding, ...]:
@@ -361,11 +361,14 @@ def check_depth(
 
     depth_m : (K, h, w) metres, NaN = no measurement
     holes : (K, h, w) uint8, indices into HOLES
-    on_object : (h, w) True where a depth pixel sees the object
+    on_object : (h, w) True where a depth pixel sees the object; None where that is not known yet,
+        because the depth is another camera's
     depth_scale : of capture.toml, None when the files hold metres
     """
-    on_maps = depth_m[:, on_object]
-    counts = np.bincount(holes[:, on_object].ravel(), minlength=len(HOLES))
+    everywhere = np.ones(depth_m.shape[1:], bool)
+    looked_at = everywhere if on_object is None else on_object
+    on_maps = depth_m[:, looked_at]
+    counts = np.bincount(holes[:, looked_at].ravel(), minlength=len(HOLES))
     reasons = ", ".join(
         f"{count} {hole}" for hole, count in zip(HOLES[1:], counts[1:], strict=True) if count
     )
@@ -388,7 +391,7 @@ def check_depth(
             remedy=_unit_remedy(median_m, depth_scale),
         )
     findings = [Finding("note", "median-depth", f"median depth {median_m:.2f} m")]
-    if reasons:
+    if reasons and on_object is not None:
         findings.append(
             Finding(
                 "note",
