@@ -252,7 +252,8 @@ class Result:
     depth : (H, W) float32 metres along the optical axis, NaN outside the object
     normals : (H, W, 3) float32 unit vectors, camera frame, facing the camera, NaN outside
     albedo : (H, W, 3) float32 linear, 0 outside; scaled so that its 99th percentile is 1
-    confidence : (H, W) float32 in 0..1, how much the photographs determine each pixel
+    confidence : (H, W) float32 in 0..1, how much the photographs determine each pixel; halved
+        where the sensor has no depth
     lights : of every photograph, in the albedo's scale
     camera : of these arrays
     prepared_depth : (H, W) float32 metres, the depth that the method started from

@@ -113,6 +113,16 @@ def test_pixels_alone_are_carried_over():
     assert np.argwhere(np.isfinite(found)).tolist() == [[3, 3], [5, 8]]
 
 
+@pytest.mark.parametrize("near_m", [0.0, 1e-9, 0.002, 0.02])
+def test_what_touches_the_camera_is_left_out(near_m):
+    camera = DEPTH[2.0]
+    pose = RigidTransform(np.eye(3), np.array([0.0, 0.0, near_m - 1.0]))
+    depth = np.ones(camera.shape)
+    depth[:9] = 2.0
+    found, _ = register(depth, depth, camera, pose, camera)
+    assert np.nanmin(found, initial=np.inf) > 0.9
+
+
 @pytest.mark.parametrize("shift", [[0, 0, -2.0], [5.0, 0, 0]])
 def test_out_of_sight(shift):
     camera = DEPTH[2.0]

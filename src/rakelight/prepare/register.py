@@ -10,6 +10,8 @@ from rakelight.model import Array, Camera, Floats, RigidTransform
 
 # A border's tangent plane and the triangles beside it differ by no more than this many pixels.
 SAME_SURFACE_PX = 4.0
+# What is nearer to the camera than this, or so large in its picture, is no measured surface.
+NEAREST_M, LARGEST_PX = 0.01, 16
 
 
 def sensor_grid(colour: Camera, depth: Camera) -> Camera:
@@ -62,7 +64,7 @@ def register(
 def project(points: Floats, pose: RigidTransform, target: Camera) -> Floats:
     """(..., 3) pixel coordinates u, v and depth z in `target` of points (..., 3), metres.
 
-    pose : from the points' frame to that of `target`, behind which all is NaN
+    pose : from the points' frame to that of `target`; NaN behind it and within a centimetre
 
     >>> camera = Camera(3, 3, fx=10.0, fy=10.0, cx=1.0, cy=1.0)
     >>> ahead = RigidTransform(np.eye(3), np.array([0.0, 0.0, 1.0]))
@@ -70,7 +72,7 @@ def project(points: Floats, pose: RigidTransform, target: Camera) -> Floats:
     [[2.0, 1.0, 2.0], [nan, nan, nan]]
     """
     moved = points @ pose.rotation.T + pose.translation_m
-    z = np.where(moved[..., 2] > 0, moved[..., 2], np.nan)
+    z = np.where(moved[..., 2] > NEAREST_M, moved[..., 2], np.nan)
     u = target.fx * moved[..., 0] / z + target.cx
     v = target.fy * moved[..., 1] / z + target.cy
     return np.stack([u, v, z], axis=-1)
@@ -150,7 +152,7 @@ class _Nearest:
         size = np.array([self.camera.width, self.camera.height])
         low, high = np.maximum(low, 0), np.minimum(high, size - 1)
         extent = high - low + 1
-        some = (extent > 0).all(axis=1)
+        some = ((extent > 0) & (extent <= LARGEST_PX)).all(axis=1)
         corners, noise, low, extent = corners[some], noise[some], low[some], extent[some]
         edges = _edge_functions(corners)
         found: list[tuple[Array, Floats, Floats]] = []
