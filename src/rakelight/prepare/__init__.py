@@ -20,6 +20,7 @@ from rakelight.prepare.holes import hole_findings, unseen, within_reach
 from rakelight.prepare.inpaint import inpaint
 from rakelight.prepare.linear import SATURATED, to_linear, usable
 from rakelight.prepare.sensor import Grid, SensorDepth, check_sizes, sensed, sensor_shape
+from rakelight.prepare.surfaces import beside_the_object
 from rakelight.prepare.upsample import upsample
 
 Scale = Literal["auto"] | int
@@ -98,6 +99,9 @@ def prepare(capture: Capture, scale: Scale = "auto") -> Prepared:
     average, sigma = sensed(capture, capture.mask)
     sensor_mask = grid.touched(mask)
     measured = sensor_mask & np.isfinite(average)
+    measured &= ~beside_the_object(
+        average, sensor_mask, grid.covered(mask), camera.resized(*grid.sensor[::-1])
+    )
     if not measured.any():
         raise CaptureError("no depth on the object", source=capture.source)
     carried = within_reach(measured, sensor_mask)
@@ -105,7 +109,7 @@ def prepare(capture: Capture, scale: Scale = "auto") -> Prepared:
     seen &= ~unseen(photographs, seen & ~grid.spread(measured), round(grid.factor))
     findings = hole_findings(mask, seen, grid.spread(measured))
 
-    filled = inpaint(average, carried)
+    filled = inpaint(np.where(measured, average, np.nan), carried)
     typical_m, typical_sigma_m = (
         float(np.median(image[use])) for image, use in ((filled, carried), (sigma, measured))
     )

@@ -8,11 +8,12 @@ import cv2
 import numpy as np
 
 from rakelight.geometry.camera import pixel_rays
-from rakelight.geometry.grid import Links, bounding_window, surface_links
+from rakelight.geometry.grid import bounding_window
 from rakelight.model import Array, Camera, Capture, Finding, Floats, Mask
 from rakelight.prepare.inpaint import dilate
 from rakelight.prepare.linear import to_linear
 from rakelight.prepare.sensor import Grid, sensed
+from rakelight.prepare.surfaces import surfaces
 
 REMEDY = "draw the object white on black at the photographs' size and save it as mask.png"
 # The outer part of the image that background reaches; depth often ends a little before it.
@@ -168,30 +169,6 @@ def _largest_plane(
         on = np.abs(rows @ plane - inverse) <= allowed
         plane = np.linalg.lstsq(rows[on] / allowed[on, None], inverse[on] / allowed[on])[0]
     return np.asarray(plane)
-
-
-def surfaces(depth_m: Floats, camera: Camera) -> tuple[Array, int]:
-    """(h, w) number from 0 of the connected surface that each measurement is on, and how many.
-
-    -1 where there is none.  Connected are neighbours without a jump between them.
-    """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    mask = np.isfinite(depth_m)
-    links: Links = surface_links(depth_m, mask, camera)
-    number = np.full(mask.shape, -1)
-    number[mask] = np.arange(np.count_nonzero(mask))
-    first = np.concatenate([number[links.right], number[links.down]])
-    second = np.concatenate(
-        [np.roll(number, -1, axis=1)[links.right], np.roll(number, -1, axis=0)[links.down]]
-    )
-    size = np.count_nonzero(mask)
-    graph = coo_array((np.ones(len(first)), (first, second)), shape=(size, size))
-    count, labels = connected_components(graph, directed=False)
-    parts = np.full(mask.shape, -1)
-    parts[mask] = labels
-    return parts, int(count) if size else 0
 
 
 def _sorted(values: Floats, labels: Array, area: Array) -> tuple[Floats, Array]:

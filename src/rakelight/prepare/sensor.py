@@ -70,8 +70,20 @@ class Grid:
         >>> Grid((1, 2), (2, 3)).touched(np.array([[0, 1, 0], [0, 0, 0]], bool)).tolist()
         [[True, True]]
         """
+        return self._area(mask) > LEAST_SHARE
+
+    def covered(self, mask: Mask) -> Mask:
+        """(hs, ws) the sensor pixels that lie in the mask (h, w) whole.
+
+        >>> Grid((1, 2), (2, 3)).covered(np.array([[1, 1, 0], [1, 1, 0]], bool)).tolist()
+        [[True, False]]
+        """
+        return self._area(~mask) <= LEAST_SHARE
+
+    def _area(self, mask: Mask) -> Floats:
+        """(hs, ws) how many of the mask's pixels (h, w) lie in each sensor pixel."""
         rows, columns = (overlaps(self.edges(axis), self.shape[axis]) for axis in (0, 1))
-        return np.asarray(rows @ mask.astype(float) @ columns.T > LEAST_SHARE)
+        return np.asarray(rows @ mask.astype(float) @ columns.T)
 
     def spread(self, image: Array) -> Array:
         """(h, w) the value of the sensor pixel (hs, ws) that holds each pixel's centre.

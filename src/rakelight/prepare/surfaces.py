@@ -1,0 +1,58 @@
+"""Connected surfaces of a depth map, and those that only show beside the object."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rakelight.geometry.grid import surface_links
+from rakelight.model import Array, Camera, Floats, Mask
+
+# What shows beside the object lies behind it within so many pixels.
+BESIDE_PX = 2
+
+
+def surfaces(depth_m: Floats, camera: Camera) -> tuple[Array, int]:
+    """(h, w) number from 0 of the connected surface that each measurement is on, and how many.
+
+    -1 where there is none.  Connected are neighbours without a jump between them.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    mask = np.isfinite(depth_m)
+    links = surface_links(depth_m, mask, camera)
+    number = np.full(mask.shape, -1)
+    number[mask] = np.arange(np.count_nonzero(mask))
+    first = np.concatenate([number[links.right], number[links.down]])
+    second = np.concatenate(
+        [np.roll(number, -1, axis=1)[links.right], np.roll(number, -1, axis=0)[links.down]]
+    )
+    size = np.count_nonzero(mask)
+    graph = coo_array((np.ones(len(first)), (first, second)), shape=(size, size))
+    count, labels = connected_components(graph, directed=False)
+    parts = np.full(mask.shape, -1)
+    parts[mask] = labels
+    return parts, int(count) if size else 0
+
+
+def beside_the_object(depth_m: Floats, touched: Mask, covered: Mask, camera: Camera) -> Mask:
+    """Which measurements (h, w) at the object's border are of what lies behind it.
+
+    touched : (h, w) pixels that see some of the object; covered : those that see nothing else
+    camera : of the depth map
+
+    They lie on surfaces of which no pixel is covered by the object, behind one that is beside them.
+
+    >>> camera = Camera(4, 1, fx=500.0, fy=500.0, cx=1.5, cy=0.0)
+    >>> depth = np.array([[1.0, 1.0, 1.0, 1.4]])
+    >>> covered = np.array([[True, True, False, False]])
+    >>> beside_the_object(depth, np.ones((1, 4), bool), covered, camera).tolist()
+    [[False, False, False, True]]
+    """
+    from scipy.ndimage import minimum_filter
+
+    seen = touched & np.isfinite(depth_m)
+    parts, _ = surfaces(np.where(seen, depth_m, np.nan), camera)
+    own = seen & np.isin(parts, np.unique(parts[seen & covered]))
+    nearest = minimum_filter(np.where(own, depth_m, np.inf), 2 * BESIDE_PX + 1)
+    return np.asarray(seen & ~own & (nearest < np.where(seen, depth_m, 0.0)))
