@@ -52,3 +52,13 @@ def test_what_is_before_or_far_from_the_object_stays():
     np.testing.assert_array_equal(found, expected)
     # of one surface with what is covered
     assert not beside_the_object(np.ones(CAMERA.shape), touched, covered, CAMERA).any()
+
+
+def test_thin_parts_of_the_objects_surface_stay():
+    # What lies between them is not in the mask.
+    covered = np.zeros(CAMERA.shape, bool)
+    covered[4:8, 2:9] = True
+    touched = covered.copy()
+    touched[2, 2:9] = True
+    depth = np.repeat(1 + 0.005 * np.arange(9.0)[::-1, None], 12, axis=1)
+    assert not beside_the_object(depth, touched, covered, CAMERA).any()

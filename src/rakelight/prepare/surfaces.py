@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rakelight.geometry.grid import surface_links
+from rakelight.geometry.grid import STEEPEST, surface_links
 from rakelight.model import Array, Camera, Floats, Mask
 
 # What shows beside the object lies behind it within so many pixels.
@@ -41,7 +41,7 @@ def beside_the_object(depth_m: Floats, touched: Mask, covered: Mask, camera: Cam
     touched : (h, w) pixels that see some of the object; covered : those that see nothing else
     camera : of the depth map
 
-    They lie on surfaces of which no pixel is covered by the object, behind one that is beside them.
+    They lie on surfaces of which no pixel is covered by the object, a jump behind one beside them.
 
     >>> camera = Camera(4, 1, fx=500.0, fy=500.0, cx=1.5, cy=0.0)
     >>> depth = np.array([[1.0, 1.0, 1.0, 1.4]])
@@ -55,4 +55,6 @@ def beside_the_object(depth_m: Floats, touched: Mask, covered: Mask, camera: Cam
     parts, _ = surfaces(np.where(seen, depth_m, np.nan), camera)
     own = seen & np.isin(parts, np.unique(parts[seen & covered]))
     nearest = minimum_filter(np.where(own, depth_m, np.inf), 2 * BESIDE_PX + 1)
-    return np.asarray(seen & ~own & (nearest < np.where(seen, depth_m, 0.0)))
+    # Thin parts of the object need not touch the rest of it: only a jump tells.
+    jump = 1 + STEEPEST / min(camera.fx, camera.fy)
+    return np.asarray(seen & ~own & (jump * nearest < np.where(seen, depth_m, 0.0)))
