@@ -173,6 +173,15 @@ def _listed(names: tuple[str, ...], chosen: Mask) -> str:
     return ", ".join(these[:4]) + (f" and {len(these) - 4} more" if len(these) > 4 else "")
 
 
+def brightest(albedo: Floats) -> float:
+    """What every result's albedo is divided by, and its lights multiplied: the 99th percentile.
+
+    >>> brightest(np.array([0.2, 0.2, 0.2])), brightest(np.zeros(3))
+    (0.2, 1e-06)
+    """
+    return max(float(np.percentile(albedo, 99)), 1e-6)
+
+
 def scatter(values: Floats, mask: Mask) -> Floats:
     """Values (P[, C]) of the mask's pixels as an image (h, w[, C]), 0 elsewhere.
 

@@ -26,7 +26,7 @@ import numpy as np
 
 from rakelight.geometry.grid import differences, mean_gradient, neighbours
 from rakelight.geometry.normals import gradient_directions, normals_from_gradient
-from rakelight.methods.estimate import Estimate, require_options
+from rakelight.methods.estimate import Estimate, brightest, require_options
 from rakelight.model import Camera, Finding, Floats, Lights, Mask, Progress, ProgressCallback
 from rakelight.prepare import Prepared
 from rakelight.shading.piecewise import EdgeWeights, edge_weights, piecewise_smooth
@@ -265,7 +265,7 @@ def finished(
     """
     shade = shading(view, light, fit.log_depth)
     color = np.stack([albedo(view, shade, edges, strength, c) for c in range(3)], axis=-1)
-    gain = max(float(np.percentile(color[view.mask], 99)), 1e-6)
+    gain = brightest(color[view.mask])
     moved = view.camera.fx * np.abs(fit.log_depth - view.prior)
     count = len(prepared)
     return Estimate(

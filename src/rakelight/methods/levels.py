@@ -129,11 +129,7 @@ class Level:
 
 
 def finest_level(prepared: Prepared, *, cut: bool = False) -> Level:
-    """The level of the prepared window itself; `cut` at the jumps of the prepared depth or not.
-
-    A depth pixel covers factor^2 of its pixels, which share that measurement's precision; depth
-    that was filled in is worth a hundredth.
-    """
+    """The level of the prepared window itself; `cut` at the jumps of the prepared depth or not."""
     values = np.ascontiguousarray(prepared.photographs)
     white, grid = np.iinfo(values.dtype).max, Links.of(prepared.mask)
     if cut:
@@ -146,17 +142,26 @@ def finest_level(prepared: Prepared, *, cut: bool = False) -> Level:
         grid=grid,
         camera=prepared.camera,
     )
-    precision = (prepared.depth_m / prepared.sigma_m / prepared.factor) ** 2
     points = back_project(prepared.depth_m, prepared.camera)
     middle = points[prepared.mask].mean(axis=0)
     return Level(
         photographs,
         np.log(prepared.depth_m),
-        np.where(prepared.measured, precision, FILLED * precision),
+        depth_precision(prepared),
         middle,
         points - middle,
         prepared.sensor.averaging(prepared.mask) if prepared.factor > NEARLY_ONE else None,
     )
+
+
+def depth_precision(prepared: Prepared) -> Floats:
+    """(h, w) 1 / variance of the prepared log depth.
+
+    A depth pixel covers factor^2 of its pixels, which share that measurement's precision; depth
+    that was filled in is worth a hundredth.
+    """
+    precision = (prepared.depth_m / prepared.sigma_m / prepared.factor) ** 2
+    return np.where(prepared.measured, precision, FILLED * precision)
 
 
 def pyramid(finest: Level, most_pixels: int) -> list[Level]:

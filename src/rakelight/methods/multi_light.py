@@ -19,6 +19,7 @@ from rakelight.geometry.grid import pair_slices
 from rakelight.geometry.normals import normals_from_gradient
 from rakelight.methods.estimate import (
     Estimate,
+    brightest,
     lamp_findings,
     photometric_confidence,
     require_options,
@@ -280,7 +281,7 @@ def finished(prepared: Prepared, level: Level, descent: Descent, trust: float) -
     """The estimate of the finest level, the albedo's 99th percentile set to 1."""
     fit, active = descent.fit, level.photographs.active
     albedo = fit.explanation.albedo
-    gain = max(float(np.percentile(albedo[active], 99)), 1e-6)
+    gain = brightest(albedo[active])
     lights = fit.lamps.brighter(gain).as_lights(level.middle_m)
     weighed = Finding("note", "depth-trust", f"depth trusted {trust:.3g} times as white noise")
     return Estimate(

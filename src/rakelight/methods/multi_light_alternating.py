@@ -18,6 +18,7 @@ import numpy as np
 from rakelight.geometry.normals import normals_from_gradient
 from rakelight.methods.estimate import (
     Estimate,
+    brightest,
     photometric_confidence,
     require_options,
     require_photographs,
@@ -129,7 +130,7 @@ def light_and_albedo(level: Level, log_depth: Floats, albedo: Floats, lamps: Lam
         ]
         lamps = lamps.moved((np.array(lights) - before)[:, None])
     explanation = photographs.explain(surface, lamps, lagged=True, project=False)
-    gain = max(float(np.percentile(explanation.albedo[photographs.active], 99)), 1e-6)
+    gain = brightest(explanation.albedo[photographs.active])
     lamps, explanation = lamps.brighter(gain), explanation.darker(gain)
 
     # Negative log-likelihood per observation, the photographs' noise being estimated too.

@@ -25,11 +25,12 @@ from rakelight.geometry.grid import Links, has_gradient, mean_gradient, surface_
 from rakelight.geometry.normals import gradient_directions, normals_from_gradient
 from rakelight.methods.estimate import (
     Estimate,
+    brightest,
     photometric_confidence,
     require_options,
     scatter,
 )
-from rakelight.methods.levels import FILLED
+from rakelight.methods.levels import depth_precision
 from rakelight.model import Finding, Floats, Lights, Mask, Progress, ProgressCallback
 from rakelight.prepare import Prepared
 from rakelight.prepare.average import MAD_TO_SIGMA
@@ -178,7 +179,6 @@ def observed(prepared: Prepared, trust: float) -> Scene:
     mixed = np.abs(mixed[np.isfinite(mixed)])
     noise = MAD_TO_SIGMA * float(np.median(mixed)) if mixed.size else 0.0
     links = surface_links(prepared.depth_m, mask, prepared.camera)
-    precision = trust * (prepared.depth_m / prepared.sigma_m / prepared.factor) ** 2
     return Scene(
         prepared,
         image,
@@ -187,7 +187,7 @@ def observed(prepared: Prepared, trust: float) -> Scene:
         links,
         links.pair_weights() if links.cut else None,
         np.log(prepared.depth_m),
-        np.where(prepared.measured, precision, FILLED * precision),
+        trust * depth_precision(prepared),
     )
 
 
@@ -237,7 +237,7 @@ def paint(
         total = weight + pull
         target = (weight * target + pull * common) / np.maximum(total, np.finfo(float).tiny)
         albedo = smoothed(albedo, target, total)
-    gain = np.percentile(albedo[mask], 99, axis=0)
+    gain = np.array([brightest(albedo[mask, c]) for c in range(3)])
     return albedo / gain, light * gain[:, None]
 
 
