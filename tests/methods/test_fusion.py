@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from rakelight.errors import InputError
+from rakelight.geometry.grid import mean_gradient
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods import fusion_like as fusion
 from rakelight.methods import rgbd_fusion as rgbd
+from rakelight.methods.lagged_depth import Depth, View
 from rakelight.metrics import evaluate
 from rakelight.model import silent
 from rakelight.paper.scenes import paper_scene
@@ -111,7 +113,7 @@ def test_only_the_first_photograph_counts(method, prepared):
     assert [f.code for f in one.findings] == ["single-photograph"]
     assert [(f.severity, f.code) for f in two.findings] == [
         ("warning", "single-photograph"),
-        ("note", "one-photograph"),
+        ("note", "first-photograph"),
     ]
     assert "a.png" in two.findings[1].message
 
@@ -138,14 +140,14 @@ def test_impossible_options_are_refused(method, wrong):
 
 @pytest.fixture(scope="module")
 def depth(prepared):
-    view = fusion.View.of(prepared)
+    view = View.of(prepared)
     light = np.array([0.1, -0.2, -0.5, 0.3])
     albedo = 0.3 + 0.5 * view.intensity
-    return fusion.Depth(view, light, albedo, view.intensity, 1e-4, 1e-2)
+    return Depth(view, light, albedo, view.intensity, 1e-4, 1e-2)
 
 
 def test_light_is_found_again(prepared):
-    view = fusion.View.of(prepared)
+    view = View.of(prepared)
     light = np.array([0.1, -0.2, -0.5, 0.3])
     clean = replace(view, intensity=fusion.shading(view, light))
     np.testing.assert_allclose(fusion.harmonics(clean), light, atol=1e-9)
@@ -153,7 +155,7 @@ def test_light_is_found_again(prepared):
 
 def test_linear_residual_is_the_image_model(depth):
     view = depth.view
-    gradient = fusion.mean_gradient(view.prior, view.mask)
+    gradient = mean_gradient(view.prior, view.mask)
     u, v, miss = depth.linear(view.normals(view.prior)[1])
     expected = depth.albedo * fusion.shading(view, depth.light) - depth.aim
     found = u * gradient[0] + v * gradient[1] + miss
@@ -164,8 +166,8 @@ def test_step_minimises_the_energy_with_lagged_length(depth, monkeypatch):
     prior = depth.view.prior
     best = depth.step(prior).value
     length = depth.view.normals(prior)[1]
-    normals = fusion.View.normals
-    monkeypatch.setattr(fusion.View, "normals", lambda self, p: (normals(self, p)[0], length))
+    normals = View.normals
+    monkeypatch.setattr(View, "normals", lambda self, p: (normals(self, p)[0], length))
     least = depth.energy(best)
     rng = np.random.default_rng(0)
     for size in (1e-4, 1e-3):
@@ -176,7 +178,7 @@ def test_step_minimises_the_energy_with_lagged_length(depth, monkeypatch):
 
 
 def test_ambient_is_the_minimiser(prepared):
-    view, options = fusion.View.of(prepared), rgbd.Options(lambda_beta1=0.7, lambda_beta2=0.4)
+    view, options = View.of(prepared), rgbd.Options(lambda_beta1=0.7, lambda_beta2=0.4)
     edges = view.edges(0.1, 0.01, 0.05)
     rng = np.random.default_rng(0)
     left = np.where(view.mask, rng.normal(size=view.mask.shape), 0.0)
@@ -195,7 +197,7 @@ def test_ambient_is_the_minimiser(prepared):
 
 
 def test_paint_of_another_intensity_is_not_linked(prepared):
-    view = fusion.View.of(prepared)
+    view = View.of(prepared)
     color = view.intensity[..., None]
     linked = view.edges(1.0, 1.0, tau=0.05)[0]
     free = edge_weights(color, np.exp(view.prior), view.mask, sigma_c=1.0, sigma_d=1.0)[0]

@@ -8,11 +8,13 @@ import pytest
 
 from rakelight.errors import InputError
 from rakelight.geometry.normals import surface_normals
-from rakelight.methods.rgb_ratio import Options, Ratios, nearest_colors, observed, rgb_ratio
+from rakelight.methods.ratios import Ratios
+from rakelight.methods.rgb_ratio import Options, observed, rgb_ratio
 from rakelight.metrics import evaluate
 from rakelight.model import silent
 from rakelight.paper.scenes import paper_object, paper_scene
 from rakelight.prepare import prepare
+from rakelight.shading.palette import nearest_colors
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
 BUST = paper_object()
@@ -78,7 +80,9 @@ def test_the_truth_meets_the_ratio_equations():
     prepared = prepare(capture)
     window = np.s_[prepared.rows, prepared.columns]
     light = np.concatenate([truth.lights.vector[0], truth.lights.ambient[0][:, None]], axis=1)
-    ratios = Ratios.of(observed(prepared, 1.0), truth.albedo[window].astype(float), light)
+    scene_ = observed(prepared, 1.0)
+    albedo = truth.albedo[window].astype(float)
+    ratios = Ratios.of(scene_.image, scene_.usable, scene_.noise, albedo, light)
     normals = np.nan_to_num(truth.normals[window].astype(float))
     _, lit = ratios.misfit(normals)
     assert lit[:, prepared.mask].mean() > 0.5

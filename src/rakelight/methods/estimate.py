@@ -60,6 +60,18 @@ def require_options(options: object, **conditions: tuple[bool, str]) -> None:
             )
 
 
+def require_ranges(
+    options: object, *, from_0: tuple[str, ...] = (), above_0: tuple[str, ...] = ()
+) -> None:
+    """Raise InputError for the first of these options that is not finite or out of its range."""
+    values = {name: getattr(options, name) for name in (*from_0, *above_0)}
+    require_options(
+        options,
+        **{name: (0 <= values[name] < np.inf, "at least 0") for name in from_0},
+        **{name: (0 < values[name] < np.inf, "above 0") for name in above_0},
+    )
+
+
 def require_photographs(prepared: Prepared, method: str, least: int) -> None:
     """Raise MethodError when the capture has fewer than `least` photographs.
 
@@ -165,6 +177,15 @@ def lamp_findings(lights: Lights, names: tuple[str, ...]) -> tuple[Finding, ...]
     remedy = "move the lamp around the object, 20 to 50 degrees off the camera on all sides"
     findings.append(Finding("warning", code, message, remedy))
     return tuple(findings)
+
+
+def first_only(prepared: Prepared, method: str) -> tuple[Finding, ...]:
+    """A note about the photographs that a method for one photograph leaves out."""
+    if len(prepared) == 1:
+        return ()
+    which = f" ({printable(prepared.names[0])})" if prepared.names else ""
+    message = f"{method} uses the first of {len(prepared)} photographs{which}"
+    return (Finding("note", "first-photograph", message, "use multi-light for all"),)
 
 
 def _listed(names: tuple[str, ...], chosen: Mask) -> str:

@@ -17,45 +17,35 @@ the reverse, neighbouring equations contradict each other, and the sensor's dept
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
 from rakelight.geometry.grid import Links, has_gradient, mean_gradient, surface_links
-from rakelight.geometry.normals import gradient_directions, normals_from_gradient
+from rakelight.geometry.normals import normals_from_gradient
 from rakelight.methods.estimate import (
     Estimate,
     brightest,
+    first_only,
     photometric_confidence,
-    require_options,
+    require_ranges,
     scatter,
 )
 from rakelight.methods.levels import depth_precision
-from rakelight.model import Finding, Floats, Lights, Mask, Progress, ProgressCallback
+from rakelight.methods.ratios import Ratios
+from rakelight.methods.rgb_findings import dark_channels, rgb_findings
+from rakelight.model import Floats, Lights, Mask, Progress, ProgressCallback
 from rakelight.prepare import Prepared
 from rakelight.prepare.average import MAD_TO_SIGMA
-from rakelight.prepare.linear import SATURATED
 from rakelight.shading.lighting import estimate_light
+from rakelight.shading.palette import nearest_colors
 from rakelight.shading.piecewise import edge_weights, piecewise_smooth
 from rakelight.solve import assemble, solve
-from rakelight.solve.robust import CAUCHY
 
-PAIRS = tuple(combinations(range(3), 2))
-# Three pairs of three channels are worth two independent equations.
-PAIR_SHARE = 2 / 3
 # No photograph is better than this (white is 1), the ratios' weights would be absurd.
 SMALLEST_NOISE = 1e-3
 LEAST_SHADING, LEAST_ALBEDO = 0.02, 0.01
-# Below this part of its lamp a channel is in the lamp's own shadow: its ratios say nothing.
-SHADOW = 0.05
-# An albedo is a colour of the paint if it is as near as this, logarithmic.
-SAME_COLOR = 0.25
 # Light and albedo start from nothing; they find each other before the depth follows them.
 FIRST_ROUNDS = 3
-# The neighbourhood over which equations have to agree, and what their disagreement counts.
-AGREE_PX, DISAGREEMENT = 4.0, 3.0
-# What the findings are about.
-CLOSEST_DEG, DARK, EQUAL_MEANS, MANY_SATURATED = 30.0, 0.05, 0.02, 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,16 +80,10 @@ class Options:
     tolerance: float = 0.3
 
     def __post_init__(self) -> None:
-        require_options(
+        require_ranges(
             self,
-            lambda_rho=(0 <= self.lambda_rho < np.inf, "at least 0"),
-            sigma_c=(0 < self.sigma_c < np.inf, "above 0"),
-            sigma_d=(0 < self.sigma_d < np.inf, "above 0"),
-            lambda_palette=(0 <= self.lambda_palette < np.inf, "at least 0"),
-            laplacian=(0 <= self.laplacian < np.inf, "at least 0"),
-            depth_trust=(0 < self.depth_trust < np.inf, "above 0"),
-            max_iterations=(self.max_iterations >= 0, "at least 0"),
-            tolerance=(0 <= self.tolerance < np.inf, "at least 0"),
+            from_0=("lambda_rho", "lambda_palette", "laplacian", "max_iterations", "tolerance"),
+            above_0=("sigma_c", "sigma_d", "depth_trust"),
         )
 
 
@@ -107,7 +91,8 @@ class Options:
 class Scene:
     """What is given: the photograph and the prepared depth.
 
-    image : (h, w, 3) linear light; usable : (h, w, 3); noise : of its values
+    image : (h, w, 3) linear light; noise : of its values
+    usable : (h, w, 3) which values say something of a normal
     links : which neighbours are on one surface; pairs : their weights, None without a jump
     prior : (h, w) log of the prepared depth, prior_weight : (h, w) its precision
     """
@@ -145,7 +130,7 @@ def rgb_ratio(prepared: Prepared, options: Options, progress: ProgressCallback) 
             light = lights(scene, normals, albedo, light)
             first = done == again == 0
             albedo, light = paint(scene, normals, depth_m, albedo, light, options, first)
-        equations = Ratios.of(scene, albedo, light)
+        equations = Ratios.of(scene.image, scene.usable, scene.noise, albedo, light)
         energies.append(equations.energy(normals))
         if done == rounds or moved <= options.tolerance:
             break
@@ -165,7 +150,10 @@ def rgb_ratio(prepared: Prepared, options: Options, progress: ProgressCallback) 
         lights=Lights(light[None, :, :3], light[None, :, 3]),
         energy=tuple(energies),
         converged=rounds == 0 or moved <= options.tolerance,
-        findings=found(prepared, scene.image[mask], light),
+        findings=(
+            *first_only(prepared, "rgb-ratio"),
+            *rgb_findings(prepared, scene.image[mask], light),
+        ),
     )
 
 
@@ -182,7 +170,7 @@ def observed(prepared: Prepared, trust: float) -> Scene:
     return Scene(
         prepared,
         image,
-        scatter(usable.astype(np.float64), mask) > 0,
+        (scatter(usable.astype(np.float64), mask) > 0) & has_gradient(links)[..., None],
         max(noise, SMALLEST_NOISE),
         links,
         links.pair_weights() if links.cut else None,
@@ -241,152 +229,17 @@ def paint(
     return albedo / gain, light * gain[:, None]
 
 
-def nearest_colors(albedo: Floats) -> tuple[Floats, Floats]:
-    """The commonest colour (P, 3) around each log albedo (P, 3), and how alike they are, 0..1.
-
-    The colours are the modes of the albedo's distribution (mean shift from a few hundred pixels,
-    on a few thousand).
-
-    >>> colors, alike = nearest_colors(np.repeat([[0.0] * 3, [-1.0] * 3, [-0.5] * 3], [9, 9, 1], 0))
-    >>> colors[[0, 9], 0].round(2).tolist(), bool(alike[0] > 0.9)
-    ([0.0, -1.0], True)
-    """
-    some = albedo[:: max(1, len(albedo) // 1500)]
-    modes = some[:: max(1, len(some) // 200)]
-
-    def near(colors: Floats) -> Floats:
-        squares = (colors**2).sum(axis=1)[:, None] + (some**2).sum(axis=1) - 2 * colors @ some.T
-        return np.asarray(np.exp(-np.maximum(squares, 0) / (2 * SAME_COLOR**2)))
-
-    for _ in range(15):
-        share = near(modes)
-        modes = share @ some / share.sum(axis=1)[:, None]
-    density = near(modes).sum(axis=1)
-    colors: list[Floats] = []
-    for mode in modes[np.argsort(-density, kind="stable")]:
-        if all(((mode - other) ** 2).sum() > SAME_COLOR**2 / 4 for other in colors):
-            colors.append(mode)
-    table = np.array(colors)
-    label = ((table**2).sum(axis=1) / 2 - albedo @ table.T).argmin(axis=1)
-    for k in range(len(table)):
-        if (label == k).any():
-            table[k] = np.median(albedo[label == k], axis=0)
-    apart = ((albedo - table[label]) ** 2).sum(axis=1)
-    return table[label], np.asarray(1 / (1 + apart / SAME_COLOR**2) ** 2)
-
-
-@dataclass(frozen=True, slots=True)
-class Ratios:
-    """The ratio equations q . m = 0 of all pairs of channels.
-
-    q : (3, h, w, 3), a pair's noise being `noise` (white is 1) times |slope . n|
-    slope : (3, 2, h, w, 3) what a pair's two intensities are multiplied by, without m
-    """
-
-    q: Floats
-    slope: Floats
-    scene: Scene
-    light: Floats
-
-    @classmethod
-    def of(cls, scene: Scene, albedo: Floats, light: Floats) -> Ratios:
-        """The equations of a photograph, an albedo (h, w, 3) and lamps (3, 4)."""
-        lamp = scene.image - albedo * light[:, 3]
-        slopes = [(albedo[..., d, None] * light[d, :3], albedo[..., c, None] * light[c, :3])
-                  for c, d in PAIRS]  # fmt: skip
-        q = [
-            lamp[..., c, None] * one - lamp[..., d, None] * other
-            for (c, d), (one, other) in zip(PAIRS, slopes, strict=True)
-        ]
-        return cls(np.array(q), np.array(slopes), scene, light)
-
-    def misfit(self, normals: Floats) -> tuple[Floats, Mask]:
-        """Squared noise (3, h, w) of q . n, and where both channels see their lamps."""
-        spread = (np.einsum("abhwk,hwk->abhw", self.slope, normals) ** 2).sum(axis=1)
-        variance = np.maximum(spread, 1e-4) * self.scene.noise**2
-        strength = np.linalg.norm(self.light[:, :3], axis=-1)
-        lit = (normals @ self.light[:, :3].T > SHADOW * strength) & self.scene.usable
-        lit &= has_gradient(self.scene.links)[..., None]
-        return variance, np.stack([lit[..., c] & lit[..., d] for c, d in PAIRS])
-
-    def energy(self, normals: Floats) -> float:
-        """Mean Cauchy loss of the equations in units of their noise."""
-        variance, lit = self.misfit(normals)
-        squares = along(self.q, normals)[lit] ** 2 / variance[lit]
-        return float(np.log1p(squares / CAUCHY**2).mean()) if squares.size else 0.0
-
-
-def along(q: Floats, directions: Floats) -> Floats:
-    """q . direction, (3, h, w), of q (3, h, w, 3) and directions (h, w, 3)."""
-    return np.asarray(np.einsum("ahwk,hwk->ahw", q, directions))
-
-
 def depth(
     scene: Scene, equations: Ratios, log_depth: Floats, doubt: bool, laplacian: float
 ) -> tuple[Floats, Floats]:
     """3. The log depth (h, w), light and rho fixed, and the tensor (h, w, 3) of its equations.
 
-    doubt : whether equations that the surface `log_depth` does not meet count less: one by one
-        (Cauchy), and all where those around disagree
+    doubt : whether equations count less where the surface `log_depth` does not meet them
     """
-    from scipy.ndimage import gaussian_filter
-
-    normals, length = scene.surface(log_depth)
-    variance, lit = equations.misfit(normals)
-    weight = np.where(lit, PAIR_SHARE / (variance * length**2), 0.0)
-    if doubt:
-        squares = np.where(lit, along(equations.q, normals) ** 2 / variance, 0.0)
-        around = gaussian_filter(squares.sum(axis=0), AGREE_PX)
-        around /= np.maximum(gaussian_filter(lit.sum(axis=0).astype(float), AGREE_PX), 1e-6)
-        worse = np.maximum(1.0, DISAGREEMENT * around)
-        weight /= worse * (1 + squares / worse / CAUCHY**2)
-    u, v = gradient_directions(scene.prepared.camera)
-    j_u, j_v = along(equations.q, u), along(equations.q, v)
-    tensor = np.stack([(weight * a).sum(axis=0) for a in (j_u**2, j_u * j_v, j_v**2)], axis=-1)
-    q_2 = weight * equations.q[..., 2]
-    aim = np.stack([(q_2 * j).sum(axis=0) for j in (j_u, j_v)], axis=-1)
-    mask = scene.prepared.mask
+    camera, mask = scene.prepared.camera, scene.prepared.mask
+    tensor, aim = equations.terms(*scene.surface(log_depth), camera, doubt)
     smooth = laplacian * float(np.median(scene.prior_weight[mask])) or None
     system = assemble(
         mask, tensor, aim, scene.prior_weight, scene.prior, scene.pairs, laplacian_weight=smooth
     )
     return solve(system, start=log_depth, tolerance=1e-4).value, tensor
-
-
-def dark_channels(image: Floats) -> list[int]:
-    """Which channels of the picture (P, 3) show next to nothing of the object."""
-    level = np.median(image, axis=0)
-    return [c for c in range(3) if level[c] < DARK * level.max()]
-
-
-def found(prepared: Prepared, image: Floats, light: Floats) -> tuple[Finding, ...]:
-    """What speaks against the picture (P, 3) or its lamps (3, 4)."""
-    findings = []
-    if len(prepared) > 1:
-        message = f"rgb-ratio uses the first of {len(prepared)} photographs"
-        findings.append(Finding("note", "first-photograph", message, "use multi-light for all"))
-    names, level = ("red", "green", "blue"), np.median(image, axis=0)
-    dark = dark_channels(image)
-    for c in dark:
-        message = f"the {names[c]} channel is dark ({level[c]:.3f} of white): the depth is kept"
-        remedy = f"switch the {names[c]} lamp on, or move it nearer; coloured paint needs more"
-        findings.append(Finding("warning", "channel-dark", message, remedy))
-    toward = light[:, :3] / np.maximum(np.linalg.norm(light[:, :3], axis=1), 1e-12)[:, None]
-    for c, d in PAIRS:
-        apart = float(np.degrees(np.arccos(np.clip(toward[c] @ toward[d], -1, 1))))
-        if apart < CLOSEST_DEG and not {c, d} & set(dark):
-            message = f"the {names[c]} and the {names[d]} lamp are {apart:.0f} degrees apart"
-            remedy = "set the lamps around the camera, 120 degrees from each other, 40 off its axis"
-            findings.append(Finding("warning", "leds-close", message, remedy))
-    mean = image.mean(axis=0)
-    if np.ptp(mean) < EQUAL_MEANS * mean.mean():
-        message = "the three channels are equally bright, as automatic white balance makes them"
-        remedy = "fix the camera's white balance: its gains change with what is in view"
-        findings.append(Finding("warning", "white-balance", message, remedy))
-    values = prepared.photographs[0][prepared.mask]
-    saturated = float((values >= SATURATED * np.iinfo(values.dtype).max).mean())
-    if saturated > MANY_SATURATED:
-        message = f"{100 * saturated:.1f} % of the object's values are saturated"
-        remedy = "lower the exposure; against highlights, set polarisers before lamps and camera"
-        findings.append(Finding("warning", "highlights", message, remedy))
-    return tuple(findings)

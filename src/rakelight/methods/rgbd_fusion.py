@@ -21,64 +21,35 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rakelight.methods.estimate import Estimate, require_options
-from rakelight.methods.fusion_like import Depth, View, albedo, finished, harmonics, shading
+from rakelight.methods import fusion_like
+from rakelight.methods.estimate import Estimate, require_options, require_ranges
+from rakelight.methods.fusion_like import albedo, finished, harmonics, shading
+from rakelight.methods.lagged_depth import Depth, View
 from rakelight.model import Floats, ProgressCallback
 from rakelight.prepare import Prepared
 from rakelight.shading.piecewise import EdgeWeights, piecewise_smooth
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
-    """The eight parameters of the paper, and when to stop.
+class Options(fusion_like.Options):
+    """The eight parameters of the paper: the five of `fusion_like.Options`, and
 
-    lambda_rho : smoothness of the albedo, relative to the squared shading.  Raised, patches of
-        one paint become flat and all change inside them becomes relief; lowered, the albedo
-        explains the photograph alone and the depth stays.
     lambda_beta1 : smoothness of the ambient light.  Raised, fine change is left to the depth;
         lowered, the ambient light explains it and the depth stays.
     lambda_beta2 : smallness of the ambient light.  Raised, there is none and the depth explains
         what is left; lowered, the ambient light takes all that the albedo left.
     tau : intensity difference (linear light, 0..1) above which neighbours are not linked at all.
         Raised, weak edges of paint are taken for relief; lowered, more is taken for paint.
-    sigma_c : intensity difference at which a link is weak; raised and lowered as tau.
-    sigma_d : depth difference in metres at which a link is weak.  Raised, paint is joined across
-        steps; lowered, it may change wherever the surface is steep.
-    lambda_z1 : trust in the prepared depth, per pixel footprint.  Raised, the depth stays;
-        lowered, it follows the shading, errors of the light included.
-    lambda_z2 : smoothness of the depth, of its change, per pixel footprint.  Raised, fine relief
-        goes; lowered, paint and noise are carved into the surface.
-    smooth : False leaves lambda_z2 out: the paper's "no smooth".
-    max_iterations : rounds of the fixed point; more than it needs do no harm.
-    tolerance : the rounds end when the energy changes by less than this part of it in one.
     """
 
-    lambda_rho: float = 30.0
     lambda_beta1: float = 1.0
     lambda_beta2: float = 10.0
-    tau: float = 0.05
-    sigma_c: float = 0.05
-    sigma_d: float = 0.01
-    lambda_z1: float = 3e-5
-    lambda_z2: float = 0.1
-    smooth: bool = True
-    max_iterations: int = 10
-    tolerance: float = 1e-2
+    tau: float = fusion_like.TAU
 
     def __post_init__(self) -> None:
-        require_options(
-            self,
-            lambda_rho=(0 <= self.lambda_rho < np.inf, "at least 0"),
-            lambda_beta1=(0 <= self.lambda_beta1 < np.inf, "at least 0"),
-            lambda_beta2=(0 <= self.lambda_beta2 < np.inf, "at least 0"),
-            tau=(self.tau >= 0, "at least 0"),
-            sigma_c=(0 < self.sigma_c < np.inf, "above 0"),
-            sigma_d=(0 < self.sigma_d < np.inf, "above 0, in metres"),
-            lambda_z1=(0 < self.lambda_z1 < np.inf, "above 0"),
-            lambda_z2=(0 <= self.lambda_z2 < np.inf, "at least 0"),
-            max_iterations=(self.max_iterations >= 0, "at least 0"),
-            tolerance=(self.tolerance < np.inf, "a number"),
-        )
+        fusion_like.Options.__post_init__(self)
+        require_ranges(self, from_0=("lambda_beta1", "lambda_beta2"))
+        require_options(self, tau=(self.tau >= 0, "at least 0"))
 
 
 def rgbd_fusion(prepared: Prepared, options: Options, progress: ProgressCallback) -> Estimate:
@@ -92,7 +63,7 @@ def rgbd_fusion(prepared: Prepared, options: Options, progress: ProgressCallback
     strength = options.lambda_z2 if options.smooth else 0.0
     depth = Depth(view, light, rho, view.intensity - beta, options.lambda_z1, strength)
     fit = depth.fixed_point(options.max_iterations, options.tolerance, progress)
-    return finished(prepared, view, light, edges, options.lambda_rho, fit)
+    return finished(prepared, view, light, edges, options.lambda_rho, fit, "rgbd-fusion")
 
 
 def ambient(view: View, left: Floats, edges: EdgeWeights, options: Options) -> Floats:

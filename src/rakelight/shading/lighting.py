@@ -23,14 +23,21 @@ def frontal_lights(count: int) -> Lights:
 
 
 def estimate_light(
-    image: Floats, weight: Floats | Mask, albedo: Floats, normals: Floats, start: Floats
+    image: Floats,
+    weight: Floats | Mask,
+    albedo: Floats,
+    normals: Floats,
+    start: Floats | None = None,
 ) -> Floats:
     """Least-squares light (s_x, s_y, s_z, phi) of one photograph; phi is never negative.
 
     image, albedo : (P, C) linear light and albedo; weight : (P, C), 0 leaves a value out
-    normals : (P, 3); start : (3,) a light vector that says which pixels are lit at first
+    normals : (P, 3)
+    start : (3,) a light vector that says which pixels are lit at first; None for first-order
+        harmonics without attached shadows, whose phi may have any sign
 
-    Minimises sum_c sum_p w (rho_c (max(0, s.n) + phi) - I_c)^2, equation (3) over all channels.
+    Minimises sum_c sum_p w (rho_c (max(0, s.n) + phi) - I_c)^2, equation (3) over all channels;
+    without a start, s.n takes the place of max(0, s.n).
     A light that the pixels do not determine stays as small as it can (minimum norm).
 
     >>> rng = np.random.default_rng(0)
@@ -42,9 +49,12 @@ def estimate_light(
     """
     squares = (weight * albedo**2).sum(axis=1)
     products = (weight * albedo * image).sum(axis=1)
+    ones = np.ones(len(normals))
+    if start is None:
+        return _least_squares(np.column_stack([normals, ones]), squares, products)
     vector, ambient = start, 0.0
     for _ in range(HORIZON_ROUNDS):
-        basis = np.column_stack([normals * lit(normals, vector)[:, None], np.ones(len(normals))])
+        basis = np.column_stack([normals * lit(normals, vector)[:, None], ones])
         light = _least_squares(basis, squares, products)
         if light[3] < 0:
             light = np.append(_least_squares(basis[:, :3], squares, products), 0.0)

@@ -1,0 +1,44 @@
+"""The few colours that most things are painted with."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rakelight.model import Floats
+
+# An albedo is a colour of the paint if it is as near as this, logarithmic.
+SAME_COLOR = 0.25
+
+
+def nearest_colors(albedo: Floats) -> tuple[Floats, Floats]:
+    """The commonest colour (P, 3) around each log albedo (P, 3), and how alike they are, 0..1.
+
+    The colours are the modes of the albedo's distribution (mean shift from a few hundred pixels,
+    on a few thousand).
+
+    >>> colors, alike = nearest_colors(np.repeat([[0.0] * 3, [-1.0] * 3, [-0.5] * 3], [9, 9, 1], 0))
+    >>> colors[[0, 9], 0].round(2).tolist(), bool(alike[0] > 0.9)
+    ([0.0, -1.0], True)
+    """
+    some = albedo[:: max(1, len(albedo) // 1500)]
+    modes = some[:: max(1, len(some) // 200)]
+
+    def near(colors: Floats) -> Floats:
+        squares = (colors**2).sum(axis=1)[:, None] + (some**2).sum(axis=1) - 2 * colors @ some.T
+        return np.asarray(np.exp(-np.maximum(squares, 0) / (2 * SAME_COLOR**2)))
+
+    for _ in range(15):
+        share = near(modes)
+        modes = share @ some / share.sum(axis=1)[:, None]
+    density = near(modes).sum(axis=1)
+    colors: list[Floats] = []
+    for mode in modes[np.argsort(-density, kind="stable")]:
+        if all(((mode - other) ** 2).sum() > SAME_COLOR**2 / 4 for other in colors):
+            colors.append(mode)
+    table = np.array(colors)
+    label = ((table**2).sum(axis=1) / 2 - albedo @ table.T).argmin(axis=1)
+    for k in range(len(table)):
+        if (label == k).any():
+            table[k] = np.median(albedo[label == k], axis=0)
+    apart = ((albedo - table[label]) ** 2).sum(axis=1)
+    return table[label], np.asarray(1 / (1 + apart / SAME_COLOR**2) ** 2)
