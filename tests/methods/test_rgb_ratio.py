@@ -5,11 +5,12 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from rakelight.errors import InputError
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods.ratios import Ratios
-from rakelight.methods.rgb_ratio import Options, observed, rgb_ratio
+from rakelight.methods.rgb_ratio import Options, deserved_trust, observed, rgb_ratio
 from rakelight.metrics import evaluate
 from rakelight.model import silent
 from rakelight.paper.scenes import paper_object, paper_scene
@@ -61,10 +62,10 @@ def changed(capture, change):
 @pytest.mark.parametrize(
     ("paint", "size", "most"),
     [
-        ("simple", 0.5, (0.85, 0.67)),
-        ("simple", 0.25, (1.02, 0.9)),
-        ("pattern", 0.25, (1.02, 0.97)),
-        ("complicated", 0.25, (1.02, 1.0)),
+        ("simple", 0.5, (0.92, 0.82)),
+        ("simple", 0.25, (1.02, 0.96)),
+        ("pattern", 0.25, (1.02, 1.0)),
+        ("complicated", 0.25, (1.02, 1.02)),
     ],
 )
 def test_the_bust_gains_normals_and_keeps_its_depth(paint, size, most):
@@ -80,15 +81,13 @@ def test_the_truth_meets_the_ratio_equations():
     prepared = prepare(capture)
     window = np.s_[prepared.rows, prepared.columns]
     light = np.concatenate([truth.lights.vector[0], truth.lights.ambient[0][:, None]], axis=1)
-    scene_ = observed(prepared, 1.0)
-    albedo = truth.albedo[window].astype(float)
-    ratios = Ratios.of(scene_.image, scene_.usable, scene_.noise, albedo, light)
+    seen = observed(prepared)
+    ratios = Ratios(seen.image, seen.usable, 1.0, truth.albedo[window].astype(float), light)
     normals = np.nan_to_num(truth.normals[window].astype(float))
-    _, lit = ratios.misfit(normals)
-    assert lit[:, prepared.mask].mean() > 0.5
-    off = np.abs((ratios.q * normals).sum(axis=-1)[lit]) / np.linalg.norm(ratios.q[lit], axis=-1)
+    squares = ratios.squares(normals)[prepared.mask]
+    assert np.isfinite(squares).mean() > 0.5
     # Sixteen bits, and pixels that are averages.
-    assert np.median(off) < 2e-4
+    assert np.sqrt(np.nanmedian(squares)) < 5e-4
 
 
 def test_no_round_leaves_the_prepared_depth_alone():
@@ -103,6 +102,37 @@ def test_much_trust_keeps_the_prepared_depth():
     estimate = rgb_ratio(prepared, Options(depth_trust=1e9, max_iterations=1), silent)
     moved = np.exp(estimate.log_depth) - prepared.depth_m
     assert np.abs(moved[prepared.mask]).max() < 1e-6
+
+
+def test_a_few_colours_on_a_small_sphere_do_the_depth_no_harm():
+    capture, truth = scene()
+    prepared = prepare(capture)
+    before = scores(prepared, np.log(prepared.depth_m), truth)
+    after = scores(prepared, refined().log_depth, truth)
+    assert after[0] < 1.02 * before[0]
+    # Normals lose a little: at 96 x 72 pixels three colours and three lamps are hard to part.
+    assert after[1] < 1.06 * before[1]
+
+
+def change(length_px, drift=0.0):
+    """A scene without depth noise, and its log depth with errors of that length, and a drift."""
+    capture, _ = scene("white", depth_noise=DepthNoise(rms_mm=0.0))
+    seen = observed(prepare(capture))
+    errors = gaussian_filter(np.random.default_rng(0).normal(size=seen.prior.shape), length_px)
+    column = np.linspace(-1, 1, errors.shape[1])
+    return seen, seen.prior + 1e-3 * (errors / errors.std() + drift * column)
+
+
+def test_the_sensor_is_trusted_the_more_the_less_its_errors_hang_together():
+    fine, middle, coarse = (deserved_trust(*change(length), 0.0) for length in (0.7, 2.0, 5.0))
+    assert fine > 3 * middle > 9 * coarse
+    assert fine > 0.3
+    assert coarse < 0.05
+
+
+def test_a_drift_triples_the_trust():
+    assert deserved_trust(*change(2.0), 1.0) == 1.0
+    assert deserved_trust(*change(2.0, drift=20.0), 1.0) == 3.0
 
 
 def test_a_dark_channel_keeps_the_depth_and_is_told():

@@ -88,3 +88,12 @@ def test_an_area_without_data_behind_an_edge_keeps_its_target():
     edges = (np.array([[1.0, 0.0, 1.0, 0.0]]), np.zeros((1, 4)))
     smooth = piecewise_smooth(target, np.array([[1.0, 1.0, 0.0, 0.0]]), edges, 30.0, mask)
     np.testing.assert_allclose(smooth, target, atol=1e-4)
+
+
+def test_channels_share_edges_and_nothing_else(rng, mask):
+    target, data_weight = rng.random((*SHAPE, 3)), rng.random((*SHAPE, 3))
+    edges = edge_weights(target, np.ones(SHAPE), mask, sigma_c=0.5, sigma_d=1)
+    together = piecewise_smooth(target, data_weight, edges, 3.0, mask, tolerance=1e-9)
+    for c in range(3):
+        alone = direct(target[..., c], data_weight[..., c], edges, 3.0, mask)
+        np.testing.assert_allclose(together[mask, c], alone, atol=1e-6)

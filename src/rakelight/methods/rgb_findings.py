@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 
-from rakelight.methods.ratios import PAIRS
 from rakelight.model import Finding, Floats
 from rakelight.prepare import Prepared
 from rakelight.prepare.linear import SATURATED
@@ -28,7 +29,7 @@ def rgb_findings(prepared: Prepared, image: Floats, light: Floats) -> tuple[Find
         remedy = f"switch the {names[c]} lamp on, or move it nearer; coloured paint needs more"
         findings.append(Finding("warning", "channel-dark", message, remedy))
     toward = light[:, :3] / np.maximum(np.linalg.norm(light[:, :3], axis=1), 1e-12)[:, None]
-    for c, d in PAIRS:
+    for c, d in combinations(range(3), 2):
         apart = float(np.degrees(np.arccos(np.clip(toward[c] @ toward[d], -1, 1))))
         if apart < CLOSEST_DEG and not {c, d} & set(dark):
             message = f"the {names[c]} and the {names[d]} lamp are {apart:.0f} degrees apart"

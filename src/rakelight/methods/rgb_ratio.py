@@ -27,6 +27,7 @@ from rakelight.methods.estimate import (
     brightest,
     first_only,
     photometric_confidence,
+    require_options,
     require_ranges,
     scatter,
 )
@@ -42,10 +43,19 @@ from rakelight.shading.piecewise import edge_weights, piecewise_smooth
 from rakelight.solve import assemble, solve
 
 # No photograph is better than this (white is 1), the ratios' weights would be absurd.
-SMALLEST_NOISE = 1e-3
+SMALLEST_NOISE = 1e-2
+# The weight of the sensor's depth, in white noise's: between these, and not changed by less than
+# a factor.
+LEAST_TRUST, MOST_TRUST, MORE = 0.03, 3.0, 1.5
+# So many pixels share an error of the ratios, whatever the depth's errors do.
+COHERENT_PIXELS = 0.2
+# A change of the depth this much larger than its detail lets expect is misread paint.
+DRIFT = 13.0
+# The weight of the sensor's slopes, errors of which are as large as the change and shared.
+SLOPE_TRUST = 0.01
 LEAST_SHADING, LEAST_ALBEDO = 0.02, 0.01
 # Light and albedo start from nothing; they find each other before the depth follows them.
-FIRST_ROUNDS = 3
+FIRST_ROUNDS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +73,9 @@ class Options:
     laplacian : weight of the squared second differences of log depth, relative to the prior's
         weight in the middle.  Raised, noise and fine relief are smoothed away; 0 smooths nothing.
     depth_trust : weight of the sensor's depth, as a multiple of what white noise of the sensor's
-        size would have.  Raised, the surface keeps to the sensor's shape, its faults included;
-        lowered, it follows the photograph, its misread paint included.
+        size would have; None chooses it from the data.  Raised, the surface keeps to the
+        sensor's shape, its faults included; lowered, it follows the photograph, its misread paint
+        included.
     max_iterations : rounds of light, albedo and depth.
     tolerance : the rounds end when one moves the depth by less than this (root mean square),
         as a multiple of the sensor's noise.  Lowered, there are more rounds.
@@ -75,7 +86,7 @@ class Options:
     sigma_d: float = 0.02
     lambda_palette: float = 7.5
     laplacian: float = 0.0
-    depth_trust: float = 0.03
+    depth_trust: float | None = None
     max_iterations: int = 5
     tolerance: float = 0.3
 
@@ -83,8 +94,10 @@ class Options:
         require_ranges(
             self,
             from_0=("lambda_rho", "lambda_palette", "laplacian", "max_iterations", "tolerance"),
-            above_0=("sigma_c", "sigma_d", "depth_trust"),
+            above_0=("sigma_c", "sigma_d"),
         )
+        trust = self.depth_trust
+        require_options(self, depth_trust=(trust is None or 0 < trust < np.inf, "above 0"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +126,9 @@ class Scene:
 
 def rgb_ratio(prepared: Prepared, options: Options, progress: ProgressCallback) -> Estimate:
     """Refine the prepared depth by the RGB ratio model (3.3), from the first photograph."""
-    scene = observed(prepared, options.depth_trust)
+    scene = observed(prepared)
+    trust = options.depth_trust or LEAST_TRUST
+    most = options.depth_trust or MOST_TRUST
     mask = prepared.mask
     log_depth = scene.prior
     albedo: Floats = np.ones((*mask.shape, 3))
@@ -130,7 +145,7 @@ def rgb_ratio(prepared: Prepared, options: Options, progress: ProgressCallback) 
             light = lights(scene, normals, albedo, light)
             first = done == again == 0
             albedo, light = paint(scene, normals, depth_m, albedo, light, options, first)
-        equations = Ratios.of(scene.image, scene.usable, scene.noise, albedo, light)
+        equations = Ratios(scene.image, scene.usable, scene.noise, albedo, light)
         energies.append(equations.energy(normals))
         if done == rounds or moved <= options.tolerance:
             break
@@ -138,7 +153,10 @@ def rgb_ratio(prepared: Prepared, options: Options, progress: ProgressCallback) 
         before = log_depth
         # The first solve meets the equations as they are, the second those that agree.
         for doubt in (False, True):
-            log_depth, tensor = depth(scene, equations, log_depth, doubt, options.laplacian)
+            log_depth, tensor = depth(scene, equations, trust, log_depth, doubt, options.laplacian)
+        while (sound := min(deserved_trust(scene, log_depth, trust), most)) > MORE * trust:
+            trust = sound
+            log_depth, tensor = depth(scene, equations, trust, log_depth, True, options.laplacian)
         step = (log_depth - before) * prepared.depth_m / prepared.sigma_m
         moved = float(np.sqrt(np.mean(step[mask] ** 2)))
     _, length = scene.surface(log_depth)
@@ -157,7 +175,7 @@ def rgb_ratio(prepared: Prepared, options: Options, progress: ProgressCallback) 
     )
 
 
-def observed(prepared: Prepared, trust: float) -> Scene:
+def observed(prepared: Prepared) -> Scene:
     """The first photograph, and the prepared depth as far as it is trusted."""
     mask = prepared.mask
     values, usable = prepared.pixels(0)
@@ -175,7 +193,7 @@ def observed(prepared: Prepared, trust: float) -> Scene:
         links,
         links.pair_weights() if links.cut else None,
         np.log(prepared.depth_m),
-        trust * depth_precision(prepared),
+        depth_precision(prepared),
     )
 
 
@@ -207,13 +225,8 @@ def paint(
 
     def smoothed(like: Floats, target: Floats, weight: Floats) -> Floats:
         edges = edge_weights(like, depth_m, mask, sigma_c=options.sigma_c, sigma_d=options.sigma_d)
-        smooth = [
-            piecewise_smooth(
-                target[..., c], weight[..., c], edges, options.lambda_rho, mask, tolerance=1e-2
-            )
-            for c in range(3)
-        ]
-        return np.maximum(np.stack(smooth, axis=-1), LEAST_ALBEDO)
+        smooth = piecewise_smooth(target, weight, edges, options.lambda_rho, mask, tolerance=1e-2)
+        return np.maximum(smooth, LEAST_ALBEDO)
 
     if first:
         albedo = gaussian_filter(scene.image, 1.0, axes=(0, 1)) / shading
@@ -230,16 +243,50 @@ def paint(
 
 
 def depth(
-    scene: Scene, equations: Ratios, log_depth: Floats, doubt: bool, laplacian: float
+    scene: Scene,
+    equations: Ratios,
+    trust: float,
+    log_depth: Floats,
+    doubt: bool,
+    laplacian: float,
 ) -> tuple[Floats, Floats]:
     """3. The log depth (h, w), light and rho fixed, and the tensor (h, w, 3) of its equations.
 
     doubt : whether equations count less where the surface `log_depth` does not meet them
     """
     camera, mask = scene.prepared.camera, scene.prepared.mask
-    tensor, aim = equations.terms(*scene.surface(log_depth), camera, doubt)
-    smooth = laplacian * float(np.median(scene.prior_weight[mask])) or None
-    system = assemble(
-        mask, tensor, aim, scene.prior_weight, scene.prior, scene.pairs, laplacian_weight=smooth
+    ratios, aim = equations.terms(*scene.surface(log_depth), camera, doubt)
+    tensor = ratios
+    if doubt:  # where the equations say little, the sensor's slopes stay
+        slopes, changed = (
+            np.stack(mean_gradient(image, scene.links), axis=-1)
+            for image in (scene.prior, log_depth - scene.prior)
+        )
+        weight = SLOPE_TRUST / max(float(np.median(changed[mask] ** 2)), 1e-12)
+        tensor, aim = ratios + weight * np.array([1.0, 0.0, 1.0]), aim + weight * slopes
+    held = trust * scene.prior_weight
+    smooth = laplacian * float(np.median(held[mask])) or None
+    system = assemble(mask, tensor, aim, held, scene.prior, scene.pairs, laplacian_weight=smooth)
+    return solve(system, start=log_depth, tolerance=1e-3).value, ratios
+
+
+def deserved_trust(scene: Scene, log_depth: Floats, trust: float) -> float:
+    """The weight of the sensor's depth that the change of the depth under `trust` asks for.
+
+    Errors e of the sensor that hang together over l pixels say that much less than independent
+    ones.  If there is one such length, <e^2> / <|de|^2> and <|de|^2> / <|dde|^2> are both about
+    l^2; of a surface that follows misread paint, the first is much larger, and more trust is due.
+    White noise, l = 1/2 after preparation, leaves hardly an error in the shape as a whole: hence
+    the second term.  (Medians, so that jumps do not count.)
+    """
+    change = np.where(scene.prepared.mask, log_depth - scene.prior, np.nan)
+    steps = [np.diff(change, axis=axis) for axis in (0, 1)]
+    bends = [np.diff(step, axis=axis) for axis, step in enumerate(steps)]
+    whole, steep, bent = (
+        float(np.nanmedian(np.concatenate([each.ravel() for each in images]) ** 2))
+        for images in ([change - np.nanmedian(change)], steps, bends)
     )
-    return solve(system, start=log_depth, tolerance=1e-4).value, tensor
+    if whole * bent > DRIFT * steep**2:
+        trust = 3 * trust
+    rough = bent / max(steep, 1e-30)
+    return max(trust, COHERENT_PIXELS * rough, 1.5 * COHERENT_PIXELS * rough**2)

@@ -20,7 +20,7 @@ def nearest_colors(albedo: Floats) -> tuple[Floats, Floats]:
     >>> colors[[0, 9], 0].round(2).tolist(), bool(alike[0] > 0.9)
     ([0.0, -1.0], True)
     """
-    some = albedo[:: max(1, len(albedo) // 1500)]
+    some = albedo[:: max(1, len(albedo) // 1500)].astype(np.float32)
     modes = some[:: max(1, len(some) // 200)]
 
     def near(colors: Floats) -> Floats:
@@ -35,7 +35,7 @@ def nearest_colors(albedo: Floats) -> tuple[Floats, Floats]:
     for mode in modes[np.argsort(-density, kind="stable")]:
         if all(((mode - other) ** 2).sum() > SAME_COLOR**2 / 4 for other in colors):
             colors.append(mode)
-    table = np.array(colors)
+    table = np.array(colors, dtype=np.float64)
     label = ((table**2).sum(axis=1) / 2 - albedo @ table.T).argmin(axis=1)
     for k in range(len(table)):
         if (label == k).any():

@@ -11,11 +11,11 @@ import numpy as np
 
 from rakelight.geometry.grid import Links, pair_slices
 from rakelight.model import Floats, Mask
-from rakelight.solve import DepthSystem, solve
+from rakelight.solve import DepthSystem, build_hierarchy, solve
 
 EdgeWeights = tuple[Floats, Floats]
 
-WEAKEST = 1e-6
+WEAKEST = 1e-3
 
 
 def edge_weights(
@@ -42,7 +42,7 @@ def edge_weights(
         deep = depth_m[there] - depth_m[here]
         alike = np.exp(-((apart / sigma_c) ** 2 + (deep / sigma_d) ** 2) / 2)
         weight = np.zeros(mask.shape)
-        # Less is no link: the solver's coarse levels have single precision.
+        # Less is no link: the solver's coarse levels, in single precision, would suffer.
         close = linked[here] & (apart <= tau) & (alike > WEAKEST)
         weight[here] = np.where(close, alike, 0.0)
         weights.append(weight)
@@ -58,9 +58,9 @@ def piecewise_smooth(
     *,
     tolerance: float = 1e-4,
 ) -> Floats:
-    """The image (h, w) that is near `target` (h, w) and smooth where `edges` are not.
+    """The image that is near `target` and smooth where `edges` are not, (h, w) or (h, w, C).
 
-    data_weight : (h, w) d >= 0, 0 where the target says nothing
+    data_weight : d >= 0, as `target`; 0 where the target says nothing
     strength : lambda of the smoothness, relative to d
 
     >>> mask, edges = np.ones((1, 3), bool), (np.array([[1.0, 0.0, 0.0]]), np.zeros((1, 3)))
@@ -68,23 +68,48 @@ def piecewise_smooth(
     >>> piecewise_smooth(target, np.ones((1, 3)), edges, 1e3, mask).round(2).tolist()
     [[0.5, 0.5, 5.0]]
     """
-    height, width = mask.shape
-    weight = np.where(mask, data_weight, 0.0)
+    if target.ndim == 2:
+        return piecewise_smooth(
+            target[..., None], data_weight[..., None], edges, strength, mask,
+            tolerance=tolerance,
+        )[..., 0]  # fmt: skip
+    links = _links(edges, strength)
+    systems = [
+        _system(target[..., c], data_weight[..., c], links, mask) for c in range(target.shape[2])
+    ]
+    # The channels have the links in common, and about the same data: one hierarchy does for all.
+    hierarchy = None
+    if len(systems) > 1:
+        hierarchy = build_hierarchy(_system(target[..., 0], data_weight.mean(axis=-1), links, mask))
+    smooth = [solve(each, tolerance=tolerance, hierarchy=hierarchy).value for each in systems]
+    return np.stack(smooth, axis=-1)
+
+
+def _links(edges: EdgeWeights, strength: float) -> Floats:
+    """The stencil (5, h+2, w+2) of the links alone."""
+    height, width = edges[0].shape
     stencil = np.zeros((5, height + 2, width + 2))
     centre = stencil[0, 1:-1, 1:-1]
-    centre += weight
     for axis, entry, edge in ((1, 1, edges[0]), (0, 2, edges[1])):
         pull = strength * edge
         here, there = pair_slices(axis)
         stencil[entry, 1:-1, 1:-1] = -pull
         centre[here] += pull[here]
         centre[there] += pull[here]
+    return stencil
+
+
+def _system(target: Floats, data_weight: Floats, links: Floats, mask: Mask) -> DepthSystem:
+    """The normal equations of one channel."""
+    weight = np.where(mask, data_weight, 0.0)
+    stencil = links.copy()
+    centre = stencil[0, 1:-1, 1:-1]
+    centre += weight
     # What nothing determines stays at its target, and so do areas that no data reaches; a trace
     # of a millionth is what the single precision of the solver's coarse levels still sees.
     lonely = mask & (centre <= 0)
     trace = 1e-6 * float(centre[mask].mean())
     hold = np.where(lonely, 1.0, np.where(mask & (weight < trace), trace, 0.0))
     centre += hold
-    rhs = np.where(mask, (weight + hold) * target, 0.0)
-    system = DepthSystem(stencil, rhs, np.where(mask, target, 0.0), mask, lonely)
-    return solve(system, tolerance=tolerance).value
+    target = np.where(mask, target, 0.0)
+    return DepthSystem(stencil, (weight + hold) * target, target, mask, lonely)

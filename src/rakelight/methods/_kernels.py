@@ -1,0 +1,84 @@
+# mypy: disable-error-code="no-untyped-def"
+"""The loops over pixels behind methods/ratios.py, compiled on first use."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+
+from rakelight.jit import helper, kernel
+
+# Three pairs of three channels are worth two independent equations.
+PAIR_SHARE = 2.0 / 3.0
+# Below this part of its lamp a channel is in the lamp's own shadow: its ratios say nothing.
+SHADOW = 0.05
+# (rho l . n)^2 of a pair is taken to be at least this: no equation is exact.
+DIMMEST = 1e-4
+
+
+@helper
+def seen(light, usable, normal, shade):
+    """Fill shade (3) with l . n of the channels, NaN where one says nothing."""
+    for c in range(3):
+        x, y, z = light[c, 0], light[c, 1], light[c, 2]
+        shade[c] = x * normal[0] + y * normal[1] + z * normal[2]
+        if not usable[c] or shade[c] <= SHADOW * np.sqrt(x * x + y * y + z * z):
+            shade[c] = np.nan
+
+
+@kernel
+def ratio_squares(image, usable, albedo, light, noise, normals, out):
+    """out (h, w, 3): (q . n)^2 of every pair of channels in units of its variance, or NaN."""
+    height, width, _ = image.shape
+    for row in prange(height):
+        shade = np.empty(3)
+        for column in range(width):
+            seen(light, usable[row, column], normals[row, column], shade)
+            rho, I = albedo[row, column], image[row, column]  # noqa: E741
+            for pair in range(3):
+                c, d = pair // 2, 2 - (2 - pair) // 2
+                one, other = rho[d] * shade[d], rho[c] * shade[c]
+                q_n = (I[c] - rho[c] * light[c, 3]) * one - (I[d] - rho[d] * light[d, 3]) * other
+                variance = max(one * one + other * other, DIMMEST) * noise * noise
+                out[row, column, pair] = q_n * q_n / variance
+
+
+@kernel
+def ratio_terms(
+    image, usable, albedo, light, noise, normals, length, optics, worse, cauchy, tensor, aim
+):
+    """Sums over the pairs: tensor (h, w, 3) and aim (h, w, 2) of the gradient of log depth.
+
+    worse : (h, w) what every variance is multiplied by; cauchy : scale of the loss, 0 for squares
+    """
+    height, width, _ = image.shape
+    fx, fy, cx, cy = optics
+    for row in prange(height):
+        shade, along_u, along_v = np.empty(3), np.empty(3), np.empty(3)
+        for column in range(width):
+            seen(light, usable[row, column], normals[row, column], shade)
+            rho, I = albedo[row, column], image[row, column]  # noqa: E741
+            for c in range(3):
+                along_u[c] = fx * light[c, 0] - (column - cx) * light[c, 2]
+                along_v[c] = fy * light[c, 1] - (row - cy) * light[c, 2]
+            for pair in range(3):
+                c, d = pair // 2, 2 - (2 - pair) // 2
+                one, other = rho[d] * shade[d], rho[c] * shade[c]
+                variance = max(one * one + other * other, DIMMEST) * noise * noise
+                if not np.isfinite(variance):
+                    continue
+                variance *= worse[row, column]
+                first = (I[c] - rho[c] * light[c, 3]) * rho[d]
+                second = (I[d] - rho[d] * light[d, 3]) * rho[c]
+                q_n = first * shade[d] - second * shade[c]
+                weight = PAIR_SHARE / (variance * length[row, column] ** 2)
+                if cauchy > 0.0:
+                    weight /= 1.0 + q_n * q_n / (variance * cauchy * cauchy)
+                j_u = first * along_u[d] - second * along_u[c]
+                j_v = first * along_v[d] - second * along_v[c]
+                q_z = first * light[d, 2] - second * light[c, 2]
+                tensor[row, column, 0] += weight * j_u * j_u
+                tensor[row, column, 1] += weight * j_u * j_v
+                tensor[row, column, 2] += weight * j_v * j_v
+                aim[row, column, 0] += weight * j_u * q_z
+                aim[row, column, 1] += weight * j_v * q_z
