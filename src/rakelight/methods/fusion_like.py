@@ -8,12 +8,13 @@ without attached shadows.  Light, then albedo, then depth, each once:
 
     l, phi   least squares of I on (n, 1) with rho = 1, n from the prepared depth
     rho      sum_p (rho S - I)^2 + lambda_rho sum_links w (rho_p - rho_q)^2,   S = l . n + phi
-    z        sum_p (rho S(z) - I)^2 + lambda_z1 (dz)^2 + lambda_z2 (laplace dz)^2
+    z        sum_p c (rho S(z) - I)^2 + lambda_z1 (dz)^2 + lambda_z2 (laplace dz)^2
 
 by fixed point, |m| of the normals lagged.  dz = z - z0, the change of the prepared depth, is in
 units of the pixel's footprint z / f on the surface, so that the weights have no unit; in log
 depth p that makes it f (p - p0).  The published energy has laplace z; but the prepared depth is
-smooth already, and to flatten its rims and noses costs more than any weight of it gains.
+smooth already, and to flatten its rims and noses costs more than any weight of it gains.  Beyond
+the paper, c = 1 / (1 + (doubt * change of colour)^2): where the colour changes, so does the paint.
 
 One photograph does not tell paint from relief: this is a baseline to compare with.
 """
@@ -32,9 +33,11 @@ from rakelight.shading.lighting import estimate_light
 from rakelight.shading.piecewise import EdgeWeights, piecewise_smooth
 
 # Neighbours whose intensity differs more than this are of different paint (Or-El et al. 2015).
-TAU = 0.05
+TAU = 0.14
 # Shading below this part of its mean says nothing about the albedo under it.
 DIM = 0.05
+# What the photograph says does not ask for more.
+ALBEDO_ACCURACY, DEPTH_ACCURACY = 1e-2, 1e-1
 AMBIGUOUS = Finding(
     "warning",
     "single-photograph",
@@ -50,7 +53,7 @@ class Options:
     lambda_rho : smoothness of the albedo, relative to the squared shading.  Raised, patches of
         one paint become flat and all change inside them becomes relief; lowered, the albedo
         explains the photograph alone and the depth stays.
-    sigma_c : intensity difference (linear light, 0..1) between neighbours of different paint.
+    sigma_c : intensity difference between neighbours of different paint; the object's mean is 1.
         Raised, soft edges of paint are taken for relief; lowered, shading is taken for paint.
     sigma_d : depth difference in metres between neighbours of different paint.  Raised, paint
         is joined across steps; lowered, it may change wherever the surface is steep.
@@ -58,16 +61,20 @@ class Options:
         lowered, it follows the shading, errors of the light included.
     lambda_z2 : smoothness of the depth, of its change, per pixel footprint.  Raised, fine relief
         goes; lowered, paint and noise are carved into the surface.
-    smooth : False leaves lambda_z2 out: the paper's "not smooth".
+    doubt : not of the paper.  Where the colour changes by 1 / doubt (relative) per pixel, shading
+        counts half, for paint changes there too.  Raised, the depth stays wherever it is painted;
+        0 believes the shading everywhere.
+    smooth : False leaves lambda_z2 and the doubt out: the paper's "not smooth".
     max_iterations : rounds of the fixed point; more than it needs do no harm.
     tolerance : the rounds end when the energy falls by less than this part of it in one.
     """
 
     lambda_rho: float = 30.0
-    sigma_c: float = 0.05
+    sigma_c: float = 0.14
     sigma_d: float = 0.01
-    lambda_z1: float = 3e-5
-    lambda_z2: float = 0.1
+    lambda_z1: float = 7e-4
+    lambda_z2: float = 0.05
+    doubt: float = 26.0
     smooth: bool = True
     max_iterations: int = 10
     tolerance: float = 1e-2
@@ -75,7 +82,7 @@ class Options:
     def __post_init__(self) -> None:
         require_ranges(
             self,
-            from_0=("lambda_rho", "lambda_z2", "max_iterations", "tolerance"),
+            from_0=("lambda_rho", "lambda_z2", "doubt", "max_iterations", "tolerance"),
             above_0=("sigma_c", "sigma_d", "lambda_z1"),
         )
 
@@ -85,11 +92,19 @@ def fusion_like(prepared: Prepared, options: Options, progress: ProgressCallback
     view = View.of(prepared)
     edges = view.edges(options.sigma_c, options.sigma_d, TAU)
     light = harmonics(view)
-    rho = albedo(view, shading(view, light), edges, options.lambda_rho)
-    strength = options.lambda_z2 if options.smooth else 0.0
-    depth = Depth(view, light, rho, view.intensity, options.lambda_z1, strength)
+    rho = albedo(view, shading(view, light), edges, options.lambda_rho, ALBEDO_ACCURACY)
+    depth = depth_energy(view, light, rho, view.intensity, options, DEPTH_ACCURACY)
     fit = depth.fixed_point(options.max_iterations, options.tolerance, progress)
-    return finished(prepared, view, light, edges, options.lambda_rho, fit, "fusion-like")
+    return finished(prepared, depth, edges, options.lambda_rho, ALBEDO_ACCURACY, fit, "fusion-like")
+
+
+def depth_energy(
+    view: View, light: Floats, rho: Floats, aim: Floats, options: Options, accuracy: float
+) -> Depth:
+    """The energy of the depth; without smoothness, as published, nothing is doubted either."""
+    strength, doubt = (options.lambda_z2, options.doubt) if options.smooth else (0.0, 0.0)
+    believed = view.believed(doubt)
+    return Depth(view, light, rho, aim, options.lambda_z1, strength, believed, accuracy)
 
 
 def harmonics(view: View) -> Floats:
@@ -106,36 +121,39 @@ def shading(view: View, light: Floats, log_depth: Floats | None = None) -> Float
 
 
 def albedo(
-    view: View, shade: Floats, edges: EdgeWeights, strength: float, channel: int | None = None
-) -> Floats:
-    """The albedo (h, w) under a shading (h, w), of the intensity or of one channel."""
-    image, seen = view.intensity, view.seen
-    if channel is not None:
-        image, seen = view.colour[..., channel], view.usable[..., channel]
+    view: View, shade: Floats, edges: EdgeWeights, strength: float, accuracy: float,
+    coloured: bool = False,
+) -> Floats:  # fmt: skip
+    """The albedo of the intensity, (h, w), or coloured, (h, w, 3), under a shading (h, w)."""
     least = DIM * abs(float(shade[view.seen].mean())) if view.seen.any() else DIM
     shade = np.maximum(shade, least)
-    return piecewise_smooth(
-        image / shade, np.where(seen, shade**2, 0.0), edges, strength, view.mask
-    )
+    image, seen = view.intensity, view.seen
+    if coloured:
+        image, seen, shade = view.colour, view.usable, np.repeat(shade[..., None], 3, axis=-1)
+    weight = np.where(seen, shade**2, 0.0)
+    return piecewise_smooth(image / shade, weight, edges, strength, view.mask, tolerance=accuracy)
 
 
 def finished(
-    prepared: Prepared, view: View, light: Floats, edges: EdgeWeights, strength: float, fit: Fit,
-    method: str,
+    prepared: Prepared, depth: Depth, edges: EdgeWeights, strength: float, accuracy: float,
+    fit: Fit, method: str,
 ) -> Estimate:  # fmt: skip
     """The estimate: the albedo of each channel, shared out so that its 99th percentile is 1.
 
     Confidence is modest, for one photograph never settles a normal: 0 where the depth was left
-    as it was, rising to one half where it moved by more than the pixel's footprint.
+    as it was, rising to one half where it moved by more than the pixel's footprint, and less
+    where the shading is not believed.
     """
+    view, light = depth.view, depth.light
     shade = shading(view, light, fit.log_depth)
-    color = np.stack([albedo(view, shade, edges, strength, c) for c in range(3)], axis=-1)
+    color = albedo(view, shade, edges, strength, accuracy, coloured=True) * view.exposure
     gain = brightest(color[view.mask])
     moved = view.camera.fx * np.abs(fit.log_depth - view.prior)
+    confidence = depth.believed * (1 - np.exp(-moved)) / 2
     return Estimate(
         log_depth=fit.log_depth,
         albedo=np.where(view.mask[..., None], color / gain, 0.0),
-        confidence=np.where(view.mask & view.seen, (1 - np.exp(-moved)) / 2, 0.0),
+        confidence=np.where(view.mask & view.seen, confidence, 0.0),
         lights=Lights(gain * light[None, None, :3], gain * light[None, 3:]),
         energy=fit.energies,
         converged=fit.converged,

@@ -9,7 +9,7 @@ beta that differs from pixel to pixel:
     rho      sum_p (rho S - I)^2 + lambda_rho sum_links w (rho_p - rho_q)^2
     beta     sum_p (beta - (I - rho S))^2 + lambda_beta2 beta^2
                  + lambda_beta1 sum_links w (beta_p - beta_q)^2
-    z        sum_p (rho S(z) + beta - I)^2 + lambda_z1 (dz)^2 + lambda_z2 (laplace dz)^2
+    z        sum_p c (rho S(z) + beta - I)^2 + lambda_z1 (dz)^2 + lambda_z2 (laplace dz)^2
 
 Links with an intensity difference above tau have w = 0.  dz = z - z0 is in units of the pixel's
 footprint z / f, and smoothness is asked of it rather than of z, both as there.
@@ -23,11 +23,14 @@ import numpy as np
 
 from rakelight.methods import fusion_like
 from rakelight.methods.estimate import Estimate, require_options, require_ranges
-from rakelight.methods.fusion_like import albedo, finished, harmonics, shading
-from rakelight.methods.lagged_depth import Depth, View
+from rakelight.methods.fusion_like import albedo, depth_energy, finished, harmonics, shading
+from rakelight.methods.lagged_depth import View
 from rakelight.model import Floats, ProgressCallback
 from rakelight.prepare import Prepared
 from rakelight.shading.piecewise import EdgeWeights, piecewise_smooth
+
+# The published method solves every system to the end.
+ACCURACY = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +41,9 @@ class Options(fusion_like.Options):
         lowered, the ambient light explains it and the depth stays.
     lambda_beta2 : smallness of the ambient light.  Raised, there is none and the depth explains
         what is left; lowered, the ambient light takes all that the albedo left.
-    tau : intensity difference (linear light, 0..1) above which neighbours are not linked at all.
-        Raised, weak edges of paint are taken for relief; lowered, more is taken for paint.
+    tau : intensity difference, the object's mean being 1, above which neighbours are not linked
+        at all.  Raised, weak edges of paint are taken for relief; lowered, more is taken for
+        paint.
     """
 
     lambda_beta1: float = 1.0
@@ -58,12 +62,11 @@ def rgbd_fusion(prepared: Prepared, options: Options, progress: ProgressCallback
     edges = view.edges(options.sigma_c, options.sigma_d, options.tau)
     light = harmonics(view)
     shade = shading(view, light)
-    rho = albedo(view, shade, edges, options.lambda_rho)
+    rho = albedo(view, shade, edges, options.lambda_rho, ACCURACY)
     beta = ambient(view, view.intensity - rho * shade, edges, options)
-    strength = options.lambda_z2 if options.smooth else 0.0
-    depth = Depth(view, light, rho, view.intensity - beta, options.lambda_z1, strength)
+    depth = depth_energy(view, light, rho, view.intensity - beta, options, ACCURACY)
     fit = depth.fixed_point(options.max_iterations, options.tolerance, progress)
-    return finished(prepared, view, light, edges, options.lambda_rho, fit, "rgbd-fusion")
+    return finished(prepared, depth, edges, options.lambda_rho, ACCURACY, fit, "rgbd-fusion")
 
 
 def ambient(view: View, left: Floats, edges: EdgeWeights, options: Options) -> Floats:

@@ -1,0 +1,35 @@
+"""One photograph never makes the depth worse by more than 2 %, whatever it is painted with."""
+
+import numpy as np
+import pytest
+from no_harm import LIGHTING, SCANS, before_and_after, scene
+
+from rakelight.methods import load_method
+from rakelight.model import silent
+
+NO_HARM = 1.02
+CASES = [("head", paint, "", 0.5) for paint in ("simple", "pattern", "complicated")]
+CASES += [(path.stem, "natural 1", "white", 0.5) for path in SCANS]
+CASES += [("coin", "natural 0", "smooth", 0.5)]
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case[0]} {case[1]}")
+@pytest.mark.parametrize("method", LIGHTING)
+def test_the_prepared_depth_is_not_made_worse(method, case):
+    before, after = before_and_after(method, *case)
+    assert (after <= NO_HARM * before).all(), (before, after)
+
+
+def test_without_doubt_photographic_paint_is_carved_into_the_depth():
+    prepared, _ = scene("coin", "natural 0", "smooth", "ambient", 0.5)
+    method = load_method("fusion-like")
+    doubted, believed = (
+        method.run(prepared, method.options(doubt=doubt), silent)
+        for doubt in (method.options().doubt, 0.0)
+    )
+    moved = [
+        np.std((estimate.log_depth - np.log(prepared.depth_m))[prepared.mask])
+        for estimate in (doubted, believed)
+    ]
+    assert moved[1] > 1.5 * moved[0]
+    assert believed.confidence.mean() > 2 * doubted.confidence.mean()
