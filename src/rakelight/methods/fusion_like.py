@@ -32,8 +32,6 @@ from rakelight.prepare import Prepared
 from rakelight.shading.lighting import estimate_light
 from rakelight.shading.piecewise import EdgeWeights, piecewise_smooth
 
-# Neighbours whose intensity differs more than this are of different paint (Or-El et al. 2015).
-TAU = 0.14
 # Shading below this part of its mean says nothing about the albedo under it.
 DIM = 0.05
 # What the photograph says does not ask for more.
@@ -54,7 +52,8 @@ class Options:
         one paint become flat and all change inside them becomes relief; lowered, the albedo
         explains the photograph alone and the depth stays.
     sigma_c : intensity difference between neighbours of different paint; the object's mean is 1.
-        Raised, soft edges of paint are taken for relief; lowered, shading is taken for paint.
+        Up to it a link weakens, beyond it there is none.  Raised, soft edges of paint are taken
+        for relief; lowered, shading is taken for paint.
     sigma_d : depth difference in metres between neighbours of different paint.  Raised, paint
         is joined across steps; lowered, it may change wherever the surface is steep.
     lambda_z1 : trust in the prepared depth, per pixel footprint.  Raised, the depth stays;
@@ -90,7 +89,7 @@ class Options:
 def fusion_like(prepared: Prepared, options: Options, progress: ProgressCallback) -> Estimate:
     """Refine the prepared depth by the shading of the first photograph."""
     view = View.of(prepared)
-    edges = view.edges(options.sigma_c, options.sigma_d, TAU)
+    edges = view.edges(options.sigma_c, options.sigma_d, tau=options.sigma_c)
     light = harmonics(view)
     rho = albedo(view, shading(view, light), edges, options.lambda_rho, ALBEDO_ACCURACY)
     depth = depth_energy(view, light, rho, view.intensity, options, DEPTH_ACCURACY)
