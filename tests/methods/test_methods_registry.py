@@ -10,7 +10,7 @@ import rakelight
 from rakelight.capture import load_capture, load_truth, write_capture
 from rakelight.errors import InputError, MethodError
 from rakelight.export import load_result
-from rakelight.methods import METHODS, PLANNED, choose_method, load_method, refine
+from rakelight.methods import METHODS, choose_method, load_method, refine
 from rakelight.methods.estimate import photometric_confidence, scatter
 from rakelight.methods.multi_light_alternating import Options
 from rakelight.model import Camera
@@ -54,12 +54,6 @@ def test_unknown_methods_name_the_available_ones(capture):
         refine(capture, "shape-from-hope")
     for name in METHODS:
         assert name in error.value.needed
-
-
-@pytest.mark.parametrize("name", [name for name in PLANNED if name not in METHODS])
-def test_planned_methods_say_so(capture, name):
-    with pytest.raises(MethodError, match="not available in this version"):
-        refine(capture, name)
 
 
 def test_auto_takes_a_method_that_exists(capture):

@@ -36,14 +36,13 @@ METHODS = {
     "rgb-ratio": "rgb_ratio",
     "fusion-like": "fusion_like",
     "rgbd-fusion": "rgbd_fusion",
+    "ldr-ps": "ldr_ps",
 }
 
 # What `auto` picks, best first, by what the capture holds.
 _FOR_MANY: tuple[str, ...] = ("multi-light", "multi-light-alternating")
 _FOR_LEDS: tuple[str, ...] = ("rgb-ratio",)
 _FOR_ONE: tuple[str, ...] = ("fusion-like",)
-
-PLANNED = ("ldr-ps",)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,9 +61,8 @@ def load_method(name: str) -> Method:
     'multi-light-alternating'
     """
     if name not in METHODS:
-        known = name in PLANNED
         raise MethodError(
-            f"method {name!r} " + ("is not available in this version" if known else "is unknown"),
+            f"method {name!r} is unknown",
             needed="one of " + ", ".join(METHODS),
             remedy="choose one of these with --method",
         )

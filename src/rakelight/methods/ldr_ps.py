@@ -1,0 +1,415 @@
+"""LDR-PS: shape and lamps from the photographs alone, by local diffuse reflectance maxima.
+
+Favaro and Papadhimitri, "A closed-form solution to uncalibrated photometric stereo via diffuse
+maxima" (CVPR 2012).  Distant lamps on a Lambertian surface give image values of rank three,
+
+    I_ix = s_i . b_x,        s = A^-T l (lamp),   b = A rho n (scaled normal)             (1)
+
+for any invertible A.  That the normals belong to one surface fixes A up to the generalised
+bas-relief transformation, three numbers (mu, nu, lambda),
+
+    rho n = G^T b,   l = G^-1 s,   G = [[1, 0, 0], [0, 1, 0], [mu, nu, lambda]]           (2)
+
+and where a photograph is locally brightest and the paint even, the normal points to the lamp:
+
+    n || l   <=>   (G G^T b) x s = 0,   linear in mu, nu and mu^2 + nu^2 + lambda^2       (3)
+
+The depth sensor has no part in it but the distance at the end.  It is the paper's figure 8: what
+becomes of the shape when nothing holds it.  Ambient light and highlights are not in the model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rakelight.errors import MethodError
+from rakelight.geometry.camera import pixel_rays
+from rakelight.geometry.grid import has_gradient, mean_gradient
+from rakelight.geometry.normals import normal_derivatives
+from rakelight.methods.estimate import (
+    Estimate,
+    photometric_confidence,
+    require_options,
+    require_photographs,
+    scatter,
+)
+from rakelight.model import Array, Camera, Finding, Floats, Lights, Mask, Progress, ProgressCallback
+from rakelight.prepare import Prepared
+from rakelight.prepare.inpaint import nearest_fill
+from rakelight.solve import assemble, solve
+
+# So many pixels settle the lamps; more would only take longer.
+LIGHT_PIXELS = 20_000
+# Normals are averaged over this before they are differentiated, photographs before their maxima.
+SMOOTH_PX = 1.5
+# A maximum is brighter than all within this; one that moves less from lamp to lamp is paint.
+APART_PX = 10
+# A maximum is explained when normal and lamp are this close.
+AGREE_DEG = 6.0
+PAIRS = 1000
+ROBUST_ROUNDS = 12
+# Steeper than this (n . ray, about 85 degrees) a pixel tells no gradient.
+GRAZING = 0.08
+# What a slope that was filled in is worth.
+UNKNOWN = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What can be set; a good result needs none of it.
+
+    max_iterations : rounds of lamps and scaled normals in turn, where values are missing
+    tolerance : the rounds end when the misfit falls by less than this part of itself in one
+    shadow : a value below this part of the pixel's brightest is a shadow, and missing
+    min_photographs : fewer are refused
+    """
+
+    max_iterations: int = 60
+    tolerance: float = 1e-4
+    shadow: float = 0.2
+    min_photographs: int = 4
+
+    def __post_init__(self) -> None:
+        require_options(
+            self,
+            max_iterations=(self.max_iterations >= 1, "at least 1"),
+            tolerance=(0 <= self.tolerance < np.inf, "at least 0"),
+            shadow=(0 <= self.shadow < 1, "at least 0 and below 1"),
+            min_photographs=(self.min_photographs >= 4, "at least 4"),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Factors:
+    """lamps (N, 3) and scaled normals (P, 3) whose products are the photographs' values."""
+
+    lamps: Floats
+    normals: Floats
+    energy: tuple[float, ...] = ()
+
+    def changed(self, A: Floats) -> Factors:
+        """(1): the same products, with normals A b."""
+        return Factors(self.lamps @ np.linalg.inv(A), self.normals @ A.T, self.energy)
+
+
+def ldr_ps(prepared: Prepared, options: Options, progress: ProgressCallback) -> Estimate:
+    """Uncalibrated photometric stereo by local diffuse reflectance maxima.
+
+    Raises MethodError for fewer photographs than `options.min_photographs`.
+    """
+    require_photographs(prepared, "ldr-ps", options.min_photographs)
+    camera, mask = prepared.camera, prepared.mask
+    values, lit = grey_photographs(prepared, options.shadow)
+    known = scatter(lit.sum(axis=0) >= 3, mask) > 0
+    if not has_gradient(known).any():
+        raise MethodError(
+            "too little of the object is lit often enough for ldr-ps",
+            source=prepared.source,
+            seen="hardly a pixel that is bright in 3 photographs",
+            remedy="change the exposure, or move the lamp less far to the side",
+        )
+    progress(Progress("factorise"))
+    factors = factorise(values, lit, options)
+    factors = factors.changed(integrable_basis(factors.normals, mask, known, camera))
+    progress(Progress("diffuse maxima"))
+    where, lamp = diffuse_maxima(values, lit, mask)
+    smooth = smoothed(scatter(factors.normals, mask), known)[mask]
+    G, agreeing = bas_relief(smooth[where], factors.lamps[lamp])
+    factors = upright(factors.changed(G.T), mask, camera)
+
+    length = np.linalg.norm(factors.normals, axis=1, keepdims=True)
+    normals = scatter(factors.normals / np.maximum(length, np.finfo(float).tiny), mask)
+    progress(Progress("integrate"))
+    log_depth = integrated(normals, known, mask, camera)
+    log_depth += np.median((np.log(prepared.depth_m) - log_depth)[mask & prepared.measured])
+    albedo, gain = painted(prepared, factors, lit, normals[mask])
+    return Estimate(
+        log_depth=log_depth,
+        albedo=scatter(albedo, mask),
+        confidence=confidence(factors, values, lit, normals, mask, camera),
+        lights=Lights(gain * factors.lamps[:, None], np.zeros((len(prepared), 1))),
+        energy=factors.energy,
+        converged=len(factors.energy) < options.max_iterations,
+        findings=(_finding(len(where), int(agreeing.sum())),),
+    )
+
+
+# ---- (1) rank three
+
+
+def grey_photographs(prepared: Prepared, shadow: float) -> tuple[Floats, Mask]:
+    """Linear light (N, P), mean of the channels, and which of it is neither shadow nor clipped."""
+    pixels = [prepared.pixels(i) for i in range(len(prepared))]
+    values = np.stack([light.mean(axis=-1, dtype=np.float64) for light, _ in pixels])
+    usable = np.stack([fine.all(axis=-1) for _, fine in pixels])
+    brightest = np.max(np.where(usable, values, 0.0), axis=0)
+    return values, usable & (values > shadow * brightest)
+
+
+def factorise(values: Floats, lit: Mask, options: Options) -> Factors:
+    """Lamps and scaled normals that explain the lit values by least squares, each in turn.
+
+    The start is the best rank-three approximation of all the values, missing or not.
+    """
+    count = values.shape[1]
+    some = np.unique(np.linspace(0, count - 1, min(count, LIGHT_PIXELS)).astype(int))
+    seen, W = values[:, some], lit[:, some].astype(np.float64)
+    lamps = np.linalg.svd(seen, full_matrices=False)[0][:, :3]
+    energy = [np.inf]
+    for _ in range(options.max_iterations):
+        normals = least_squares(lamps, seen, W)
+        energy.append(float((W * (seen - lamps @ normals.T) ** 2).sum()))
+        if energy[-2] - energy[-1] <= options.tolerance * energy[-1]:
+            break
+        lamps = least_squares(normals, seen.T, W.T)
+    normals = least_squares(lamps, values, lit.astype(np.float64))
+    # Orthonormal over the pixels, for conditioning only.
+    spread, axes = np.linalg.eigh(normals.T @ normals / count)
+    whiten = axes / np.sqrt(np.maximum(spread, 1e-12 * spread[-1]))
+    return Factors(lamps, normals, tuple(energy[1:])).changed(whiten.T)
+
+
+def least_squares(known: Floats, values: Floats, weights: Floats) -> Floats:
+    """(P, 3) x with known (N, 3) x_p = values (N, P), weights (N, P); 0 where underdetermined.
+
+    >>> known = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]])
+    >>> x = np.array([[1.0, 2.0, 3.0]])
+    >>> least_squares(known, known @ x.T, np.array([[1.0], [1], [0], [1]])).round(6).tolist()
+    [[1.0, 2.0, 3.0]]
+    """
+    outer = (known[:, :, None] * known[:, None, :]).reshape(len(known), 9)
+    hessian = (weights.T @ outer).reshape(-1, 3, 3)
+    right = (weights * values).T @ known
+    scale = np.trace(hessian, axis1=1, axis2=2)
+    hessian += (1e-9 * scale + np.finfo(float).tiny)[:, None, None] * np.eye(3)
+    solved = np.linalg.solve(hessian, right[..., None])[..., 0]
+    return np.where((weights > 0).sum(axis=0)[:, None] >= 3, solved, 0.0)
+
+
+# ---- up to (2): one surface has these normals
+
+
+def integrable_basis(normals: Floats, mask: Mask, known: Mask, camera: Camera) -> Floats:
+    """A (3, 3), up to bas-relief, that makes A b the normals of a surface in perspective.
+
+    With a = A b and the ray r = (x/fx, y/fy, 1), the gradient of log depth is
+    -(a_1/fx, a_2/fy) / (a . r), and that it has no curl is linear in the cofactors of A:
+
+        fx (a_2 x a_3).w_u - fy (a_1 x a_3).w_v = (a_1 x a_2).(x w_u + y w_v),      w = b x db
+
+    a_i being the rows.  The right side, which parallel rays lack (Yuille and Snow, 1997), is
+    faint: it is left out, and noise would only make of it a bas-relief of its own.
+    """
+    field = smoothed(scatter(normals, mask), known)
+    inner = has_gradient(known)
+    gradients = [mean_gradient(field[..., k], known) for k in range(3)]
+    along_u, along_v = (np.stack([g[axis] for g in gradients], axis=-1)[inner] for axis in (0, 1))
+    w_u, w_v = np.cross(field[inner], along_u), np.cross(field[inner], along_v)
+    rows = np.concatenate([camera.fx * w_u, -camera.fy * w_v], axis=1)
+    weight = np.ones(len(rows))
+    for _ in range(ROBUST_ROUNDS):  # edges, where the average mixes two surfaces, are outvoted
+        cofactors = np.linalg.eigh((rows * weight[:, None]).T @ rows)[1][:, 0]
+        residual = rows @ cofactors
+        weight = 1 / (1 + (residual / (1.5 * np.median(np.abs(residual)) + 1e-30)) ** 2)
+    c23, c13 = cofactors[:3], cofactors[3:6]
+    a_3 = np.cross(c13, c23)
+    if np.linalg.norm(a_3) < 1e-9:  # a plane: its normals say nothing
+        return np.eye(3)
+    a_3 /= np.sqrt(np.linalg.norm(a_3))  # about as long as the others, for conditioning only
+    A = np.stack([np.cross(a_3, c13), np.cross(a_3, c23), (a_3 @ a_3) * a_3])
+    return np.asarray(A / (a_3 @ a_3))
+
+
+def smoothed(field: Floats, known: Mask) -> Floats:
+    """Directions of a field (h, w, 3) averaged over `SMOOTH_PX` where it is known, unit length."""
+    from scipy.ndimage import gaussian_filter
+
+    length = np.linalg.norm(field, axis=-1, keepdims=True)
+    unit = np.where(known[..., None], field / np.maximum(length, np.finfo(float).tiny), 0.0)
+    mean = gaussian_filter(unit, (SMOOTH_PX, SMOOTH_PX, 0))
+    return np.asarray(mean / np.maximum(np.linalg.norm(mean, axis=-1, keepdims=True), 1e-12))
+
+
+# ---- (3) bas-relief from the maxima
+
+
+def diffuse_maxima(values: Floats, lit: Mask, mask: Mask) -> tuple[Array, Array]:
+    """Pixels (K,) of the P and photographs (K,) where a photograph is locally brightest.
+
+    Maxima at the border of what is lit, and such as most lamps share, which are paint, are out.
+    """
+    from scipy.ndimage import binary_erosion, gaussian_filter, maximum_filter
+
+    maxima = []
+    for image, seen in zip(values, lit, strict=True):
+        inside = scatter(seen, mask) > 0
+        share = gaussian_filter(inside.astype(float), SMOOTH_PX)
+        smooth = gaussian_filter(scatter(image * seen, mask), SMOOTH_PX) / np.maximum(share, 1e-6)
+        smooth = np.where(inside, smooth, 0.0)
+        highest = smooth == maximum_filter(smooth, 2 * APART_PX + 1)
+        maxima.append(highest & binary_erosion(inside, iterations=APART_PX))
+    spread = [maximum_filter(each, 2 * (APART_PX // 2) + 1) for each in maxima]
+    still = np.sum(spread, axis=0) > len(values) / 2
+    found = np.stack([(each & ~still)[mask] for each in maxima])
+    lamp, where = np.nonzero(found)
+    return where, lamp
+
+
+def bas_relief(normals: Floats, lamps: Floats) -> tuple[Floats, Mask]:
+    """G (3, 3) of (2) from scaled normals (K, 3) that face their lamps (K, 3), and who agrees.
+
+    Paint makes false maxima, which agree with no G but their own: of the G of many pairs the one
+    that most maxima agree with is taken, and fitted to those by (3), the closest counting most.
+    """
+    rng = np.random.default_rng(0)
+    best: Floats = np.eye(3)
+    angle, score = np.full(len(normals), np.inf), 0.0
+    for _ in range(PAIRS if len(normals) >= 2 else 0):
+        pair = rng.choice(len(normals), 2, replace=False)
+        G = _fitted(normals[pair], lamps[pair], np.ones(2))
+        if G is not None:
+            angles = _angles(G, normals, lamps)
+            agree = angles < AGREE_DEG
+            # A G that draws all normals and lamps together makes everything agree: the agreement
+            # with the other maxima's lamps is taken off.
+            now = float(np.trace(agree) - agree.mean() * len(agree))
+            if now > score:
+                best, angle, score = G, np.diag(angles), now
+    for _ in range(ROBUST_ROUNDS):
+        agreeing = angle < AGREE_DEG
+        length = np.linalg.norm(normals[agreeing] @ best @ best.T, axis=1)
+        weight = 1 / (1 + (3 * angle[agreeing] / AGREE_DEG) ** 2)
+        G = _fitted(normals[agreeing], lamps[agreeing], np.sqrt(weight) / length)
+        if G is None:
+            break
+        best, angle = G, np.diag(_angles(G, normals, lamps))
+    return best, angle < AGREE_DEG
+
+
+def _fitted(b: Floats, s: Floats, weight: Floats) -> Floats | None:
+    """G from (3) by least squares, weights (K,); None where no real lambda fits.
+
+    G G^T = [[1, 0, mu], [0, 1, nu], [mu, nu, kappa]].
+    """
+    if len(b) < 2:
+        return None
+    zero = np.zeros(len(b))
+    columns = [  # G G^T b = first + mu, nu, kappa times the others
+        np.stack([b[:, 0], b[:, 1], zero], axis=1),
+        np.stack([b[:, 2], zero, b[:, 0]], axis=1),
+        np.stack([zero, b[:, 2], b[:, 1]], axis=1),
+        np.stack([zero, zero, b[:, 2]], axis=1),
+    ]
+    unit = s / np.linalg.norm(s, axis=1, keepdims=True) * weight[:, None]
+    first, *others = (np.cross(column, unit).ravel() for column in columns)
+    mu, nu, kappa = np.linalg.lstsq(np.stack(others, axis=1), -first, rcond=None)[0]
+    square = kappa - mu**2 - nu**2
+    if not square > 1e-12:
+        return None
+    return np.array([[1, 0, 0], [0, 1, 0], [mu, nu, np.sqrt(square)]])
+
+
+def _angles(G: Floats, b: Floats, s: Floats) -> Floats:
+    """(K, K) degrees between every normal and every lamp under G."""
+    n, l = b @ G, s @ np.linalg.inv(G).T  # noqa: E741
+    n = n / np.linalg.norm(n, axis=1, keepdims=True)
+    l = l / np.linalg.norm(l, axis=1, keepdims=True)  # noqa: E741
+    return np.asarray(np.degrees(np.arccos(np.clip(n @ l.T, -1, 1))))
+
+
+def upright(factors: Factors, mask: Mask, camera: Camera) -> Factors:
+    """The factors with normals that face the camera, of an object that bulges towards it.
+
+    Both signs are open, and the second is the old riddle of the hollow face.  We take objects to
+    be convex as a whole: their normals lean outwards from the middle.
+    """
+    x, y = (np.broadcast_to(side, mask.shape)[mask] for side in pixel_rays(camera))
+    n = factors.normals
+    facing = -np.sign(np.median(n @ [x.mean() / camera.fx, y.mean() / camera.fy, 1.0])) or 1.0
+    unit = n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), np.finfo(float).tiny)
+    outward = np.sum(unit[:, 0] * (x - x.mean()) + unit[:, 1] * (y - y.mean())) * facing
+    lean = 1.0 if outward >= 0 else -1.0
+    return factors.changed(facing * np.diag([lean, lean, 1.0]))
+
+
+# ---- surface, paint, doubt
+
+
+def integrated(normals: Floats, known: Mask, mask: Mask, camera: Camera) -> Floats:
+    """Log depth (h, w), up to a constant, whose gradient fits the normals (h, w, 3).
+
+    Gradients that fit ill, as at depth jumps, count less and less (Cauchy's loss).
+    """
+    facing = towards_camera(normals, camera)
+    known = known & (facing > GRAZING)
+    # f times the gradient, of the size of a slope; it goes on where nothing is known.
+    slope = normals[..., :2] / np.maximum(facing, GRAZING)[..., None]
+    slope = np.stack([nearest_fill(slope[..., k], known) for k in (0, 1)], axis=-1)
+    aim = slope / [camera.fx, camera.fy]
+    # An error of the normal makes a larger one of the slope where that is large.
+    base = np.where(known, np.square(1 / (1 + np.square(slope).sum(axis=-1))), UNKNOWN)
+    weight: Floats = base
+    log_depth: Floats = np.zeros(mask.shape)
+    anchor = np.zeros(mask.shape)
+    anchor.flat[np.flatnonzero(mask)[0]] = 1.0  # the distance is open, one pixel holds it
+    for _ in range(ROBUST_ROUNDS):
+        tensor: Floats = np.stack([weight, 0 * weight, weight], axis=-1)
+        system = assemble(mask, tensor, weight[..., None] * aim, anchor, 0 * anchor)
+        log_depth = solve(system, start=log_depth, tolerance=1e-6).value
+        off = np.stack(mean_gradient(log_depth, mask), axis=-1) - aim
+        misfit = base * (off**2).sum(axis=-1)
+        scale = 6 * np.median(misfit[known])
+        weight = base / (1 + misfit / np.maximum(scale, 1e-30))
+    return log_depth
+
+
+def towards_camera(normals: Floats, camera: Camera) -> Floats:
+    """(h, w) -n . r of normals (h, w, 3) and rays r = (x/fx, y/fy, 1); below 0 it looks away."""
+    x, y = pixel_rays(camera)
+    n_x, n_y, n_z = np.moveaxis(normals, -1, 0)
+    return np.asarray(-(n_x * x / camera.fx + n_y * y / camera.fy + n_z))
+
+
+def painted(
+    prepared: Prepared, factors: Factors, lit: Mask, normals: Floats
+) -> tuple[Floats, float]:
+    """Albedo (P, 3), its 99th percentile 1, and the factor that the lamps owe to this."""
+    shading = np.maximum(factors.lamps @ normals.T, 0.0)
+    total, weight = np.zeros((len(normals), 3)), np.zeros((len(normals), 3))
+    for i, (shade, seen) in enumerate(zip(shading, lit, strict=True)):
+        light, usable = prepared.pixels(i)
+        use = usable & seen[:, None]
+        total += use * light * shade[:, None]
+        weight += use * (shade**2)[:, None]
+    albedo = total / np.maximum(weight, 1e-12)
+    gain = max(float(np.percentile(albedo, 99)), 1e-12)
+    return albedo / gain, gain
+
+
+def confidence(
+    factors: Factors, values: Floats, lit: Mask, normals: Floats, mask: Mask, camera: Camera
+) -> Floats:
+    """(h, w) how well the photographs settle a normal, were the lamps right."""
+    residual = np.where(lit, values - factors.lamps @ factors.normals.T, 0.0)
+    noise = max(float(np.sqrt((residual**2).sum() / max(lit.sum(), 1))), 1e-5)
+    length = 1 / np.maximum(towards_camera(normals, camera), GRAZING)  # |m|, for m . ray = -1
+    turn = np.stack(normal_derivatives(normals, length, camera), axis=-1)[mask]
+    weight = np.linalg.norm(factors.normals, axis=1) * lit
+    uu, uv, vv = (
+        np.einsum("ip,ip,ip->p", weight**2, *(factors.lamps @ turn[..., k].T for k in pair))
+        for pair in ((0, 0), (0, 1), (1, 1))
+    )
+    tensor = scatter(np.stack([uu, uv, vv], axis=-1), mask)
+    return np.where(mask, photometric_confidence(tensor, noise, length, camera), 0.0)
+
+
+def _finding(maxima: int, agreeing: int) -> Finding:
+    return Finding(
+        "warning",
+        "depth-not-used",
+        f"the shape owes nothing to the depth sensor but its distance; its bas-relief is read from "
+        f"{agreeing} of {maxima} diffuse maxima",
+        "use multi-light for a metric shape",
+    )
