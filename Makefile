@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := src tests benchmarks
 
-.PHONY: demo test lint types pytest format picture clean
+.PHONY: demo test lint types pytest format picture paper clean
 
 demo: $(VENV)/demo.stamp
 	@echo "== rendering a capture with 12 lights and refining it (the first run also compiles)"
@@ -35,6 +35,12 @@ MITTEN ?= ../shared/captures/mitten
 picture: $(VENV)/dev.stamp
 	$(BIN)/rakelight refine $(MITTEN) -o out/mitten --overwrite
 	cp out/mitten/preview.png docs/mitten.png
+
+# docs/paper.md and its pictures; ten minutes on two cores.
+paper: $(VENV)/dev.stamp
+	$(BIN)/rakelight paper all -o out/paper --overwrite
+	rm -rf docs/paper
+	cp -r out/paper/paper out/paper/paper.md docs/
 
 clean:
 	rm -rf $(VENV) out .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -19,7 +19,7 @@ COMMANDS = {
     "refine": "refine the depth of a capture folder",
     "synth": "make a capture with known truth",
     "eval": "compare a result with the truth of a synthetic capture",
-    "paper": "the paper's tables on our captures",
+    "paper": "the paper's tables and figures on our captures",
 }
 
 

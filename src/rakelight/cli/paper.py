@@ -1,4 +1,4 @@
-"""`rakelight paper table1 -o DIR`."""
+"""`rakelight paper all -o DIR`, or one table or figure."""
 
 from __future__ import annotations
 
@@ -10,61 +10,62 @@ from rakelight.cli.options import output_options
 from rakelight.cli.progress import shown_progress
 from rakelight.errors import printable
 
+FIGURES = [f"figure{number}" for number in range(1, 9)]
+
 
 @click.command("paper")
-@click.argument("what", type=click.Choice(["table1", "table2"]))
+@click.argument("what", type=click.Choice(["all", "table1", "table2", "scenarios", *FIGURES]))
 @click.option(
     "-o",
     "--output",
     type=click.Path(path_type=Path),
     required=True,
     metavar="DIR",
-    help="Where the table goes as Markdown, CSV and JSON, with pictures.",
+    help="Where it goes as Markdown, CSV and JSON, with pictures.",
 )
 @click.option("--size", type=float, default=1.0, show_default=True, help="Scale of 640 x 480.")
-@click.option("--overwrite", is_flag=True, help="Replace an older table at DIR.")
+@click.option(
+    "--capture",
+    type=click.Path(path_type=Path),
+    metavar="FOLDER",
+    help="A capture of your own, for figures 1, 3, 4 and 5.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace an older one at DIR.")
 @output_options
 def command(
     what: str,
     output: Path,
     size: float,
+    capture: Path | None,
     overwrite: bool,
     as_json: bool,
     quiet: bool,
     debug: bool,
 ) -> None:
-    """Run the paper's experiment on synthetic captures and print the table.
+    """Run the paper's experiment on synthetic captures: a table, a figure, or all of it.
 
-    table1: errors of every method on three paintings of one object.  table2: runtimes.
+    table1: errors of every method on three paints.  table2: runtimes.  scenarios: what the
+    methods take for paint.  all: everything, and paper.md, which says what holds of the paper.
     """
-    from rakelight.capture.images import encode_png
+    from rakelight.capture import load_capture
     from rakelight.errors import InputError
     from rakelight.files import require_free, staged_folder, write_bytes
-    from rakelight.paper.table1 import table1
-    from rakelight.paper.table2 import table2
-    from rakelight.paper.write import as_csv, table1_markdown, table2_markdown
-    from rakelight.paper.write import as_json as to_json
+    from rakelight.paper.make import folder_of, marker, require_extras
+    from rakelight.paper.runs import Runs
 
     if not 0.1 <= size <= 4:
         raise InputError("not a size", source="--size", seen=str(size), needed="0.1 to 4")
-    marker = f"{what}.json"
-    require_free(output, overwrite=overwrite, marker=marker)
-    pictures = {}
+    require_extras(what)
+    require_free(output, overwrite=overwrite, marker=marker(what))
+    own = None if capture is None else load_capture(capture)
     with shown_progress(quiet or as_json) as progress:
-        if what == "table1":
-            table = table1(size, progress=progress)
-            rows, markdown, pictures = table.cells, table1_markdown(table.cells), table.pictures
-        else:
-            rows = table2(size, progress=progress)  # type: ignore[assignment]
-            markdown = table2_markdown(rows)
-    with staged_folder(output, overwrite=overwrite, marker=marker) as staging:
-        write_bytes(staging / f"{what}.md", markdown.encode())
-        write_bytes(staging / f"{what}.csv", as_csv(rows).encode())
-        for name, picture in pictures.items():
-            write_bytes(staging / f"{what}_{name}.png", encode_png(picture))
-        write_bytes(staging / marker, to_json(rows).encode())
+        files, rows, text = folder_of(what, Runs(size, own, progress))
+    with staged_folder(output, overwrite=overwrite, marker=marker(what)) as staging:
+        for name, content in files.items():
+            (staging / name).parent.mkdir(exist_ok=True)
+            write_bytes(staging / name, content)
     if as_json:
-        click.echo(to_json(rows))
+        click.echo(rows)
     elif not quiet:
-        click.echo(markdown)
+        click.echo(text)
         click.echo(f"written to {printable(str(output))}")

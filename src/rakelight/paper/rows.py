@@ -84,5 +84,6 @@ ROWS = (
         paper_seconds=52.82,
     ),
     Row("multi-light, joint", "multi-light", "moving-lamp"),
+    Row("LDR-PS", "ldr-ps", "moving-lamp"),
 )
 """Table 1's rows in the paper's order, then ours.  The paper's numbers are in its table 1 and 2."""

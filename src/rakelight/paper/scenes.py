@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import lru_cache
 
-from rakelight.model import Capture, Lighting, Truth
+from rakelight.model import Camera, Capture, Lighting, Truth
 from rakelight.synthetic import (
     PAPER_NOISE,
     SceneOptions,
@@ -19,15 +19,23 @@ SCENARIOS = ("simple", "pattern", "complicated")
 
 # 640 x 480, as the depth camera's; the depth map has the photographs' resolution, so that the
 # table compares methods and not interpolations.
-PAPER_OPTIONS = SceneOptions(
-    camera=make_shape("head").camera.scaled(4 / 3), depth_noise=PAPER_NOISE, photographs=12
-)
+CAMERA = make_shape("head").camera.scaled(4 / 3)
+PAPER_OPTIONS = SceneOptions(camera=CAMERA, depth_noise=PAPER_NOISE, photographs=12)
 
 
 def paper_object() -> Shape:
     """The bust; its surface is traced once per camera, for however many scenes."""
     bust = make_shape("head")
     return replace(bust, render=lru_cache(maxsize=4)(bust.render))
+
+
+def paper_camera(size: float = 1.0) -> Camera:
+    """The camera of every scene, 640 x 480 at 1.
+
+    >>> paper_camera(0.5).shape
+    (240, 320)
+    """
+    return CAMERA.scaled(size)
 
 
 def paper_scene(
@@ -43,7 +51,5 @@ def paper_scene(
     >>> capture.photographs.shape, truth.depth.shape
     ((1, 120, 160, 3), (120, 160))
     """
-    camera = PAPER_OPTIONS.camera
-    assert camera is not None
-    options = replace(PAPER_OPTIONS, lighting=lighting, camera=camera.scaled(size))
+    options = replace(PAPER_OPTIONS, lighting=lighting, camera=paper_camera(size))
     return render_scene(shape or paper_object(), make_albedo(scenario), options)

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from rakelight.export.pictures import object_window, shaded, side_by_side
 from rakelight.geometry.normals import normals_from_depth
 from rakelight.metrics import Evaluation, evaluate
-from rakelight.model import Array, Capture, Lighting, Progress, ProgressCallback, Truth, silent
+from rakelight.model import Array, Progress, ProgressCallback, Truth, silent
 from rakelight.paper.rows import ROWS, Row
-from rakelight.paper.scenes import SCENARIOS, paper_object, paper_scene
+from rakelight.paper.runs import Runs
+from rakelight.paper.scenes import SCENARIOS
 from rakelight.prepare import prepare
 
 
@@ -38,11 +39,15 @@ class Table1:
 
 
 def table1(
-    size: float = 1.0, rows: Sequence[Row] = ROWS, progress: ProgressCallback = silent
+    size: float = 1.0,
+    rows: Sequence[Row] = ROWS,
+    progress: ProgressCallback = silent,
+    runs: Runs | None = None,
 ) -> Table1:
     """Run every available method on the three scenarios.
 
     size : scale of the photographs, 640 x 480 at 1
+    runs : scenes and results to share with figures, of that size
 
     >>> table = table1(size=0.25, rows=ROWS[:2])
     >>> [(cell.method, cell.rmse_mm is None) for cell in table.cells[::3]]
@@ -50,19 +55,16 @@ def table1(
     """
     scores: dict[tuple[str, str], Evaluation] = {}
     pictures: dict[str, Array] = {}
-    bust = paper_object()
+    runs = runs or Runs(size)
     steps = len(SCENARIOS) * sum(row.available for row in rows)
     for scenario in SCENARIOS:
-        scenes: dict[Lighting, tuple[Capture, Truth]] = {}
         strip: list[Array] = []
         for row in (row for row in rows if row.available):
-            if row.lighting not in scenes:
-                scenes[row.lighting] = paper_scene(scenario, row.lighting, size, bust)
-            capture, truth = scenes[row.lighting]
             progress(Progress(f"{scenario}: {row.label}", len(scores), steps))
+            _, truth = runs.scene(scenario, row.lighting)
             if not strip:
                 strip.append(_picture(truth.normals, truth))
-            scores[row.label, scenario], normals = _score(row, capture, truth)
+            scores[row.label, scenario], normals = _score(row, scenario, runs)
             strip.append(_picture(normals, truth))
         pictures[scenario] = side_by_side(*strip)
     cells = tuple(
@@ -73,13 +75,14 @@ def table1(
     return Table1(cells, pictures)
 
 
-def _score(row: Row, capture: Capture, truth: Truth) -> tuple[Evaluation, Array]:
+def _score(row: Row, scenario: str, runs: Runs) -> tuple[Evaluation, Array]:
+    capture, truth = runs.scene(scenario, row.lighting)
     if row.method is None:
         prepared = prepare(capture)
         depth = prepared.embed(prepared.depth_m, float("nan"))
         normals = normals_from_depth(depth, truth.mask, capture.camera)
     else:
-        result = row.run(capture, silent)
+        result = runs.result(row, scenario)
         depth, normals = result.depth, result.normals
     return evaluate(depth, normals, truth), normals
 
