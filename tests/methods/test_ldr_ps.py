@@ -12,6 +12,7 @@ from rakelight.methods.ldr_ps import (
     Options,
     bas_relief,
     factorise,
+    grey_photographs,
     integrable_basis,
     integrated,
     ldr_ps,
@@ -126,6 +127,15 @@ def test_impossible_options_are_refused(wrong):
 # ---- its steps
 
 
+def test_shadows_and_clipped_values_are_missing(prepared):
+    values = np.full(prepared.photographs.shape, 30_000, np.uint16)
+    values[0] = 5_900
+    values[1, ..., 2] = 65_535
+    _, lit = grey_photographs(replace(prepared, photographs=values), shadow=0.2)
+    assert lit[2:].all()
+    assert not lit[:2].any()
+
+
 def test_factors_explain_the_values_that_are_missing():
     rng = np.random.default_rng(1)
     lamps, normals = rng.normal(size=(9, 3)), rng.normal(size=(400, 3))
@@ -157,14 +167,27 @@ def test_maxima_give_the_bas_relief_though_most_are_paint():
     lamps = rng.normal(size=(30, 3)) * [0.4, 0.4, 0.1] - [0, 0, 1]
     normals = lamps / np.linalg.norm(lamps, axis=1, keepdims=True)
     normals[12:] = rng.normal(size=(18, 3)) * [0.5, 0.5, 0.1] - [0, 0, 1]
-    G, agreeing = bas_relief(normals @ np.linalg.inv(BAS_RELIEF), lamps @ BAS_RELIEF.T)
+    mixed = normals @ np.linalg.inv(BAS_RELIEF)
+    G, agreeing = bas_relief(mixed, lamps @ BAS_RELIEF.T, np.arange(30))
     assert agreeing[:12].all()
     assert agreeing[12:].sum() <= 3
     np.testing.assert_allclose(G, BAS_RELIEF, atol=0.1)
 
 
+def test_a_bas_relief_that_draws_everything_together_is_not_agreement():
+    rng = np.random.default_rng(4)
+    lamps = rng.normal(size=(12, 3)) * [0.4, 0.4, 0.1] - [0, 0, 1]
+    lamp = rng.integers(12, size=300)
+    normals = lamps[lamp] / np.linalg.norm(lamps[lamp], axis=1, keepdims=True)
+    normals[20:] = rng.normal(size=(280, 3)) * [0.5, 0.5, 0.1] - [0, 0, 1]
+    mixed = normals @ np.linalg.inv(BAS_RELIEF)
+    G, agreeing = bas_relief(mixed, lamps @ BAS_RELIEF.T, lamp)
+    assert agreeing[:20].all()
+    np.testing.assert_allclose(G, BAS_RELIEF, atol=0.1)
+
+
 def test_without_maxima_nothing_is_changed():
-    G, agreeing = bas_relief(np.ones((1, 3)), np.ones((1, 3)))
+    G, agreeing = bas_relief(np.ones((1, 3)), np.ones((1, 3)), np.zeros(1, int))
     assert (np.eye(3) == G).all()
     assert agreeing.tolist() == [False]
 

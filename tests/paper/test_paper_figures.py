@@ -142,9 +142,10 @@ def test_figure8_only_the_depth_keeps_the_jumps(runs):
     jumps = {row.method: row.jump_percent for row in sheet.rows}
     assert jumps["multi-light, joint"] > 85
     assert jumps["LDR-PS"] < 60
-    joint, _, alone = sheet.rows
+    joint, _, alone, lambertian = sheet.rows
+    assert lambertian.mae_deg < min(12, alone.mae_deg)
     assert alone.aligned_rmse_mm > 1.3 * joint.rmse_mm
-    assert all(row.bas_relief_mae_deg <= row.mae_deg + 0.1 for row in sheet.rows)
+    assert all(row.bas_relief_mae_deg < row.mae_deg + 0.5 for row in sheet.rows)
     assert all(row.aligned_rmse_mm <= row.rmse_mm for row in sheet.rows)
 
 

@@ -12,7 +12,7 @@ from rakelight.cli import main
 from rakelight.paper.figure2 import Explanation
 from rakelight.paper.figure6 import Shining
 from rakelight.paper.figure7 import Count, Time
-from rakelight.paper.figure8 import Shape
+from rakelight.paper.figure8 import LAMBERTIAN, Shape
 from rakelight.paper.make import NAMES
 from rakelight.paper.report import INPUT, JOINT, LDR_PS, PUBLISHED, SINGLE, claims, page
 from rakelight.paper.scenarios import Paint
@@ -81,6 +81,7 @@ def sheets():
     ]
     shapes = [Shape(PUBLISHED, 1.9, 1.8, 2.7, 2.6, 66.0), Shape(JOINT, 1.2, 0.8, 1.6, 1.3, 102.0)]
     shapes.append(Shape(LDR_PS, 8.7, 7.8, 4.1, 2.8, 28.0))
+    shapes.append(Shape(LAMBERTIAN, 9.7, 8.8, 2.7, 2.3, 33.0))
     made = {
         "table1": replace(small("table1", cells), markdown=table1_markdown(cells)),
         "table2": replace(small("table2", times), markdown=table2_markdown(times)),

@@ -116,7 +116,7 @@ def ldr_ps(prepared: Prepared, options: Options, progress: ProgressCallback) -> 
     progress(Progress("diffuse maxima"))
     where, lamp = diffuse_maxima(values, lit, mask)
     smooth = smoothed(scatter(factors.normals, mask), known)[mask]
-    G, agreeing = bas_relief(smooth[where], factors.lamps[lamp])
+    G, agreeing = bas_relief(smooth[where], factors.lamps, lamp)
     factors = upright(factors.changed(G.T), mask, camera)
 
     length = np.linalg.norm(factors.normals, axis=1, keepdims=True)
@@ -257,34 +257,38 @@ def diffuse_maxima(values: Floats, lit: Mask, mask: Mask) -> tuple[Array, Array]
     return where, lamp
 
 
-def bas_relief(normals: Floats, lamps: Floats) -> tuple[Floats, Mask]:
-    """G (3, 3) of (2) from scaled normals (K, 3) that face their lamps (K, 3), and who agrees.
+def bas_relief(normals: Floats, lamps: Floats, lamp: Array) -> tuple[Floats, Mask]:
+    """G (3, 3) of (2) from scaled normals (K, 3) that face lamps (N, 3), and who agrees (K,).
+
+    lamp : (K,) which of the lamps each normal faces
 
     Paint makes false maxima, which agree with no G but their own: of the G of many pairs the one
     that most maxima agree with is taken, and fitted to those by (3), the closest counting most.
     """
     rng = np.random.default_rng(0)
+    count, each = len(normals), np.arange(len(normals))
+    share = np.bincount(lamp, minlength=len(lamps)) / max(count, 1)
     best: Floats = np.eye(3)
-    angle, score = np.full(len(normals), np.inf), 0.0
-    for _ in range(PAIRS if len(normals) >= 2 else 0):
-        pair = rng.choice(len(normals), 2, replace=False)
-        G = _fitted(normals[pair], lamps[pair], np.ones(2))
+    angle, score = np.full(count, np.inf), 0.0
+    for _ in range(PAIRS if count >= 2 else 0):
+        pair = rng.choice(count, 2, replace=False)
+        G = _fitted(normals[pair], lamps[lamp[pair]], np.ones(2))
         if G is not None:
             angles = _angles(G, normals, lamps)
             agree = angles < AGREE_DEG
             # A G that draws all normals and lamps together makes everything agree: the agreement
             # with the other maxima's lamps is taken off.
-            now = float(np.trace(agree) - agree.mean() * len(agree))
+            now = float(agree[each, lamp].sum() - (agree @ share).sum())
             if now > score:
-                best, angle, score = G, np.diag(angles), now
+                best, angle, score = G, angles[each, lamp], now
     for _ in range(ROBUST_ROUNDS):
         agreeing = angle < AGREE_DEG
         length = np.linalg.norm(normals[agreeing] @ best @ best.T, axis=1)
         weight = 1 / (1 + (3 * angle[agreeing] / AGREE_DEG) ** 2)
-        G = _fitted(normals[agreeing], lamps[agreeing], np.sqrt(weight) / length)
+        G = _fitted(normals[agreeing], lamps[lamp[agreeing]], np.sqrt(weight) / length)
         if G is None:
             break
-        best, angle = G, np.diag(_angles(G, normals, lamps))
+        best, angle = G, _angles(G, normals, lamps)[each, lamp]
     return best, angle < AGREE_DEG
 
 
@@ -312,7 +316,7 @@ def _fitted(b: Floats, s: Floats, weight: Floats) -> Floats | None:
 
 
 def _angles(G: Floats, b: Floats, s: Floats) -> Floats:
-    """(K, K) degrees between every normal and every lamp under G."""
+    """(K, N) degrees between every normal and every lamp under G."""
     n, l = b @ G, s @ np.linalg.inv(G).T  # noqa: E741
     n = n / np.linalg.norm(n, axis=1, keepdims=True)
     l = l / np.linalg.norm(l, axis=1, keepdims=True)  # noqa: E741

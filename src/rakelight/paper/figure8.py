@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rakelight.export.pictures import object_window
 from rakelight.metrics import evaluate, normal_errors
-from rakelight.model import Array, Camera, Floats, Mask
+from rakelight.model import Array, Camera, Floats, Mask, Result, Truth, silent
 from rakelight.paper.bas_relief import bas_relief_aligned
 from rakelight.paper.drawing import clay, in_column, in_row, panel, profile, turned
 from rakelight.paper.runs import MAIN, Runs, row_of
+from rakelight.paper.scenes import PAPER_OPTIONS
 from rakelight.paper.sheet import Sheet
+from rakelight.synthetic import make_albedo, render_scene
 
 METHODS = ("multi-light", "multi-light-alternating", "ldr-ps")
+LAMBERTIAN = "LDR-PS, even grey paint, no ambient light"
 SIDE_DEG = 80.0
 JUMP_M = 0.010
 """Neighbours whose true depths differ by more lie on either side of a jump."""
@@ -41,30 +44,35 @@ class Shape:
 
 
 def figure8(runs: Runs) -> Sheet:
-    """The patterned bust by three methods."""
+    """The patterned bust by three methods; last LDR-PS on the scene that its model asks for."""
     capture, truth = runs.scene(MAIN, "moving-lamp")
     mask, camera = truth.mask, capture.camera
     rows, depths = [], {"truth": np.asarray(truth.depth, float)}
     for method in METHODS:
         row = row_of(method)
         result = runs.result(row, MAIN)
-        scores = evaluate(result.depth, result.normals, truth)
-        aligned = bas_relief_aligned(result.normals, truth.normals, mask)
-        rows.append(
-            Shape(
-                row.label,
-                scores.depth.rmse_mm,
-                aligned_rmse_mm(result.depth, truth.depth, mask),
-                scores.normals.mae_deg,
-                normal_errors(aligned, truth.normals, mask).mae_deg,
-                100 * jump_share(result.depth, truth.depth, mask),
-            )
-        )
+        rows.append(_row(row.label, result, truth))
         depths[row.label] = result.depth
+    options = replace(PAPER_OPTIONS, camera=camera, ambient=0.0)
+    grey, grey_truth = render_scene(runs.bust, make_albedo("grey"), options)
+    rows.append(_row(LAMBERTIAN, row_of("ldr-ps").run(grey, silent), grey_truth))
     line = profile((object_window(mask)[0], _middle(mask)), **depths)
-    picture = _picture(depths, mask, camera)
     title = "Figure 8: with the depth sensor and without, front and side"
+    picture = _picture(depths, mask, camera)
     return Sheet("figure8", title, rows, {"": picture}, {"_profile": line})
+
+
+def _row(label: str, result: Result, truth: Truth) -> Shape:
+    scores = evaluate(result.depth, result.normals, truth)
+    aligned = bas_relief_aligned(result.normals, truth.normals, truth.mask)
+    return Shape(
+        label,
+        scores.depth.rmse_mm,
+        aligned_rmse_mm(result.depth, truth.depth, truth.mask),
+        scores.normals.mae_deg,
+        normal_errors(aligned, truth.normals, truth.mask).mae_deg,
+        100 * jump_share(result.depth, truth.depth, truth.mask),
+    )
 
 
 def aligned_rmse_mm(depth_m: Floats, truth_m: Floats, mask: Mask) -> float:

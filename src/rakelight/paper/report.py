@@ -11,6 +11,7 @@ import numpy as np
 from rakelight.paper.drawing import small_jpeg
 from rakelight.paper.figure6 import FEW
 from rakelight.paper.figure7 import LITTLE, NOTHING, enough
+from rakelight.paper.figure8 import LAMBERTIAN
 from rakelight.paper.scenes import SCENARIOS, paper_camera
 from rakelight.paper.sheet import SECONDS, Sheet
 
@@ -185,7 +186,7 @@ def _f(sheets: Sheets) -> Claim:
 
 def _g(sheets: Sheets) -> Claim:
     rows = {row.method: row for row in sheets["figure8"].rows}
-    joint, alone = rows[JOINT], rows[LDR_PS]
+    joint, alone, ideal = rows[JOINT], rows[LDR_PS], rows[LAMBERTIAN]
     flattened = alone.jump_percent < FLATTENED
     kept = joint.jump_percent > WHOLE_JUMP
     return Claim(
@@ -194,8 +195,9 @@ def _g(sheets: Sheets) -> Claim:
         "jumps are smoothed, the pedestal is bent. Multi-light recovers the real shape.",
         YES if flattened and kept else PARTLY if flattened else NO,
         f"LDR-PS's normals are off by {alone.mae_deg:.2f} degrees "
-        f"({alone.bas_relief_mae_deg:.2f} after the best bas-relief), but of the depth jumps' "
-        f"height it has {alone.jump_percent:.0f} %, and its depth is off by "
+        f"({alone.bas_relief_mae_deg:.2f} after the best bas-relief; on even grey paint without "
+        f"ambient light {ideal.mae_deg:.2f} and {ideal.bas_relief_mae_deg:.2f}), but of the depth "
+        f"jumps' height it has {alone.jump_percent:.0f} %, and its depth is off by "
         f"{alone.aligned_rmse_mm:.2f} mm after the best scale and offset; our joint method has "
         f"{joint.jump_percent:.0f} % and {joint.rmse_mm:.2f} mm without any alignment, the "
         f"published one {rows[PUBLISHED].jump_percent:.0f} % and "
