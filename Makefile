@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := src tests benchmarks
 
-.PHONY: demo test lint types pytest format picture paper clean
+.PHONY: demo test lint types pytest format picture screenshot paper clean
 
 demo: $(VENV)/demo.stamp
 	@echo "== rendering a capture with 12 lights and refining it (the first run also compiles)"
@@ -35,6 +35,11 @@ MITTEN ?= ../shared/captures/mitten
 picture: $(VENV)/dev.stamp
 	$(BIN)/rakelight refine $(MITTEN) -o out/mitten --overwrite
 	cp out/mitten/preview.png docs/mitten.png
+
+# The report's picture: the same mitten under raking light, in its page.
+screenshot: $(VENV)/dev.stamp
+	$(BIN)/rakelight refine $(MITTEN) -o out/mitten --overwrite
+	$(BIN)/python benchmarks/report_picture.py out/mitten docs/report.png
 
 # docs/paper.md and its pictures; ten minutes on two cores.
 paper: $(VENV)/dev.stamp

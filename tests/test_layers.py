@@ -27,7 +27,7 @@ HEIGHT = {room: height for height, rooms in enumerate(LAYERS) for room in rooms}
 
 ALLOWED = {
     ("capture/folder.py", "prepare"): "without mask.png the object is cut out of depth and colour",
-    ("model.py", "export"): "Result.save writes the result folder, when it is called",
+    ("model.py", "report"): "Result.save writes the result folder, when it is called",
     ("prepare/inpaint.py", "solve"): "holes are filled by the solver of the depth steps",
     ("shading/piecewise.py", "solve"): "the albedo between edges is one more system of links",
 }

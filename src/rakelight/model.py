@@ -260,6 +260,10 @@ class Result:
     method, options : name and every parameter with its value
     energy : one value per iteration; converged says whether it came to rest
     timings_s : seconds per stage
+    capture : what was read, in figures: photographs, photograph_size, bits, encoding, lighting,
+        depth_maps, depth_size
+    prediction_errors : of every photograph from the others' albedo, as a fraction of its mean
+        brightness; empty where there are fewer than three
     """
 
     depth: Floats
@@ -278,6 +282,8 @@ class Result:
     findings: tuple[Finding, ...] = ()
     source: str = ""
     photograph_names: tuple[str, ...] = ()
+    capture: Mapping[str, Any] = field(default_factory=dict)
+    prediction_errors: tuple[float, ...] = ()
 
     @property
     def mask(self) -> Mask:
@@ -295,12 +301,17 @@ class Result:
         overwrite: bool = False,
         mesh: Literal["ply", "glb", "none"] = "ply",
         normal_map: Literal["opengl", "directx"] = "opengl",
+        truth: Truth | None = None,
     ) -> None:
         """Write the result folder of docs/conventions.md; it appears complete or not at all.
+
+        With the truth of a synthetic capture its report.html shows the errors.
 
         Raises OutputExistsError when `folder` exists and `overwrite` is False, MachineError
         when the disk is full or may not be written to.
         """
-        from rakelight.export import save_result
+        from rakelight.report import save_with_report
 
-        save_result(self, folder, overwrite=overwrite, mesh=mesh, normal_map=normal_map)
+        save_with_report(
+            self, folder, overwrite=overwrite, mesh=mesh, normal_map=normal_map, truth=truth
+        )

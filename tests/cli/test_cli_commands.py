@@ -430,3 +430,42 @@ def test_demo_replaces_an_earlier_demo_but_nothing_else(run, refused, capture, t
     assert not (mine / "result" / "stale").exists()
     shutil.rmtree(mine / "capture" / "truth")  # now it is like somebody's real capture
     refused("demo", "-o", mine, about=mine / "capture", words=("not overwritten",))
+
+
+# --- view ---
+
+
+@pytest.fixture
+def opened(monkeypatch):
+    """The addresses that the browser was asked to open."""
+    addresses = []
+    monkeypatch.setattr("webbrowser.open", lambda address: addresses.append(address) or True)
+    return addresses
+
+
+def test_view_opens_the_report(run, capture, tmp_path, opened):
+    out = tmp_path / "with space"
+    assert run("refine", capture, "-o", out, "--quiet").code == 0
+    assert run("view", out).code == 0
+    assert opened == [(out / "report.html").as_uri()]
+    ran = run("view", out, "--print")
+    assert (ran.code, ran.out.strip(), len(opened)) == (0, opened[0], 1)
+
+
+def test_view_without_a_browser_says_where_the_report_is(run, tmp_path, monkeypatch):
+    (tmp_path / "report.html").touch()
+    monkeypatch.setattr("webbrowser.open", lambda address: False)
+    ran = run("view", tmp_path)
+    assert (ran.code, ran.out) == (3, "")
+    assert (tmp_path / "report.html").as_uri() in ran.err
+
+
+def test_view_of_something_else(refused, tmp_path):
+    refused("view", tmp_path, about=tmp_path, words=("no report here",))
+
+
+def test_the_report_of_a_synthetic_capture_shows_its_errors(run, capture, tmp_path):
+    for scale, expected in (("auto", True), ("1", False)):  # the truth has the photographs' size
+        out = tmp_path / scale
+        assert run("refine", capture, "-o", out, "--scale", scale).code == 0
+        assert ("Against the truth" in (out / "report.html").read_text()) == expected

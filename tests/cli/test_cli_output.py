@@ -64,7 +64,7 @@ def test_what_refine_says(run, capture, tmp_path):
         r"[a-z-]+: 5 photographs, 48 x 36, 384 pixels, (converged|stopped) after \d+ iterations",
         first,
     )
-    assert second == f"result: {out}  (look at preview.png first)"
+    assert second == f"result: {out}  (look at it with `rakelight view {out}`)"
     # Without a terminal on stderr no progress is shown.
     assert all(re.match("(note|warning): ", line) for line in ran.err.splitlines())
     assert "note: median depth 0.7" in ran.err

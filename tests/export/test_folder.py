@@ -51,16 +51,21 @@ def test_the_folder_holds_what_result_json_lists(sphere, tmp_path, mesh, more):
     assert leftovers(tmp_path, "out") == set()
 
 
-def test_result_save_is_save_result(sphere, tmp_path):
+def test_result_save_is_save_result_with_a_report(sphere, tmp_path):
     sphere.save(str(tmp_path / "a" / "b"), mesh="none", normal_map="directx")
-    assert content(tmp_path / "a" / "b").keys() == FILES
+    assert content(tmp_path / "a" / "b").keys() == FILES | {"report.html"}
     conventions = strict_json(tmp_path / "a" / "b" / "result.json")["conventions"]
     assert conventions["normal_map"] == "directx"
 
 
 def test_extra_files_arrive_with_the_rest_and_are_listed(sphere, tmp_path):
-    save_result(sphere, tmp_path / "out", mesh="none", extra_files={"report.html": b"<p>"})
-    assert (tmp_path / "out" / "report.html").read_bytes() == b"<p>"
+    save_result(
+        sphere,
+        tmp_path / "out",
+        mesh="none",
+        extra_files={"report.html": lambda r: r.source.encode()},
+    )
+    assert (tmp_path / "out" / "report.html").read_bytes() == sphere.source.encode()
     assert "report.html" in strict_json(tmp_path / "out" / "result.json")["files"]
 
 

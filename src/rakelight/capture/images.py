@@ -97,6 +97,16 @@ def encode_png(pixels: Array) -> bytes:
     return _encode(".png", pixels, [])
 
 
+def encode_jpeg(pixels: Array, quality: int = 88) -> bytes:
+    """A JPEG file of (H, W) grey or (H, W, 3) RGB, uint8, for pictures that people look at.
+
+    >>> encode_jpeg(np.zeros((2, 2), np.uint8))[:2].hex()
+    'ffd8'
+    """
+    _check_encodable(pixels, "JPEG", (np.dtype(np.uint8),), (3,))
+    return _encode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])
+
+
 def encode_tiff(pixels: Array) -> bytes:
     """A TIFF file of (H, W) or (H, W, 3) float32; lossless, NaN included, channels in order.
 

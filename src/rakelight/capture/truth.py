@@ -16,6 +16,15 @@ from rakelight.files import write_bytes
 from rakelight.model import Floats, Lights, Truth
 
 
+def has_truth(folder: str | PathLike[str]) -> bool:
+    """Whether the capture is a synthetic one that holds its truth.
+
+    >>> has_truth("no/such/folder")
+    False
+    """
+    return (Path(os.fsdecode(folder)) / "truth" / "depth.tiff").is_file()
+
+
 def load_truth(folder: str | PathLike[str]) -> Truth:
     """Read the truth of a synthetic capture from the `truth` folder in its folder.
 

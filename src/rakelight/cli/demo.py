@@ -48,7 +48,7 @@ def command(output: Path, as_json: bool, quiet: bool, debug: bool) -> None:
         write_capture(scene, folder, truth=truth, overwrite=True)
         result = refine(load_capture(folder), progress=progress)
         progress(Progress("write"))
-        result.save(result_folder, overwrite=True)
+        result.save(result_folder, overwrite=True, truth=truth)
     before = evaluate(
         result.prepared_depth,
         normals_from_depth(result.prepared_depth, truth.mask, result.camera),
@@ -61,5 +61,5 @@ def command(output: Path, as_json: bool, quiet: bool, debug: bool) -> None:
     elif not quiet:
         click.echo(score_table(before, after))
         click.echo(f"normals: {before.normals.mae_deg / after.normals.mae_deg:.1f} times better")
-        for name in ("preview.png", "depth.tiff", "normals.png", "mesh.ply"):
+        for name in ("preview.png", "depth.tiff", "normals.png", "mesh.ply", "report.html"):
             click.echo(f"  {printable(str(result_folder / name))}")

@@ -12,6 +12,7 @@ import click
 
 from rakelight.cli.options import output_options, parse_photographs, parse_scale
 from rakelight.cli.progress import shown_progress
+from rakelight.cli.view import view_command
 from rakelight.errors import OutputExistsError, printable
 from rakelight.methods import METHODS
 from rakelight.model import Progress, Result
@@ -70,7 +71,7 @@ def command(
     debug: bool,
 ) -> None:
     """Refine the depth of the capture folder CAPTURE by its photographs; write OUT."""
-    from rakelight.capture import load_capture
+    from rakelight.capture import has_truth, load_capture, load_truth
     from rakelight.files import require_free
     from rakelight.methods import refine
 
@@ -81,13 +82,14 @@ def command(
     with shown_progress(quiet or as_json) as progress:
         progress(Progress("read"))
         loaded = load_capture(capture)
+        truth = load_truth(capture) if has_truth(capture) else None
         if photographs is not None:
             loaded = loaded.select(parse_photographs(photographs, len(loaded.photographs)))
         read_s = perf_counter() - began
         result = refine(loaded, method, scale=wanted, progress=progress)
         progress(Progress("write"))
         result = result.timed(read=read_s)
-        result.save(output, overwrite=overwrite, mesh=mesh, normal_map=normal_map)
+        result.save(output, overwrite=overwrite, mesh=mesh, normal_map=normal_map, truth=truth)
     if as_json or not quiet:
         report_result(result, output, as_json)
 
@@ -138,4 +140,4 @@ def report_result(result: Result, folder: Path, as_json: bool) -> None:
         f"{result.method}: {facts['photographs']} photographs, {width} x {height}, "
         f"{facts['pixels']} pixels, {ended} after {result.iterations} iterations"
     )
-    click.echo(f"result: {facts['output']}  (look at preview.png first)")
+    click.echo(f"result: {facts['output']}  (look at it with `{printable(view_command(folder))}`)")

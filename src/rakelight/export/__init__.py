@@ -5,10 +5,11 @@ What every file holds is in docs/conventions.md.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -37,6 +38,8 @@ __all__ = ["LoadedResult", "Summary", "load_result", "save_result"]
 
 MARKER = "result.json"
 
+ExtraFiles: TypeAlias = Mapping[str, Callable[[Result], bytes]]
+
 
 def save_result(
     result: Result,
@@ -45,7 +48,7 @@ def save_result(
     overwrite: bool = False,
     mesh: MeshFormat = "ply",
     normal_map: NormalMap = "opengl",
-    extra_files: Mapping[str, bytes] | None = None,
+    extra_files: ExtraFiles | None = None,
 ) -> None:
     """Write the result folder of docs/conventions.md; it appears complete or not at all.
 
@@ -55,7 +58,8 @@ def save_result(
     overwrite : replace an older result folder there; other folders and files are never replaced
     mesh : format of the mesh file
     normal_map : the axes of normals.png
-    extra_files : more files for the folder, name -> content, such as the report
+    extra_files : more files for the folder, such as the report: name -> function that makes the
+        content from the result as it is written
 
     Raises
     ------
@@ -93,7 +97,7 @@ def _write(
     staging: Path,
     mesh: MeshFormat,
     normal_map: NormalMap,
-    extra_files: Mapping[str, bytes],
+    extra_files: ExtraFiles,
 ) -> None:
     """Write every file of a finite result into the staging folder; result.json last."""
     written: list[str] = []
@@ -119,8 +123,8 @@ def _write(
             write(f"mesh.{mesh}", to_bytes(surface, result.normals, result.albedo))
         else:
             result = replace(result, findings=(*result.findings, _NO_MESH))
-    for name, data in extra_files.items():
-        write(name, data)
+    for name, content in extra_files.items():
+        write(name, content(result))
     conventions = Conventions(depth_png_values_per_metre=values_per_metre, normal_map=normal_map)
     summary = summarise(result, conventions, [*written, MARKER])
     write(MARKER, summary_json(summary))

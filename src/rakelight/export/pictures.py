@@ -6,11 +6,17 @@ import numpy as np
 
 from rakelight.capture.images import encode_png
 from rakelight.export.albedo import srgb
+from rakelight.export.normals import normal_map
 from rakelight.geometry.grid import bounding_window
 from rakelight.geometry.normals import normals_from_depth
 from rakelight.model import Array, Floats, Mask, Result
 
 BACKGROUND = 32
+
+# Confidence 0 to 1, as even steps of lightness that the colour-blind see too (cividis).
+CONFIDENCE_COLORS = (
+    (0, 34, 78), (66, 78, 108), (125, 124, 120), (187, 174, 109), (254, 232, 56)
+)  # fmt: skip
 
 # Towards a lamp low at the upper left, camera frame (x right, y down, z forward).
 RAKING = (-0.75, -0.6, -0.3)
@@ -67,14 +73,48 @@ def object_window(mask: Mask, *, margin: int = 8) -> tuple[slice, slice]:
     return bounding_window(mask, margin) if mask.any() else (slice(0, height), slice(0, width))
 
 
-def preview(result: Result) -> Array:
-    """The prepared depth (left) and the refined one (right) as clay, cropped to the object."""
+def known_before(result: Result) -> Mask:
+    """(H, W) where the object had a depth before it was refined."""
+    before_m = result.prepared_depth
+    return np.asarray(result.mask & np.isfinite(before_m) & (np.nan_to_num(before_m) > 0))
+
+
+def clay_pair(result: Result) -> tuple[Array, Array]:
+    """The prepared depth and the refined one as clay, cropped to the object."""
     window = object_window(result.mask)
     camera = result.camera.cropped(*window)
-    mask, before_m = result.mask[window], result.prepared_depth[window]
-    known = mask & np.isfinite(before_m) & (np.nan_to_num(before_m) > 0)
-    before = shaded(normals_from_depth(before_m, known, camera), known)
-    return side_by_side(before, shaded(result.normals[window], mask))
+    known = known_before(result)[window]
+    before = shaded(normals_from_depth(result.prepared_depth[window], known, camera), known)
+    return before, shaded(result.normals[window], result.mask[window])
+
+
+def albedo_picture(result: Result) -> Array:
+    """(h, w, 3) uint8 sRGB albedo, cropped to the object."""
+    return _on_background(np.rint(255 * srgb(result.albedo)), result.mask)
+
+
+def normals_picture(result: Result) -> Array:
+    """(h, w, 3) uint8 normals in OpenGL's colours, cropped to the object."""
+    return _on_background(normal_map(result.normals), result.mask)
+
+
+def confidence_picture(result: Result) -> Array:
+    """(h, w, 3) uint8 confidence in the colours of `CONFIDENCE_COLORS`, cropped to the object."""
+    stops = np.linspace(0, 1, len(CONFIDENCE_COLORS))
+    colors = np.array(CONFIDENCE_COLORS, float)
+    picture = [np.interp(result.confidence, stops, column) for column in colors.T]
+    return _on_background(np.rint(np.stack(picture, axis=-1)), result.mask)
+
+
+def _on_background(picture: Array, mask: Mask) -> Array:
+    window = object_window(mask)
+    shown = np.where(mask[window][..., None], picture[window], BACKGROUND)
+    return shown.astype(np.uint8)
+
+
+def preview(result: Result) -> Array:
+    """The prepared depth (left) and the refined one (right) as clay, cropped to the object."""
+    return side_by_side(*clay_pair(result))
 
 
 def preview_png(result: Result) -> bytes:

@@ -58,11 +58,13 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     options: dict[str, Any]
     source: str
     photographs: list[str]
+    capture: dict[str, Any] = {}
     camera: Camera
     pixels: int
     iterations: int
     converged: bool
     energy: list[float | None]
+    prediction_errors: list[float | None] = []
     timings_s: dict[str, float | None]
     findings: list[Finding]
     units: Units = Units()
@@ -73,16 +75,18 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
 def summarise(result: Result, conventions: Conventions, files: list[str]) -> Summary:
     """The summary of a result that is written as `files`."""
     return Summary(
-        rakelight=_version(),
+        rakelight=program_version(),
         method=result.method,
         options=plain(result.options),
         source=plain(result.source),
         photographs=plain(result.photograph_names),
+        capture=plain(result.capture),
         camera=result.camera,
         pixels=int(result.mask.sum()),
         iterations=int(result.iterations),
         converged=bool(result.converged),
         energy=plain(result.energy),
+        prediction_errors=plain(result.prediction_errors),
         timings_s=plain(result.timings_s),
         findings=list(result.findings),
         conventions=conventions,
@@ -115,7 +119,7 @@ class _Versioned(msgspec.Struct):
     schema: str
 
 
-def _version() -> str:
+def program_version() -> str:
     """The version of the installed package; a source tree that is not installed has none."""
     from importlib.metadata import PackageNotFoundError, version
 

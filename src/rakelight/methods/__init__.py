@@ -18,6 +18,7 @@ from rakelight.errors import CaptureError, MethodError
 from rakelight.geometry.grid import has_gradient
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods.estimate import Estimate
+from rakelight.methods.prediction import prediction_errors
 from rakelight.model import (
     Capture,
     Finding,
@@ -145,7 +146,22 @@ def refine(
         findings=prepared.findings + estimate.findings + _convergence(estimate),
         source=capture.source,
         photograph_names=capture.names,
+        capture=_figures(capture),
+        prediction_errors=prediction_errors(prepared, depth_m, normals, estimate.lights),
     )
+
+
+def _figures(capture: Capture) -> dict[str, Any]:
+    """What was read, for the result's records."""
+    return {
+        "photographs": len(capture.photographs),
+        "photograph_size": [capture.camera.width, capture.camera.height],
+        "bits": 8 * capture.photographs.dtype.itemsize,
+        "encoding": capture.encoding,
+        "lighting": capture.lighting,
+        "depth_maps": len(capture.depth_m),
+        "depth_size": [capture.depth_m.shape[2], capture.depth_m.shape[1]],
+    }
 
 
 def _too_thin(prepared: Prepared) -> Estimate | None:

@@ -1,0 +1,87 @@
+"""How well a result predicts a photograph that has no say in the paint.
+
+Each photograph is rendered by equation (3) with its own lamp, the refined relief, and an albedo
+that the other photographs alone determine:
+
+    rho_-i = sum_{j != i} a_j I_j / sum_{j != i} a_j^2,    error_i = |rho_-i a_i - I_i|
+
+A relief that is wrong shades differently under every lamp, and then no albedo fits them all.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rakelight.geometry.camera import back_project
+from rakelight.model import Floats, Lights, Mask
+from rakelight.prepare import Prepared
+
+# So many pixels say it within a few per cent.
+MOST_PIXELS = 20_000
+LEAST_PHOTOGRAPHS = 3
+
+
+def prediction_errors(
+    prepared: Prepared, depth_m: Floats, normals: Floats, lights: Lights
+) -> tuple[float, ...]:
+    """Typical error of every photograph's prediction, as a fraction of its mean brightness.
+
+    depth_m, normals : (h, w), (h, w, 3) the refined surface in the prepared window
+    lights : of the photographs, the one that is predicted included
+
+    The median over pixels and channels; NaN for a photograph that shows nothing usable, nothing
+    at all for fewer than three photographs, or a method that used but one of them.
+    """
+    if len(prepared) < LEAST_PHOTOGRAPHS or len(lights) != len(prepared):
+        return ()
+    chosen = np.flatnonzero(prepared.mask)
+    chosen = chosen[:: max(1, -(-len(chosen) // MOST_PIXELS))]
+    among = np.searchsorted(np.flatnonzero(prepared.mask), chosen)
+    points = back_project(depth_m, prepared.camera)
+    middle = points[prepared.mask].mean(axis=0)
+    shading = shadings(
+        normals.reshape(-1, 3)[chosen], points.reshape(-1, 3)[chosen], middle, lights
+    )
+    seen = [prepared.pixels(i) for i in range(len(prepared))]
+    images = np.stack([image[among] for image, _ in seen])
+    good = np.stack([usable[among] for _, usable in seen])
+    return leave_one_out(images, good, shading)
+
+
+def shadings(normals: Floats, points_m: Floats, middle_m: Floats, lights: Lights) -> Floats:
+    """Shading (N, P, C) of P points under every light; near lamps fall off from their positions.
+
+    >>> lights = Lights(np.array([[[0.0, 0.0, -1.0]]]), np.zeros((1, 1)), np.zeros((1, 3)))
+    >>> near, far = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 2.0])
+    >>> facing = np.array([[0.0, 0.0, -1.0]] * 2)
+    >>> shadings(facing, np.stack([near, far]), near, lights)[0, :, 0].tolist()
+    [1.0, 0.25]
+    """
+    cosine = np.einsum("pk,nck->npc", normals, lights.vector)
+    if lights.position_m is not None:
+        away = lights.position_m[:, None] - points_m
+        distance = np.linalg.norm(away, axis=-1, keepdims=True)
+        reach = np.linalg.norm(lights.position_m - middle_m, axis=-1)[:, None, None]
+        toward = (away * normals).sum(axis=-1, keepdims=True) / distance
+        cosine = toward * (reach / distance) ** 2 * lights.intensity[:, None]
+    return np.asarray(np.maximum(cosine, 0) + lights.ambient[:, None])
+
+
+def leave_one_out(images: Floats, good: Mask, shading: Floats) -> tuple[float, ...]:
+    """Error of every photograph (N, P, 3) from the others' albedo; good (N, P, 3): usable values.
+
+    >>> shading = np.array([1.0, 2.0, 3.0])[:, None, None]
+    >>> leave_one_out(0.1 * shading + np.zeros((3, 4, 3)), np.ones((3, 4, 3), bool), shading)
+    (0.0, 0.0, 0.0)
+    """
+    squares, products = good * shading**2, good * shading * images
+    all_squares, all_products = squares.sum(axis=0), products.sum(axis=0)
+    errors = []
+    for i in range(len(images)):
+        left = all_squares - squares[i]
+        told = good[i] & (left > 1e-12)
+        albedo = np.divide(all_products - products[i], left, out=np.zeros_like(left), where=told)
+        off = np.abs(albedo * shading[i] - images[i])[told]
+        mean = float(images[i][told].mean()) if told.any() else 0.0
+        errors.append(round(float(np.median(off)) / mean, 9) if mean > 0 else float("nan"))
+    return tuple(errors)

@@ -1,0 +1,103 @@
+"""What was done, in words and figures, for the report's tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+
+from rakelight.errors import printable
+from rakelight.export.pictures import known_before
+from rakelight.export.plain import plain
+from rakelight.geometry.camera import back_project
+from rakelight.model import Floats, Result
+
+Rows = list[tuple[str, str]]
+
+
+def title_of(result: Result) -> str:
+    """The capture's name: the last part of where it came from.
+
+    Characters that do not print, or reverse the text around them, are escaped.
+    """
+    source = printable(result.source)
+    return PurePath(source).name or source or "result"
+
+
+def middle_m(result: Result) -> Floats:
+    """(3,) the mean of the object's points, metres, camera frame."""
+    return np.asarray(back_project(result.depth, result.camera)[result.mask].mean(axis=0))
+
+
+def capture_rows(result: Result) -> Rows:
+    """What was photographed and measured."""
+    read, rows = result.capture, []
+    if read:
+        kinds = {"moving-lamp": "moving lamp", "rgb-leds": "red, green and blue LEDs"}
+        rows.append(
+            (
+                "Photographs",
+                f"{read['photographs']}, {_size(read['photograph_size'])}, {read['bits']} bit, "
+                f"{read['encoding']}; {kinds.get(read['lighting'], read['lighting'])}",
+            )
+        )
+        rows.append(("Depth maps", f"{read['depth_maps']}, {_size(read['depth_size'])}"))
+    else:
+        rows.append(("Photographs", str(len(result.lights))))
+    z = float(np.median(result.depth[result.mask]))
+    pixels = int(result.mask.sum())
+    rows += [
+        ("Object", f"{pixels:,} pixels at a median depth of {1000 * z:,.0f} mm"),
+        ("One pixel covers", f"{1000 * z / result.camera.fx:.3g} mm of the object"),
+        ("Result", _size([result.camera.width, result.camera.height])),
+    ]
+    if result.source:
+        rows.append(("Read from", printable(result.source)))
+    return rows
+
+
+def method_rows(result: Result) -> Rows:
+    """What was computed, and how it ended."""
+    ended = "came to rest" if result.converged else "stopped before it came to rest"
+    rows = [("Method", result.method), ("Iterations", f"{result.iterations}; {ended}")]
+    known = known_before(result)
+    if known.any():
+        moved = 1000 * np.abs(result.depth - result.prepared_depth)[known]
+        rows.append(
+            ("Depth moved by", f"{np.median(moved):.2f} mm, the median; 95 % by less than "
+             f"{np.quantile(moved, 0.95):.2f} mm")
+        )  # fmt: skip
+    confidence = result.confidence[result.mask]
+    rows.append(
+        ("Confidence", f"{np.median(confidence):.2f}, the median; above one half on "
+         f"{100 * np.mean(confidence > 0.5):.0f} % of the object")
+    )  # fmt: skip
+    stages = {
+        name: s for name, s in result.timings_s.items() if name in ("read", "prepare", "refine")
+    }
+    if stages:
+        parts = ", ".join(f"{name} {seconds:.1f}" for name, seconds in stages.items())
+        rows.append(("Seconds", f"{sum(stages.values()):.1f} ({parts})"))
+    return rows
+
+
+def option_rows(options: Mapping[str, Any]) -> Rows:
+    """Every parameter with its value.
+
+    >>> option_rows({"depth_trust": None, "near": True})
+    [('depth trust', 'chosen from the data'), ('near', 'yes')]
+    """
+    words = {None: "chosen from the data", True: "yes", False: "no"}
+
+    def shown(value: Any) -> str:
+        if value is None or isinstance(value, bool):
+            return words[value]
+        return f"{value:g}" if isinstance(value, float) else printable(str(value))
+
+    return [(key.replace("_", " "), shown(value)) for key, value in plain(options).items()]
+
+
+def _size(sides: list[int]) -> str:
+    return f"{sides[0]} × {sides[1]} pixels"

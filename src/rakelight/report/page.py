@@ -1,0 +1,134 @@
+"""The page: template, style, viewer, maps and pictures in one file that asks for nothing.
+
+The content security policy allows the one script and the one style that are in it, by their
+hashes, and pictures that are data; everything else is forbidden, requests above all.
+"""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from hashlib import sha256
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+
+from rakelight.errors import printable
+from rakelight.export.pictures import CONFIDENCE_COLORS
+from rakelight.export.summary import program_version
+from rakelight.geometry.normals import normals_from_depth
+from rakelight.metrics import evaluate
+from rakelight.model import Result, Truth
+from rakelight.report import charts, facts
+from rakelight.report.planes import pack, viewer_maps
+from rakelight.report.plates import result_plates, truth_plates
+
+# In this order they are one script.
+VIEWER = ("planes.js", "mesh.js", "view.js", "scene.js", "measure.js", "main.js")
+
+
+def report_html(result: Result, truth: Truth | None = None) -> bytes:
+    """The report of a finite result (`export.finite.only_finite`) as UTF-8 HTML.
+
+    truth : at the result's resolution, for the errors; None for none
+
+    >>> from rakelight.model import Camera, Lights
+    >>> plane, facing = np.ones((4, 4), np.float32), np.zeros((4, 4, 3), np.float32)
+    >>> facing[..., 2] = -1
+    >>> result = Result(depth=plane, normals=facing, albedo=-facing, confidence=plane,
+    ...                 lights=Lights(np.zeros((1, 1, 3)), np.ones((1, 1))),
+    ...                 camera=Camera(4, 4, 100.0, 100.0, 1.5, 1.5), prepared_depth=plane,
+    ...                 method="none", source="captures/<b>")
+    >>> b"<title>&lt;b&gt;" in report_html(result)
+    True
+    """
+    names = tuple(map(printable, result.photograph_names))
+    lamps = charts.lamps(result.lights, names, facts.middle_m(result))
+    maps = viewer_maps(result)
+    planes, viewer = pack(maps)
+    viewer |= {
+        "ramp": [[value / 255 for value in color] for color in CONFIDENCE_COLORS],
+        "lamps": charts.lamp_facts(lamps),
+    }
+    style, script = _style(), _script()
+    environment = Environment(
+        autoescape=True,
+        undefined=StrictUndefined,
+        finalize=_shown,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    page = environment.from_string(_text("page.html")).render(
+        policy=_policy(script, style),
+        style=Markup(style),
+        script=Markup(script),
+        title=facts.title_of(result),
+        version=program_version(),
+        result=result,
+        warnings=[f for f in result.findings if f.severity == "warning"],
+        notes=[f for f in result.findings if f.severity != "warning"],
+        capture_rows=facts.capture_rows(result),
+        method_rows=facts.method_rows(result),
+        option_rows=facts.option_rows(result.options),
+        lamps=lamps,
+        tilts=charts.tilts(lamps) if lamps else None,
+        energy=charts.energy_curve(result.energy),
+        prediction=_prediction(result, names),
+        plates=result_plates(result),
+        truth=None if truth is None else _against(result, truth),
+        shrunk=maps.shrunk,
+        planes=planes,
+        viewer=viewer,
+    )
+    return page.encode("utf-8", "backslashreplace")
+
+
+def _prediction(result: Result, names: tuple[str, ...]) -> dict[str, Any] | None:
+    errors = [error for error in result.prediction_errors if np.isfinite(error)]
+    if not errors:
+        return None
+    bars = charts.error_bars(result.prediction_errors, names)
+    worst = max((bar for bar in bars if bar["percent"] is not None), key=lambda b: b["percent"])
+    return {"median": 100 * float(np.median(errors)), "worst": worst, "bars": bars}
+
+
+def _against(result: Result, truth: Truth) -> dict[str, Any]:
+    before = normals_from_depth(result.prepared_depth, truth.mask, result.camera)
+    return {
+        "rows": [
+            ("before", evaluate(result.prepared_depth, before, truth)),
+            ("after", evaluate(result.depth, result.normals, truth)),
+        ],
+        "plates": truth_plates(result, truth),
+    }
+
+
+def _shown(value: Any) -> Any:
+    """What the page says of a value: no text from outside reverses or hides the text around it."""
+    return printable(value) if isinstance(value, str) and not isinstance(value, Markup) else value
+
+
+def _text(name: str) -> str:
+    return files("rakelight.report").joinpath(name).read_text(encoding="utf-8")
+
+
+def _style() -> str:
+    return _text("page.css")
+
+
+def _script() -> str:
+    parts = "\n".join(_text(f"viewer/{name}") for name in VIEWER)
+    return f'(() => {{\n"use strict";\n{parts}\n}})();\n'
+
+
+def _policy(script: str, style: str) -> str:
+    """What the page may do: run this script, use this style, show pictures that are data."""
+    script_hash, style_hash = (
+        b64encode(sha256(text.encode()).digest()).decode() for text in (script, style)
+    )
+    return (
+        f"default-src 'none'; script-src 'sha256-{script_hash}'; "
+        f"style-src 'sha256-{style_hash}'; img-src data:; base-uri 'none'; form-action 'none'"
+    )

@@ -1,0 +1,198 @@
+"""The maps that the viewer draws, packed into text: what viewer/planes.js reads.
+
+Every map is cut to the object's window and, as rows of whole numbers, predicted from its
+neighbours, deflated and written in base64.
+"""
+
+from __future__ import annotations
+
+import zlib
+from base64 import b64encode
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rakelight.export.albedo import srgb
+from rakelight.export.confidence import confidence_values
+from rakelight.export.pictures import known_before, object_window
+from rakelight.geometry.grid import STEEPEST, area_mean
+from rakelight.geometry.normals import normals_from_depth
+from rakelight.model import Array, Camera, Floats, Mask, Result
+
+MOST_TRIANGLES = 150_000
+# Maps are averaged over blocks until they have at most so many pixels, as textures and downloads
+# have their limits; and so many along each side.
+MOST_PIXELS, LONGEST_SIDE = 3_000_000, 4096
+DEEPEST = 65535
+OCTAHEDRAL = 4095
+
+
+@dataclass(frozen=True, slots=True)
+class Plane:
+    """One map: its name, bits per value (8 or 16), and its text."""
+
+    name: str
+    bits: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Maps:
+    """What the viewer shows of a result, at the resolution that it shows.
+
+    before_m, after_m : (h, w) metres, NaN outside; before, after : (h, w, 3) normals
+    albedo : (h, w, 3) linear; confidence : (h, w) 0..1; shrunk : pixels of the result per pixel
+    """
+
+    camera: Camera
+    before_m: Floats
+    after_m: Floats
+    before: Floats
+    after: Floats
+    albedo: Floats
+    confidence: Floats
+    shrunk: int = 1
+
+    def shrink(self, factor: int) -> Maps:
+        """Averaged over blocks of factor x factor pixels; what does not fill one is cut off."""
+        height, width = (side // factor * factor for side in self.camera.shape)
+        window = slice(0, height), slice(0, width)
+
+        def mean(image: Floats) -> Floats:
+            return np.asarray(area_mean(image[window], factor))
+
+        return Maps(
+            self.camera.cropped(*window).scaled(1 / factor),
+            before_m=mean(self.before_m),
+            after_m=mean(self.after_m),
+            before=mean(self.before),
+            after=mean(self.after),
+            albedo=mean(self.albedo),
+            confidence=mean(self.confidence),
+            shrunk=factor,
+        )
+
+
+def viewer_maps(result: Result) -> Maps:
+    """The maps of a result in the object's window, with a resolution that a page can hold."""
+    window = object_window(result.mask)
+    camera = result.camera.cropped(*window)
+    known = known_before(result)[window]
+    before_m = np.where(known, result.prepared_depth[window], np.nan)
+    maps = Maps(
+        camera,
+        before_m,
+        np.where(result.mask[window], result.depth[window], np.nan),
+        normals_from_depth(before_m, known, camera),
+        result.normals[window],
+        result.albedo[window],
+        result.confidence[window],
+    )
+    factor = 1
+    while (
+        camera.width * camera.height > MOST_PIXELS * factor**2
+        or max(camera.shape) > LONGEST_SIDE * factor
+    ):
+        factor += 1
+    return maps if factor == 1 else maps.shrink(factor)
+
+
+def pack(maps: Maps) -> tuple[list[Plane], dict[str, Any]]:
+    """The planes and what the viewer has to know to read them."""
+    depths = np.stack([maps.before_m, maps.after_m])
+    nearest, deepest = float(np.nanmin(depths)), float(np.nanmax(depths))
+    step = max((deepest - nearest) / (DEEPEST - 1), 1e-9)
+    planes = []
+    for name, values in _values(maps, nearest, step):
+        planes.append(Plane(name, 8 * values.dtype.itemsize, encode(values)))
+    camera = maps.camera
+    sizes = {"width": camera.width, "height": camera.height}
+    facts = {
+        "planes": [{"name": plane.name, "bits": plane.bits, **sizes} for plane in planes],
+        "camera": {name: getattr(camera, name) for name in Camera.__dataclass_fields__},
+        "depth": {"nearest_m": nearest, "step_m": step},
+        "mesh": {"most_triangles": MOST_TRIANGLES, "steepest": STEEPEST},
+    }
+    return planes, facts
+
+
+def _values(maps: Maps, nearest_m: float, step_m: float) -> Iterator[tuple[str, Array]]:
+    for name, depth_m, normals in (
+        ("before", maps.before_m, maps.before),
+        ("after", maps.after_m, maps.after),
+    ):
+        yield f"depth-{name}", quantised(depth_m, nearest_m, step_m)
+        inside = np.asarray(np.isfinite(normals).all(axis=-1))
+        first, second = octahedral(_continued(normals, inside))
+        yield f"{name}-a", first
+        yield f"{name}-b", second
+    inside = np.asarray(np.isfinite(maps.after_m))
+    colours = np.rint(255 * srgb(_continued(maps.albedo, inside))).astype(np.uint8)
+    for channel, name in enumerate(("red", "green", "blue")):
+        yield name, np.ascontiguousarray(colours[..., channel])
+    yield "confidence", confidence_values(_continued(maps.confidence, inside))
+
+
+def quantised(depth_m: Floats, nearest_m: float, step_m: float) -> Array:
+    """uint16 steps of a depth (h, w) from the nearest, counted from 1; 0 where it is NaN.
+
+    >>> quantised(np.array([[0.5, np.nan, 0.502]]), 0.5, 0.001).tolist()
+    [[1, 0, 3]]
+    """
+    inside = np.isfinite(depth_m)
+    steps = np.rint((np.where(inside, depth_m, nearest_m).astype(float) - nearest_m) / step_m)
+    return np.where(inside, np.clip(steps, 0, DEEPEST - 1) + 1, 0).astype(np.uint16)
+
+
+def octahedral(normals: Floats) -> tuple[Array, Array]:
+    """Unit normals (h, w, 3) on the unfolded octahedron: two images of 12 bits, uint16.
+
+    The middle of the square faces the camera.
+
+    >>> [int(image[0, 0]) for image in octahedral(np.array([[[0.0, 0.0, -1.0]]]))]
+    [2048, 2048]
+    """
+    n = normals / np.maximum(np.abs(normals).sum(axis=-1, keepdims=True), 1e-12)
+    x, y = n[..., 0], n[..., 1]
+    away = n[..., 2] > 0
+    folded = (
+        np.where(away, (1 - np.abs(y)) * np.where(x < 0, -1, 1), x),
+        np.where(away, (1 - np.abs(x)) * np.where(y < 0, -1, 1), y),
+    )
+    first, second = (
+        np.rint(np.clip(0.5 * image + 0.5, 0, 1) * OCTAHEDRAL).astype(np.uint16) for image in folded
+    )
+    return first, second
+
+
+def encode(values: Array) -> str:
+    """uint8 or uint16 (h, w) as text.
+
+    >>> plane = np.array([[5, 6], [7, 9]], np.uint8)
+    >>> import base64
+    >>> zlib.decompress(base64.b64decode(encode(plane))).hex()
+    '05010201'
+    """
+    # Differences wrap around, and so does the sum that undoes them.
+    rows = np.diff(values, axis=1, prepend=np.zeros_like(values[:, :1]))
+    left = np.diff(rows, axis=0, prepend=np.zeros_like(rows[:1]))
+    if values.dtype == np.uint16:
+        data = (left & 255).astype(np.uint8).tobytes() + (left >> 8).astype(np.uint8).tobytes()
+    else:
+        data = left.tobytes()
+    return b64encode(zlib.compress(data, 6)).decode("ascii")
+
+
+def _continued(image: Floats, inside: Mask) -> Floats:
+    """An image (h, w[, C]) whose pixels outside have the value of the nearest one inside.
+
+    Textures are read between pixels: at the outline they must not mix with a background.
+    """
+    from scipy.ndimage import distance_transform_edt
+
+    if not inside.any():
+        return np.nan_to_num(image)
+    index = distance_transform_edt(~inside, return_distances=False, return_indices=True)
+    return np.asarray(image[tuple(index)])
