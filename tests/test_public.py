@@ -45,6 +45,8 @@ WITHOUT_EXAMPLE = {
     "rakelight.methods.choose_method": "needs a whole capture; tests/cli run it",
     "rakelight.methods.refine": "needs a whole capture; rakelight's own docstring shows it",
     "rakelight.prepare.prepare": "needs a whole capture; tests/prepare run it",
+    "rakelight.report.page.report_html": "needs a result, as export.save_result's example makes",
+    "rakelight.report.saving.save_with_report": "Result.save, in the README's example",
     "rakelight.synthetic.albedo.texture_from_file": "needs a picture on the disk",
     "rakelight.synthetic.depth_file.shape_from_depth": "needs a depth map; its tests show one",
     "rakelight.synthetic.depth_file.shape_from_file": "needs a depth map on the disk",

@@ -83,9 +83,14 @@ class Opened:
 
     def picture(self):
         """(h, w, 3) what the canvas shows, nothing over it."""
-        hide = "#overlay, #wipe-handle, #legend { visibility: hidden }"
         self.settle()
-        return decode_image(self.page.locator("#canvas").screenshot(style=hide))[..., :3]
+        # by script: the page's policy takes no style from outside
+        show = """(what) => ["overlay", "wipe-handle", "legend"].forEach(
+            (id) => { document.getElementById(id).style.visibility = what; })"""
+        self.page.evaluate(show, "hidden")
+        seen = decode_image(self.page.locator("#canvas").screenshot())[..., :3]
+        self.page.evaluate(show, "")
+        return seen
 
     def pixel_of(self, result, row, column):
         """(x, y) on the canvas of a pixel of the result in the first view: the camera's own."""
@@ -110,7 +115,7 @@ def open_in(tmp_path_factory):
     def open_in(browser, result, truth=None, **context):
         file = tmp_path_factory.mktemp("report") / "report.html"
         file.write_bytes(report_html(result, truth))
-        settings = {"viewport": {"width": 1000, "height": 800}, "offline": True, **context}
+        settings = {"viewport": {"width": 900, "height": 640}, "offline": True, **context}
         page = browser.new_context(**settings).new_page()
         opened = Opened(page, file.as_uri())
 

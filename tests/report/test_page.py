@@ -82,7 +82,8 @@ def test_errors_are_shown_where_the_truth_is_known(small):
     cells = re.findall(r"<td>([\d.]+)", row)
     assert cells[:2] == [f"{scores.depth.rmse_mm:.2f}", f"{scores.depth.median_mm:.2f}"]
     assert cells[0] == "1.00"
-    assert "Depth error" in page
+    assert "Depth error before" in page
+    assert "Normal error after" in page
     assert "Against the truth" not in page_of(result)
 
 

@@ -195,6 +195,25 @@ def test_nothing_is_drawn_without_an_input(report):
     assert report.page.evaluate("drawn") == drawn + 1
 
 
+def test_a_lost_context_comes_back(open_report, vase):
+    report = open_report(vase)
+    before = report.picture()
+    report.page.evaluate(
+        """async () => {
+          const canvas = document.getElementById("canvas");
+          const lose = canvas.getContext("webgl2").getExtension("WEBGL_lose_context");
+          const told = (what) => new Promise((go) => canvas.addEventListener(what, go));
+          const lost = told("webglcontextlost"), restored = told("webglcontextrestored");
+          lose.loseContext();
+          await lost;
+          setTimeout(() => lose.restoreContext());
+          await restored;
+        }"""
+    )
+    report.settle()
+    np.testing.assert_array_equal(report.picture(), before)
+
+
 # ---- it measures
 
 
@@ -210,7 +229,7 @@ def distance_mm(depth_m, camera, *ends):
 def test_a_width_of_a_synthetic_capture_is_right_to_one_percent(open_report):
     vase = make_shape("vase")
     scene = SceneOptions(
-        camera=vase.camera.scaled(0.5), photographs=8, depth_factor=2,
+        camera=vase.camera.scaled(0.3), photographs=6, depth_factor=2,
         depth_noise=DepthNoise(rms_mm=2.0),
     )  # fmt: skip
     capture, truth = render_scene(vase, make_albedo("pattern"), scene)
@@ -325,6 +344,52 @@ def test_keys(report):
     assert report.page.inner_text("#measured") == "Choose two points on the surface."
 
 
+TOUCH = """(fingers) => {
+  const canvas = document.getElementById("canvas"), box = canvas.getBoundingClientRect();
+  canvas.setPointerCapture = () => {};
+  for (const [type, id, x, y] of fingers) {
+    canvas.dispatchEvent(new PointerEvent(type, {
+      pointerId: id, pointerType: "touch", bubbles: true, button: 0,
+      clientX: box.left + x, clientY: box.top + y,
+    }));
+  }
+}"""
+
+
+def test_two_fingers_zoom_and_the_wheel_does_once_the_picture_was_clicked(open_report, vase):
+    report = open_report(vase)
+
+    def wide():
+        seen = report.picture()[2:-2, 2:-2, 0] > 60
+        return np.ptp(np.nonzero(seen.any(axis=0))[0])
+
+    report.page.get_by_label("turns").check()
+    x, y = report.size[0] / 2, report.size[1] / 2
+    before = wide()
+    report.page.evaluate(
+        TOUCH,
+        [
+            ("pointerdown", 1, x - 50, y),
+            ("pointerdown", 2, x + 50, y),
+            ("pointermove", 2, x + 75, y),
+            ("pointermove", 1, x - 75, y),
+            ("pointerup", 1, x - 75, y),
+            ("pointerup", 2, x + 75, y),
+        ],
+    )
+    assert wide() == pytest.approx(1.5 * before, rel=0.03)
+    report.page.get_by_role("button", name="Reset").click()
+    box = report.box
+    report.page.mouse.move(box["x"] + x, box["y"] + y)
+    report.page.mouse.wheel(0, -200)
+    assert wide() == before
+    report.page.locator("#canvas").focus()
+    report.page.mouse.move(box["x"] + x, report.box["y"] + y)
+    report.page.mouse.wheel(0, -200)
+    report.settle()
+    assert wide() > 1.2 * before
+
+
 def test_every_control_has_a_name_and_can_be_reached(report):
     unnamed = report.page.evaluate(
         """[...document.querySelectorAll("input, select, button, [tabindex]")].filter((one) =>
@@ -375,6 +440,7 @@ def test_paper_gets_the_view_and_the_pictures(open_report, vase):
     report.page.evaluate("dispatchEvent(new Event('beforeprint'))")
     assert report.page.get_attribute("#still", "src").startswith("data:image/jpeg;base64,")
     assert report.page.is_visible("#still")
+    assert "lamp at the upper left (308°), 24°" in report.page.inner_text("#still-caption")
     assert not report.page.is_visible(".panel")
     assert report.page.locator(".plates img >> visible=true").count() == 5
     assert report.complaints == []

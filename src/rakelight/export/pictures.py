@@ -79,42 +79,46 @@ def known_before(result: Result) -> Mask:
     return np.asarray(result.mask & np.isfinite(before_m) & (np.nan_to_num(before_m) > 0))
 
 
-def clay_pair(result: Result) -> tuple[Array, Array]:
-    """The prepared depth and the refined one as clay, cropped to the object."""
-    window = object_window(result.mask)
-    camera = result.camera.cropped(*window)
-    known = known_before(result)[window]
-    before = shaded(normals_from_depth(result.prepared_depth[window], known, camera), known)
-    return before, shaded(result.normals[window], result.mask[window])
+def albedo_picture(albedo: Floats, mask: Mask) -> Array:
+    """(H, W, 3) uint8 sRGB of a linear albedo (H, W, 3).
+
+    >>> albedo_picture(np.ones((1, 1, 3)), np.array([[True]])).tolist()
+    [[[255, 255, 255]]]
+    """
+    return _on_background(np.rint(255 * srgb(albedo)), mask)
 
 
-def albedo_picture(result: Result) -> Array:
-    """(h, w, 3) uint8 sRGB albedo, cropped to the object."""
-    return _on_background(np.rint(255 * srgb(result.albedo)), result.mask)
+def normals_picture(normals: Floats, mask: Mask) -> Array:
+    """(H, W, 3) uint8 of normals (H, W, 3) in OpenGL's colours.
+
+    >>> normals_picture(np.array([[[0.0, 0.0, -1.0]]]), np.array([[True]])).tolist()
+    [[[128, 128, 255]]]
+    """
+    return _on_background(normal_map(normals), mask)
 
 
-def normals_picture(result: Result) -> Array:
-    """(h, w, 3) uint8 normals in OpenGL's colours, cropped to the object."""
-    return _on_background(normal_map(result.normals), result.mask)
+def confidence_picture(confidence: Floats, mask: Mask) -> Array:
+    """(H, W, 3) uint8 of a confidence (H, W) in the colours of `CONFIDENCE_COLORS`.
 
-
-def confidence_picture(result: Result) -> Array:
-    """(h, w, 3) uint8 confidence in the colours of `CONFIDENCE_COLORS`, cropped to the object."""
+    >>> confidence_picture(np.array([[1.0]]), np.array([[True]])).tolist()
+    [[[254, 232, 56]]]
+    """
     stops = np.linspace(0, 1, len(CONFIDENCE_COLORS))
     colors = np.array(CONFIDENCE_COLORS, float)
-    picture = [np.interp(result.confidence, stops, column) for column in colors.T]
-    return _on_background(np.rint(np.stack(picture, axis=-1)), result.mask)
+    picture = [np.interp(confidence, stops, column) for column in colors.T]
+    return _on_background(np.rint(np.stack(picture, axis=-1)), mask)
 
 
 def _on_background(picture: Array, mask: Mask) -> Array:
-    window = object_window(mask)
-    shown = np.where(mask[window][..., None], picture[window], BACKGROUND)
-    return shown.astype(np.uint8)
+    return np.where(mask[..., None], np.nan_to_num(picture), BACKGROUND).astype(np.uint8)
 
 
 def preview(result: Result) -> Array:
     """The prepared depth (left) and the refined one (right) as clay, cropped to the object."""
-    return side_by_side(*clay_pair(result))
+    window = object_window(result.mask)
+    camera, known = result.camera.cropped(*window), known_before(result)[window]
+    before = shaded(normals_from_depth(result.prepared_depth[window], known, camera), known)
+    return side_by_side(before, shaded(result.normals[window], result.mask[window]))
 
 
 def preview_png(result: Result) -> bytes:

@@ -28,7 +28,7 @@ def title_of(result: Result) -> str:
 
 def middle_m(result: Result) -> Floats:
     """(3,) the mean of the object's points, metres, camera frame."""
-    return np.asarray(back_project(result.depth, result.camera)[result.mask].mean(axis=0))
+    return np.asarray(np.nanmean(back_project(result.depth, result.camera), axis=(0, 1)))
 
 
 def capture_rows(result: Result) -> Rows:

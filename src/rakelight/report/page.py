@@ -33,16 +33,6 @@ def report_html(result: Result, truth: Truth | None = None) -> bytes:
     """The report of a finite result (`export.finite.only_finite`) as UTF-8 HTML.
 
     truth : at the result's resolution, for the errors; None for none
-
-    >>> from rakelight.model import Camera, Lights
-    >>> plane, facing = np.ones((4, 4), np.float32), np.zeros((4, 4, 3), np.float32)
-    >>> facing[..., 2] = -1
-    >>> result = Result(depth=plane, normals=facing, albedo=-facing, confidence=plane,
-    ...                 lights=Lights(np.zeros((1, 1, 3)), np.ones((1, 1))),
-    ...                 camera=Camera(4, 4, 100.0, 100.0, 1.5, 1.5), prepared_depth=plane,
-    ...                 method="none", source="captures/<b>")
-    >>> b"<title>&lt;b&gt;" in report_html(result)
-    True
     """
     names = tuple(map(printable, result.photograph_names))
     lamps = charts.lamps(result.lights, names, facts.middle_m(result))
@@ -76,7 +66,7 @@ def report_html(result: Result, truth: Truth | None = None) -> bytes:
         tilts=charts.tilts(lamps) if lamps else None,
         energy=charts.energy_curve(result.energy),
         prediction=_prediction(result, names),
-        plates=result_plates(result),
+        plates=result_plates(maps),
         truth=None if truth is None else _against(result, truth),
         shrunk=maps.shrunk,
         planes=planes,
@@ -95,13 +85,11 @@ def _prediction(result: Result, names: tuple[str, ...]) -> dict[str, Any] | None
 
 
 def _against(result: Result, truth: Truth) -> dict[str, Any]:
-    before = normals_from_depth(result.prepared_depth, truth.mask, result.camera)
+    normals = normals_from_depth(result.prepared_depth, truth.mask, result.camera)
+    before, after = (result.prepared_depth, normals), (result.depth, result.normals)
     return {
-        "rows": [
-            ("before", evaluate(result.prepared_depth, before, truth)),
-            ("after", evaluate(result.depth, result.normals, truth)),
-        ],
-        "plates": truth_plates(result, truth),
+        "rows": [("before", evaluate(*before, truth)), ("after", evaluate(*after, truth))],
+        "plates": truth_plates(before, after, truth),
     }
 
 

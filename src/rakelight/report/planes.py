@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from rakelight.export.albedo import srgb
 from rakelight.export.confidence import confidence_values
@@ -31,11 +32,11 @@ OCTAHEDRAL = 4095
 
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """One map: its name, bits per value (8 or 16), and its text."""
+    """One map: its name, bits per value (8 or 16), and its text, which is safe in HTML."""
 
     name: str
     bits: int
-    text: str
+    text: Markup
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +68,8 @@ class Maps:
             self.camera.cropped(*window).scaled(1 / factor),
             before_m=mean(self.before_m),
             after_m=mean(self.after_m),
-            before=mean(self.before),
-            after=mean(self.after),
+            before=_unit(mean(self.before)),
+            after=_unit(mean(self.after)),
             albedo=mean(self.albedo),
             confidence=mean(self.confidence),
             shrunk=factor,
@@ -167,7 +168,7 @@ def octahedral(normals: Floats) -> tuple[Array, Array]:
     return first, second
 
 
-def encode(values: Array) -> str:
+def encode(values: Array) -> Markup:
     """uint8 or uint16 (h, w) as text.
 
     >>> plane = np.array([[5, 6], [7, 9]], np.uint8)
@@ -182,7 +183,12 @@ def encode(values: Array) -> str:
         data = (left & 255).astype(np.uint8).tobytes() + (left >> 8).astype(np.uint8).tobytes()
     else:
         data = left.tobytes()
-    return b64encode(zlib.compress(data, 6)).decode("ascii")
+    return Markup(b64encode(zlib.compress(data, 6)).decode("ascii"))
+
+
+def _unit(vectors: Floats) -> Floats:
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(vectors / np.maximum(length, 1e-12))
 
 
 def _continued(image: Floats, inside: Mask) -> Floats:

@@ -4,20 +4,27 @@ from __future__ import annotations
 
 from base64 import b64encode
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
+from markupsafe import Markup
 
 from rakelight.capture.images import encode_jpeg
 from rakelight.export.pictures import (
+    BACKGROUND,
     albedo_picture,
-    clay_pair,
     confidence_picture,
     normals_picture,
     object_window,
+    shaded,
 )
 from rakelight.geometry.grid import area_mean
 from rakelight.metrics import color_errors, depth_error_map_mm, normal_error_map_deg
-from rakelight.model import Array, Result, Truth
+from rakelight.model import Array, Floats, Truth
+from rakelight.report.planes import Maps
+
+# Depth (H, W) in metres and normals (H, W, 3).
+Surface: TypeAlias = tuple[Floats, Floats]
 
 LONGEST_SIDE = 1000
 # As in `rakelight eval`: a fixed range keeps the maps of several results comparable.
@@ -32,35 +39,42 @@ class Plate:
     caption: str
     width: int
     height: int
-    uri: str
+    uri: Markup
 
 
-def result_plates(result: Result) -> list[Plate]:
+def result_plates(maps: Maps) -> list[Plate]:
     """Before, after, albedo, normals and confidence."""
-    before, after = clay_pair(result)
+    known, mask = np.isfinite(maps.before_m), np.isfinite(maps.after_m)
     return [
-        _plate("Before", "The prepared depth as clay, lamp low at the upper left", before),
-        _plate("After", "The refined depth as clay, under the same lamp", after),
+        _plate("Before", "The prepared depth as clay, lamp low at the upper left",
+               shaded(maps.before, known)),
+        _plate("After", "The refined depth as clay, under the same lamp",
+               shaded(maps.after, mask)),
         _plate("Albedo", "The paint: what is left when light and shade are taken away",
-               albedo_picture(result)),
+               albedo_picture(maps.albedo, mask)),
         _plate("Normals", "Red: to the right, green: up, blue: to the viewer",
-               normals_picture(result)),
+               normals_picture(maps.after, mask)),
         _plate("Confidence", "Yellow: the photographs settle the slope; blue: they leave it open",
-               confidence_picture(result)),
+               confidence_picture(maps.confidence, mask)),
     ]  # fmt: skip
 
 
-def truth_plates(result: Result, truth: Truth) -> list[Plate]:
-    """Error maps of the refined depth and its normals."""
+def truth_plates(before: Surface, after: Surface, truth: Truth) -> list[Plate]:
+    """Error maps of the depth and the normals before and after."""
     window = object_window(truth.mask)
-    depth = depth_error_map_mm(result.depth, truth.depth, truth.mask)[window]
-    normals = normal_error_map_deg(result.normals, truth.normals, truth.mask)[window]
-    return [
-        _plate("Depth error", f"Blue: none, dark red: {DEPTH_RANGE_MM:g} mm or more",
-               color_errors(depth, DEPTH_RANGE_MM)),
-        _plate("Normal error", f"Blue: none, dark red: {NORMAL_RANGE_DEG:g} degrees or more",
-               color_errors(normals, NORMAL_RANGE_DEG)),
-    ]  # fmt: skip
+    mask = truth.mask[window][..., None]
+    plates = []
+    for when, (depth_m, normals) in (("before", before), ("after", after)):
+        for title, errors, largest, unit in (
+            ("Depth error", depth_error_map_mm(depth_m, truth.depth, truth.mask),
+             DEPTH_RANGE_MM, "mm"),
+            ("Normal error", normal_error_map_deg(normals, truth.normals, truth.mask),
+             NORMAL_RANGE_DEG, "degrees"),
+        ):  # fmt: skip
+            picture = np.where(mask, color_errors(errors[window], largest), BACKGROUND)
+            caption = f"Blue: none, dark red: {largest:g} {unit} or more"
+            plates.append(_plate(f"{title} {when}", caption, picture.astype(np.uint8)))
+    return plates
 
 
 def _plate(title: str, caption: str, picture: Array) -> Plate:
@@ -68,5 +82,6 @@ def _plate(title: str, caption: str, picture: Array) -> Plate:
     if factor > 1:
         height, width = (side // factor * factor for side in picture.shape[:2])
         picture = np.rint(area_mean(picture[:height, :width], factor)).astype(np.uint8)
-    uri = "data:image/jpeg;base64," + b64encode(encode_jpeg(picture)).decode("ascii")
+    data = b64encode(encode_jpeg(picture)).decode("ascii")
+    uri = Markup("data:image/jpeg;base64,{}").format(Markup(data))
     return Plate(title, caption, picture.shape[1], picture.shape[0], uri)

@@ -235,6 +235,22 @@ class Viewer {
     return this.canvas.toDataURL(type, 0.92);
   }
 
+  // What the picture shows, for paper.
+  describe() {
+    const { state, view } = this, parts = [{ colour: "albedo" }[state.surface] ?? state.surface];
+    if (state.surface === "clay" || state.surface === "colour") {
+      parts.push(`lamp at the ${fromWhere(state)} (${Math.round(state.azimuth)}°), `
+        + `${Math.round(state.elevation)}° over the picture, intensity ${state.intensity.toFixed(2)}, `
+        + `ambient ${state.ambient.toFixed(2)}`);
+      if (state.specular) parts.push(`specular enhance ${state.specular.toFixed(2)}`);
+    }
+    if (view.yaw || view.pitch) {
+      parts.push(`turned ${Math.round(view.yaw)}° and ${Math.round(view.pitch)}°`);
+    }
+    if (state.wipe) parts.push(`before in the left ${Math.round(100 * state.wipe)} %`);
+    return `As shown: ${parts.join("; ")}.`;
+  }
+
   savePicture() {
     const link = document.createElement("a");
     link.href = this.picture("image/png");
@@ -364,6 +380,7 @@ class Viewer {
     });
     window.addEventListener("beforeprint", () => {
       byId("still").src = this.picture("image/jpeg");
+      byId("still-caption").textContent = this.describe();
     });
   }
 
@@ -388,9 +405,9 @@ function dragging(element, move) {
 }
 
 function fromWhere({ azimuth, elevation }) {
-  if (elevation > 85) return "from the front";
+  if (elevation > 85) return "front";
   const names = ["top", "upper right", "right", "lower right", "bottom", "lower left", "left", "upper left"];
-  return "from the " + names[Math.round(azimuth / 45) % 8];
+  return names[Math.round(azimuth / 45) % 8];
 }
 
 async function start() {

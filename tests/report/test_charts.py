@@ -1,0 +1,59 @@
+"""Where the drawings put their marks."""
+
+import numpy as np
+import pytest
+
+from rakelight.model import Lights
+from rakelight.report.charts import energy_curve, error_bars, lamp_facts, lamps, tilts
+
+
+def white(*vectors, position_m=None):
+    vector = np.array(vectors, float)[:, None]
+    return Lights(vector, np.full(vector.shape[:2], 0.1), position_m)
+
+
+def test_a_lamp_is_drawn_where_the_camera_sees_it():
+    # right and down by 30 degrees, then straight above
+    drawn = lamps(white([0.5, 0, -np.sqrt(0.75)], [0, -2, 0]), ("a", "b"), np.zeros(3))
+    assert [(round(lamp.x), round(lamp.y)) for lamp in drawn] == [(50, 0), (0, -100)]
+    assert [round(lamp.azimuth) for lamp in drawn] == [90, 0]
+    assert [round(lamp.elevation) for lamp in drawn] == [60, 0]
+    assert tilts(drawn) == pytest.approx((30, 60, 90))
+    assert drawn[1].size > drawn[0].size
+    assert lamp_facts(drawn)["0"] == pytest.approx({"azimuth": 90, "elevation": 60})
+
+
+def test_near_lamps_have_a_distance_and_dark_ones_are_left_out():
+    positions = np.array([[0.0, 0, 0.1], [0, 0, 9]])
+    lights = white([0, 0, -1.0], [0, 0, 0], position_m=positions)
+    (lamp,) = lamps(lights, (), np.array([0, 0, 0.5]))
+    assert (lamp.name, lamp.distance_m) == ("photograph 0", pytest.approx(0.4))
+
+
+def test_coloured_lamps_are_three_and_the_viewer_gets_their_middle():
+    vector = np.array([[[0.6, 0, -0.8], [0, 0.6, -0.8], [0, 0, -1.0]]])
+    drawn = lamps(Lights(vector, np.zeros((1, 3))), ("x",), np.zeros(3))
+    assert [lamp.channel for lamp in drawn] == ["red", "green", "blue"]
+    middle = lamp_facts(drawn)["0"]
+    assert middle["azimuth"] == pytest.approx(135)
+    assert np.cos(np.radians(middle["elevation"])) == pytest.approx(np.hypot(0.2, 0.2))
+
+
+def test_the_energy_falls_from_left_to_right():
+    curve = energy_curve((1000.0, 100.0, 10.0))
+    assert curve.logarithmic
+    (x, y) = np.array([dot[:2] for dot in curve.dots]).T
+    assert (np.diff(x) > 0).all()
+    assert np.diff(y) == pytest.approx([np.diff(y)[0]] * 2, abs=0.2)  # equal factors, equal steps
+    assert np.diff(y)[0] > 0
+    assert [label for _, label in curve.lines] == ["10", "100", "1000"]
+    assert not energy_curve((3.0, 2.0)).logarithmic
+    assert energy_curve((3.0, 3.0)) is not None
+    assert energy_curve((3.0,)) is energy_curve((3.0, float("nan"))) is None
+
+
+def test_bars_are_as_long_as_the_errors():
+    bars = error_bars((0.01, float("nan"), 0.04), ("a",))
+    assert [bar["length"] for bar in bars] == [25, 0, 100]
+    assert [bar["percent"] for bar in bars] == [1, None, 4]
+    assert [bar["name"] for bar in bars] == ["a", "photograph 1", "photograph 2"]
