@@ -30,6 +30,9 @@ DEPTH_CHARGE = 0.1
 NORMAL_CHARGE_DEG = 180.0
 """The error of a missing normal, in degrees."""
 
+DEPTH_RANGE_MM, NORMAL_RANGE_DEG = 5.0, 30.0
+"""The error maps' brightest colour; a fixed range keeps the maps of several results comparable."""
+
 
 @dataclass(frozen=True, slots=True)
 class DepthErrors:

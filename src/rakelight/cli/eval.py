@@ -10,12 +10,8 @@ import click
 
 from rakelight.cli.options import output_options
 from rakelight.errors import printable
-from rakelight.metrics import Evaluation
+from rakelight.metrics import DEPTH_RANGE_MM, NORMAL_RANGE_DEG, Evaluation
 from rakelight.model import Floats, Truth
-
-# The error maps' brightest colour; a fixed range keeps the maps of several results comparable.
-DEPTH_RANGE_MM = 5.0
-NORMAL_RANGE_DEG = 30.0
 
 
 @click.command("eval")

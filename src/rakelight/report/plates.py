@@ -19,7 +19,13 @@ from rakelight.export.pictures import (
     shaded,
 )
 from rakelight.geometry.grid import area_mean
-from rakelight.metrics import color_errors, depth_error_map_mm, normal_error_map_deg
+from rakelight.metrics import (
+    DEPTH_RANGE_MM,
+    NORMAL_RANGE_DEG,
+    color_errors,
+    depth_error_map_mm,
+    normal_error_map_deg,
+)
 from rakelight.model import Array, Floats, Truth
 from rakelight.report.planes import Maps
 
@@ -27,8 +33,6 @@ from rakelight.report.planes import Maps
 Surface: TypeAlias = tuple[Floats, Floats]
 
 LONGEST_SIDE = 1000
-# As in `rakelight eval`: a fixed range keeps the maps of several results comparable.
-DEPTH_RANGE_MM, NORMAL_RANGE_DEG = 5.0, 30.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -381,7 +381,9 @@ class Viewer {
     window.addEventListener("beforeprint", () => {
       byId("still").src = this.picture("image/jpeg");
       byId("still-caption").textContent = this.describe();
+      unfold();
     });
+    window.addEventListener("afterprint", fold);
   }
 
   showMeshSize() {
@@ -391,6 +393,20 @@ class Viewer {
       + `triangles, ${every}; the normals carry every pixel.`;
     this.canvas.dataset.triangles = count / 3;
   }
+}
+
+// Paper shows what the page folds away.
+const unfolded = [];
+
+function unfold() {
+  for (const one of document.querySelectorAll("details:not([open])")) {
+    one.open = true;
+    unfolded.push(one);
+  }
+}
+
+function fold() {
+  for (const one of unfolded.splice(0)) one.open = false;
 }
 
 // Call `move` for the press and every movement of a pointer that was pressed on an element.
