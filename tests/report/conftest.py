@@ -28,7 +28,7 @@ document.addEventListener("securitypolicyviolation", (event) => {
 """
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def launch():
     """Start the browser with further options."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -48,7 +48,7 @@ def launch():
         yield launch
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser(launch):
     with launch(*SOFTWARE) as browser:
         yield browser
@@ -108,7 +108,7 @@ class Opened:
         self.page.mouse.click(box["x"] + x, box["y"] + y)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def open_in(tmp_path_factory):
     """Write a report and open it in a browser."""
 
