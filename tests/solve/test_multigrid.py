@@ -6,6 +6,7 @@ from rough_systems import disc, masks, rough
 
 from rakelight.errors import InputError
 from rakelight.solve import Direct, build_hierarchy, multigrid, solve
+from rakelight.solve import _kernels as kernels
 from rakelight.solve.direct import stencil_matrix
 from rakelight.solve.multigrid import laplacian_surrogate
 
@@ -209,3 +210,15 @@ def test_smallest_systems():
         system = problem.system()
         exact = solve(system, solver=Direct()).value
         np.testing.assert_allclose(solve(system, tolerance=1e-10).value, exact, rtol=1e-7)
+
+
+def test_interpolation_stays_bounded_where_couplings_cancel(rng):
+    # Needles and weak links give couplings of both signs, whose ratios know no bound.
+    stencil = np.zeros((5, 42, 42), np.float32)
+    stencil[:, 1:-1, 1:-1] = rng.uniform(-1, 1, (5, 40, 40))
+    stencil[0, 1:-1, 1:-1] = 4
+    weights = np.zeros((42, 42, 4), np.float32)
+    kernels.interpolation(stencil, weights)
+    np.testing.assert_allclose(weights[1:-1, 1:-1].sum(axis=-1), 1, atol=1e-4)
+    assert weights.min() >= -1
+    assert weights.max() <= 4

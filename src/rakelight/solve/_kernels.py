@@ -361,8 +361,8 @@ def interpolation(A, P):
 
     P : (h, w, 4) fine (r, c) from its own coarse point, the one to the east, south, south-east.
     Between two coarse points the stencil is summed across the line that joins them; amid four
-    the equation of the point is solved for it.  The weights add up to 1; where nothing couples
-    a point to them it takes the value of its own coarse point.
+    the equation of the point is solved for it.  The weights add up to 1 and stay of that size;
+    where nothing couples a point to them it takes the value of its own coarse point.
     """
     _, h, w = A.shape
     for r in prange(1, h - 1):
@@ -405,6 +405,10 @@ def _amid_four(A, r, c, P):
     sw = -A[4, r, c] - south * P[r + 1, c, 0] - west * P[r, c - 1, 2]
     se = -A[3, r, c] - south * P[r + 1, c, 1] - east * P[r, c + 1, 2]
     total = nw + ne + sw + se
+    if min(nw, ne, sw, se) < -total:
+        # Couplings of both signs that nearly cancel: their ratios would be large without bound.
+        nw, ne, sw, se = max(nw, 0), max(ne, 0), max(sw, 0), max(se, 0)
+        total = nw + ne + sw + se
     if total > NO_COUPLING * A[0, r, c]:
         P[r, c, 0], P[r, c, 1] = nw / total, ne / total
         P[r, c, 2], P[r, c, 3] = sw / total, se / total
