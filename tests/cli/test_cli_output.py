@@ -129,7 +129,7 @@ def test_version(run):
         (["refine", "x", "y", "-o", "z"], "unexpected extra argument (y)"),
         (["synth", "x", "--lights", "many"], "Invalid value for '--lights'"),
         (["eval", "x"], "Missing option '--truth'"),
-        (["paper"], "Choose from: table1, table2 (see rakelight paper --help)"),
+        (["paper"], "figure7, figure8 (see rakelight paper --help)"),
     ],
 )
 def test_calls_that_are_wrong(run, arguments, words, tmp_path, monkeypatch):
