@@ -7,6 +7,7 @@
     python benchmarks/accuracy.py maps -o out/maps     pictures of the errors
     python benchmarks/accuracy.py scans                laser scans, white depth noise
     python benchmarks/accuracy.py hard                 shadows, highlights, near lamps together
+    python benchmarks/accuracy.py scales               a depth sensor 1, 2 and 4 times coarser
 
 `off the jumps` leaves out 4 pixels around the depth jumps, which are neighbouring pixels whose
 true depths differ by more than 5 mm.  `smooth` is the rms of the depth error under a Gaussian of
@@ -237,6 +238,27 @@ def _scans(arguments: argparse.Namespace, conditions: dict[str, Any]) -> Iterato
     yield f"| mean | | {cells} | |"
 
 
+def scales(arguments: argparse.Namespace) -> Iterator[str]:
+    """Laser scans, depth pixels 1, 2 and 4 colour pixels wide; 16 lamps, white depth noise."""
+    yield "| shape | scale | RMSE, mm | MAE, deg | MAE over that at scale 1, deg |"
+    yield "|" + " --- |" * 5
+    for file in sorted(arguments.shapes.glob("*.npz")):
+        at_one = 0.0
+        for factor in (1, 2, 4):
+            options = SceneOptions(
+                photographs=16, depth_factor=factor, depth_noise=DepthNoise(rms_mm=3.3)
+            )
+            capture, truth = render_scene(
+                shape_from_file(file), make_albedo(arguments.scenario), options
+            )
+            result = refine(capture, arguments.method)
+            errors = evaluate(result.depth, result.normals, truth)
+            mae_deg = errors.normals.mae_deg
+            at_one = mae_deg if factor == 1 else at_one
+            numbers = f"{errors.depth.rmse_mm:.2f} | {mae_deg:.2f} | {mae_deg - at_one:.2f}"
+            yield f"| {file.stem} | {factor} | {numbers} |"
+
+
 def refined(arguments: argparse.Namespace) -> tuple[Capture, Truth, Result]:
     """The paper's scene and its result."""
     capture, truth = make(arguments, paper_object())
@@ -263,7 +285,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    tables = {f.__name__: f for f in (photographs, causes, limits, slant, maps, scans, hard)}
+    tables = {
+        f.__name__: f for f in (photographs, causes, limits, slant, maps, scans, hard, scales)
+    }
     parser.add_argument("table", choices=tables)
     parser.add_argument("--method", default="multi-light-alternating")
     parser.add_argument("--scenario", default="pattern", help="simple, pattern, complicated")
