@@ -30,7 +30,7 @@ from scipy.ndimage import binary_dilation, gaussian_filter
 from rakelight.capture.images import encode_png
 from rakelight.export.pictures import object_window, side_by_side
 from rakelight.geometry.camera import pixel_rays
-from rakelight.geometry.normals import normals_from_depth
+from rakelight.geometry.normals import normals_from_depth, surface_normals
 from rakelight.methods import refine
 from rakelight.metrics import color_errors, depth_error_map_mm, evaluate, normal_error_map_deg
 from rakelight.model import Array, Camera, Capture, Lights, Mask, Result, Truth
@@ -211,8 +211,10 @@ def hard(arguments: argparse.Namespace) -> Iterator[str]:
 
 
 def _scans(arguments: argparse.Namespace, conditions: dict[str, Any]) -> Iterator[str]:
-    yield "| shape | paint | input RMSE, mm | input MAE, deg | RMSE, mm | MAE, deg | seconds |"
-    yield "|" + " --- |" * 7
+    columns = ["shape", "paint", "input RMSE, mm", "input MAE, deg", "RMSE, mm", "MAE, deg"]
+    columns += ["true depth's MAE, deg", "seconds"]
+    yield "| " + " | ".join(columns) + " |"
+    yield "|" + " --- |" * len(columns)
     files = sorted(arguments.shapes.glob("*.npz"))
     shapes = [shape_from_file(file) for file in files] + [make_shape("vase")]
     figures = []
@@ -226,11 +228,15 @@ def _scans(arguments: argparse.Namespace, conditions: dict[str, Any]) -> Iterato
             flat = normals_from_depth(result.prepared_depth, truth.mask, capture.camera)
             before = evaluate(result.prepared_depth, flat, truth)
             after = evaluate(result.depth, result.normals, truth)
+            whole_m = np.where(truth.mask, truth.depth, 1.0).astype(np.float64)
+            best = surface_normals(whole_m, truth.mask, capture.camera)
+            floor = evaluate(truth.depth, best, truth)
             numbers = [
                 number
                 for score in (before, after)
                 for number in (score.depth.rmse_mm, score.normals.mae_deg)
             ]
+            numbers.append(floor.normals.mae_deg)
             figures.append(numbers)
             cells = " | ".join(f"{number:.2f}" for number in numbers)
             yield f"| {shape.name} | {paint} | {cells} | {seconds:.1f} |"

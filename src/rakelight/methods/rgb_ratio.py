@@ -50,7 +50,7 @@ LEAST_TRUST, MOST_TRUST, MORE = 0.03, 3.0, 1.5
 # So many pixels share an error of the ratios, whatever the depth's errors do.
 COHERENT_PIXELS = 0.2
 # A change of the depth this much larger than its detail lets expect is misread paint.
-DRIFT = 13.0
+DRIFT = 15.0
 # The weight of the sensor's slopes, errors of which are as large as the change and shared.
 SLOPE_TRUST = 0.01
 LEAST_SHADING, LEAST_ALBEDO = 0.02, 0.01
