@@ -174,6 +174,7 @@ class Capture:
     depth_camera, depth_to_color : set when the depth is not in the colour camera's frame;
         without them the depth map covers the colour image's field of view exactly
     depth_noise : of the depth sensor, None when it is not known
+    register : whether a small correction of depth_to_color is to be found from the photographs
     names : the photographs' file names
     findings : what the reader noticed
     source : where it came from, for messages
@@ -188,6 +189,7 @@ class Capture:
     depth_camera: Camera | None = None
     depth_to_color: RigidTransform | None = None
     depth_noise: SensorNoise | None = None
+    register: bool = False
     names: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
     source: str = ""
@@ -261,7 +263,7 @@ class Result:
     energy : one value per iteration; converged says whether it came to rest
     timings_s : seconds per stage
     capture : what was read, in figures: photographs, photograph_size, bits, encoding, lighting,
-        depth_maps, depth_size
+        depth_maps, depth_size; depth_to_color as corrected, where it was registered
     prediction_errors : of every photograph from the others' albedo, as a fraction of its mean
         brightness; empty where there are fewer than three
     """

@@ -320,6 +320,7 @@ def test_implausible_intrinsics(folder, old, new, words):
         ("fx = 40.0", 'fx = "40"', ("key 'intrinsics.fx'", "seen str, needed float")),
         ("width = 32", "width = 32.5", ("key 'intrinsics.width'",)),
         ("fx = 40.0", "fx = true", ("key 'intrinsics.fx'", "seen bool")),
+        ("encoding", 'register = "yes"\nencoding', ("key 'register'", "seen str, needed bool")),
         ("fx = 40.0", "fx = ", ("not valid TOML", "line 8: 'fx ='")),
         ('"linear"', '"sRGB"', ("'encoding' has an unknown value", "did you mean 'srgb'?")),
         ('"linear"', "7", ("'encoding' has an unknown value", "seen 7")),

@@ -213,6 +213,12 @@ def test_weird_paths(tmp_path, monkeypatch, name):
     assert line.endswith("/mask.png: the file is empty")
 
 
+def test_registration_is_asked_for_by_a_key(tmp_path):
+    for name, wanted in (("yes", True), ("no", False)):
+        write_capture(small_capture(register=wanted), tmp_path / name)
+        assert load_capture(tmp_path / name).register is wanted
+
+
 @pytest.mark.parametrize("name", ["nul\0byte", "y" * 300])
 def test_impossible_paths(tmp_path, name):
     with pytest.raises(InputError, match=r"no such folder|File name too long"):

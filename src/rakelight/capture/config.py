@@ -61,6 +61,7 @@ class CaptureTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     depth_scale: float | None = None
     encoding: Encoding | None = None
     lighting: Lighting | None = None
+    register: bool = False
     depth_intrinsics: IntrinsicsTable | None = None
     depth_to_color: TransformTable | None = None
     depth_noise: NoiseTable | None = None
@@ -113,6 +114,7 @@ def format_config(
     depth_camera: Camera | None = None,
     depth_to_color: RigidTransform | None = None,
     depth_noise: SensorNoise | None = None,
+    register: bool = False,
 ) -> str:
     """The text of a capture.toml; every number is read back as it was.
 
@@ -130,6 +132,7 @@ def format_config(
     """
     lines = [] if depth_scale is None else [f"depth_scale = {float(depth_scale)!r}"]
     lines += [f'encoding = "{encoding}"', f'lighting = "{lighting}"']
+    lines += ["register = true"] if register else []
     lines += _intrinsics_lines("intrinsics", camera)
     if depth_camera is not None:
         lines += _intrinsics_lines("depth_intrinsics", depth_camera)

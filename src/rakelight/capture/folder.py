@@ -108,6 +108,7 @@ def load_capture(folder: str | PathLike[str]) -> Capture:
         depth_camera=depth_camera,
         depth_to_color=depth_to_color,
         depth_noise=depth_noise,
+        register=table.register,
         names=names,
         source=root.shown(),
     )
@@ -187,6 +188,7 @@ def write_capture(
         capture.depth_camera,
         capture.depth_to_color,
         capture.depth_noise,
+        capture.register,
     )
     with staged_folder(target, overwrite=overwrite, marker=CONFIG) as staging:
         for name in ("rgb", "depth"):

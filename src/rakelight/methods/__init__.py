@@ -7,7 +7,7 @@ beside it, in a file of its own.  To add one, write the file and its line in `ME
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib import import_module
 from time import perf_counter
 from typing import Any
@@ -117,6 +117,9 @@ def refine(
             seen=type(options).__qualname__,
             needed=f"{chosen.options.__module__}.{chosen.options.__qualname__}",
         )
+    if capture.register:
+        capture = _registered(capture, chosen, options, progress)
+    registered_at = perf_counter()
     progress(Progress("prepare"))
     prepared = prepare(capture, scale)
     prepared_at = perf_counter()
@@ -139,7 +142,8 @@ def refine(
         energy=estimate.energy,
         converged=estimate.converged,
         timings_s={
-            "prepare": prepared_at - began,
+            **({"register": registered_at - began} if capture.register else {}),
+            "prepare": prepared_at - registered_at,
             "refine": refined_at - prepared_at,
             **estimate.timings_s,
         },
@@ -151,9 +155,22 @@ def refine(
     )
 
 
+def _registered(
+    capture: Capture, method: Method, options: Any, progress: ProgressCallback
+) -> Capture:
+    """The capture with its depth camera's pose corrected, where the method is the one for that."""
+    if method.name != "multi-light":
+        message = f"depth not registered: {method.name} does not correct the depth camera's pose"
+        note = Finding("warning", "not-registered", message, "use --method multi-light")
+        return replace(capture, findings=(*capture.findings, note), register=False)
+    from rakelight.methods.registration import registered
+
+    return registered(capture, options, progress)
+
+
 def _figures(capture: Capture) -> dict[str, Any]:
     """What was read, for the result's records."""
-    return {
+    figures: dict[str, Any] = {
         "photographs": len(capture.photographs),
         "photograph_size": [capture.camera.width, capture.camera.height],
         "bits": 8 * capture.photographs.dtype.itemsize,
@@ -162,6 +179,10 @@ def _figures(capture: Capture) -> dict[str, Any]:
         "depth_maps": len(capture.depth_m),
         "depth_size": [capture.depth_m.shape[2], capture.depth_m.shape[1]],
     }
+    if capture.register and (pose := capture.depth_to_color) is not None:
+        rotation, translation = pose.rotation.tolist(), pose.translation_m.tolist()
+        figures["depth_to_color"] = {"rotation": rotation, "translation": translation}
+    return figures
 
 
 def _too_thin(prepared: Prepared) -> Estimate | None:

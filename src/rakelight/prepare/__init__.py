@@ -135,6 +135,21 @@ def prepare(capture: Capture, scale: Scale = "auto") -> Prepared:
     )
 
 
+def coarsest_scale(capture: Capture) -> int:
+    """The least scale that `prepare` takes: nearest to the depth's own resolution.
+
+    Raises CaptureError where the capture's arrays do not fit each other.
+
+    >>> capture = Capture(photographs=np.zeros((3, 6, 8, 3), np.uint8),
+    ...                   depth_m=np.ones((1, 3, 4), np.float32), mask=np.ones((6, 8), bool),
+    ...                   camera=Camera(8, 6, 10.0, 10.0, 3.5, 2.5))
+    >>> coarsest_scale(capture)
+    1
+    """
+    check_sizes(capture)
+    return min(_scales(Grid(sensor_shape(capture), capture.camera.shape)))
+
+
 def _shrink(colour: Grid, scale: Scale) -> int:
     """Colour pixels along each side of an output pixel."""
     if scale == "auto":
@@ -181,4 +196,4 @@ def _shrunk(capture: Capture, shrink: int) -> Array:
     return small
 
 
-__all__ = ["Prepared", "Scale", "SensorDepth", "prepare"]
+__all__ = ["Prepared", "Scale", "SensorDepth", "coarsest_scale", "prepare"]

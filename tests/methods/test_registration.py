@@ -1,0 +1,156 @@
+"""The depth camera's pose, corrected by what the photographs show."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from rakelight.geometry.camera import back_project
+from rakelight.methods import load_method, refine
+from rakelight.methods.registration import motion, registered, turned
+from rakelight.metrics import evaluate
+from rakelight.model import RigidTransform
+from rakelight.prepare.register import project
+from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
+
+CAMERA = make_shape("head").camera.scaled(1 / 3)
+HERE = RigidTransform(np.eye(3), np.zeros(3))
+MIDDLE = np.array([0.0, 0.0, 0.76])
+PIXEL_M = MIDDLE[2] / CAMERA.fx
+NOISE = DepthNoise(rms_mm=1.5, correlation_length_px=2.0)
+OPTIONS = load_method("multi-light").options()
+
+
+def off_by(px=(0.0, 0.0), roll_deg=0.0):
+    """A depth camera whose picture of the object is shifted and turned by so much."""
+    motion = [0, 0, np.radians(roll_deg), px[0] * PIXEL_M, px[1] * PIXEL_M, 0]
+    return turned(HERE, np.array(motion), MIDDLE)
+
+
+def scene(pose=None, shape="head", **changes):
+    """A capture, its true pose known, and the truth."""
+    noise = changes.pop("depth_noise", NOISE)
+    options = SceneOptions(
+        camera=CAMERA, photographs=8, depth_noise=noise, depth_to_color=pose, **changes
+    )
+    return render_scene(make_shape(shape), make_albedo("pattern"), options)
+
+
+def unaware(capture):
+    """The capture when nobody knows of the shift."""
+    return replace(capture, depth_to_color=HERE, register=True)
+
+
+def left(found, true):
+    """What is left of the shift (2,), depth pixels, and of the rotation (3,), degrees."""
+    there = MIDDLE @ found.rotation.T + found.translation_m
+    aim = MIDDLE @ true.rotation.T + true.translation_m
+    turn = Rotation.from_matrix(true.rotation @ found.rotation.T).as_rotvec()
+    return ((there - aim) / PIXEL_M)[:2], np.degrees(turn)
+
+
+def codes(findings):
+    return {finding.code: finding for finding in findings}
+
+
+def errors(result, truth):
+    scores = evaluate(result.depth, result.normals, truth)
+    return np.array([scores.normals.mae_deg, scores.depth.rmse_mm])
+
+
+@pytest.fixture(scope="module")
+def shifted():
+    """(true pose, capture, truth, the registered result) for depth that is 3 pixels off."""
+    pose = off_by((3, 0))
+    capture, truth = scene(pose)
+    return pose, capture, truth, refine(unaware(capture))
+
+
+def test_a_shift_of_three_pixels_is_found(shifted):
+    pose, _, _, result = shifted
+    found = result.capture["depth_to_color"]
+    shift, _ = left(
+        RigidTransform(np.array(found["rotation"]), np.array(found["translation"])), pose
+    )
+    assert np.abs(shift).max() < 0.3
+
+
+def test_errors_are_those_of_the_right_pose(shifted):
+    _, capture, truth, result = shifted
+    right, wrong = refine(capture), refine(replace(unaware(capture), register=False))
+    assert (errors(result, truth) < 1.1 * errors(right, truth)).all()
+    assert (errors(wrong, truth) > 1.5 * errors(right, truth)).all()
+
+
+def test_the_result_says_so(shifted):
+    *_, result = shifted
+    note = codes(result.findings)["registered"]
+    assert note.severity == "note"
+    assert "left as given: pitch, yaw, forward" in note.message
+    assert result.timings_s["register"] > 0
+
+
+@pytest.mark.parametrize(
+    ("shape", "rms_mm", "px", "roll_deg"),
+    [("head", 1.5, (2.5, -3.0), 1.0), ("cloth", 0.5, (4.0, 0.0), -1.0)],
+)
+def test_four_pixels_and_a_degree_of_roll_are_found_to_a_tenth(shape, rms_mm, px, roll_deg):
+    pose = off_by(px, roll_deg)
+    capture, _ = scene(pose, shape, depth_noise=replace(NOISE, rms_mm=rms_mm))
+    found = registered(unaware(capture), OPTIONS)
+    shift, turn = left(found.depth_to_color, pose)
+    assert np.linalg.norm(shift) < 0.3
+    assert np.abs(turn).max() < 0.1
+    assert "registration-doubtful" not in codes(found.findings)
+
+
+def test_depth_in_the_colour_cameras_view_gets_a_camera_of_its_own():
+    capture, _ = scene()
+    assert capture.depth_camera is None
+    rolled = np.roll(capture.depth_m, 3, axis=2)
+    found = registered(replace(capture, depth_m=rolled, register=True), OPTIONS)
+    assert found.depth_camera == CAMERA
+    shift, _ = left(found.depth_to_color, off_by((-3, 0)))
+    assert np.abs(shift).max() < 0.3
+
+
+def test_depth_that_lies_right_stays_there():
+    capture, truth = scene(HERE)
+    result = refine(unaware(capture))
+    assert (errors(result, truth) < 1.05 * errors(refine(capture), truth)).all()
+
+
+def test_what_shows_no_shift_is_left_and_told():
+    # A plane is the same wherever it is.
+    capture, _ = scene(HERE, "cloth")
+    z = np.full((1, *CAMERA.shape), 0.8, np.float32)
+    flat = replace(capture, depth_m=z, photographs=np.full_like(capture.photographs, 30000))
+    found = registered(replace(flat, register=True), OPTIONS)
+    assert codes(found.findings)["registration-doubtful"].severity == "warning"
+    shift, turn = left(found.depth_to_color, HERE)
+    assert np.abs(shift).max() < 0.05
+    assert np.abs(turn).max() < 0.05
+
+
+def test_other_methods_say_that_they_do_not(shifted):
+    _, capture, *_ = shifted
+    result = refine(unaware(capture).select([0]), "fusion-like")
+    assert codes(result.findings)["not-registered"].severity == "warning"
+    assert "depth_to_color" not in result.capture
+
+
+def test_the_motion_of_points_is_that_of_the_pose():
+    depth = 0.7 + 0.1 * np.random.default_rng(0).random(CAMERA.shape)
+    points, middle, xi = back_project(depth, CAMERA), np.array([0.01, 0.02, 0.7]), np.zeros(6)
+    before = project(points, HERE, CAMERA)
+    u, v, ahead = motion(depth, CAMERA, middle)
+    for k in range(6):
+        xi[:] = 0
+        xi[k] = 1e-6
+        after = project(points, turned(HERE, xi, middle), CAMERA)
+        np.testing.assert_allclose(u[..., k], (after - before)[..., 0] / 1e-6, atol=0.05)
+        np.testing.assert_allclose(v[..., k], (after - before)[..., 1] / 1e-6, atol=0.05)
+        np.testing.assert_allclose(
+            ahead[..., k], np.log(after[..., 2] / before[..., 2]) / 1e-6, atol=1e-4
+        )
