@@ -53,8 +53,9 @@ OPEN = 0.3
 COARSE_PX = 8.0
 # The model's own error of place, in depth pixels: steep places count less.
 PLACE_PX = 0.5
-# So many depth pixels share an error.
-COHERENT_PIXELS = 20.0
+# So many depth pixels share an error, and as many say no more than so many of their own would:
+# what the refined surface gets wrong is as large as the object, whatever the resolution.
+COHERENT_PIXELS, INDEPENDENT = 20.0, 200.0
 # A combination of the six is known when the data say so many times more of it than was known.
 KNOWN = 5.0
 
@@ -149,6 +150,7 @@ def correction(
     slopes = np.stack([fine(change[..., k], seen)[seen] for k in range(10)], axis=-1)
     gradient = mean_gradient(log_depth, prepared.mask)
     steep = averaging.down(gradient[0] ** 2 + gradient[1] ** 2)[seen]
+    coherent = max(COHERENT_PIXELS, len(error) / INDEPENDENT)
     place = (PLACE_PX * prepared.factor) ** 2 * steep
 
     step = np.zeros(10)
@@ -156,7 +158,7 @@ def correction(
         left = error - slopes @ step
         noise = MEDIAN_ABSOLUTE_TO_SIGMA * float(np.median(np.abs(left)))
         variance = max(noise, 1e-9) ** 2 + place
-        weight = 1 / (variance + (left / CAUCHY) ** 2) / COHERENT_PIXELS
+        weight = 1 / (variance + (left / CAUCHY) ** 2) / coherent
         hessian = (slopes * weight[:, None]).T @ slopes
         slope = (slopes * weight[:, None]).T @ error
         # What is open is eliminated; the pose moves along what the rest knows of it.
