@@ -136,8 +136,10 @@ def report_result(result: Result, folder: Path, as_json: bool) -> None:
         )
     height, width = result.depth.shape
     ended = "converged" if result.converged else "stopped"
+    count = facts["photographs"]
+    photographs = "1 photograph" if count == 1 else f"{count} photographs"
     click.echo(
-        f"{result.method}: {facts['photographs']} photographs, {width} x {height}, "
+        f"{result.method}: {photographs}, {width} x {height}, "
         f"{facts['pixels']} pixels, {ended} after {result.iterations} iterations"
     )
     click.echo(f"result: {facts['output']}  (look at it with `{printable(view_command(folder))}`)")
