@@ -80,14 +80,11 @@ class Level:
 
     def sensor_misfit(self, log_depth: Floats) -> float:
         """sum w (K (p - prior))^2 of a log depth (h, w)."""
-        miss, weight = self.at_sensor(log_depth - self.prior), self.prior_weight
+        miss = log_depth - self.prior
         if self.averaging is None:
-            return float((weight * miss**2)[self.mask].sum())
-        return float((self.averaging.total(weight) * miss**2).sum())
-
-    def at_sensor(self, image: Floats) -> Floats:
-        """K image: means (hs, ws) over the sensor's pixels; the image itself where it has none."""
-        return image if self.averaging is None else self.averaging.down(image)
+            return float((self.prior_weight * miss**2)[self.mask].sum())
+        weight = self.averaging.total(self.prior_weight)
+        return float((weight * self.averaging.down(miss) ** 2).sum())
 
     def trusting(self, trust: float) -> Level:
         """This level with the prior's weight multiplied by `trust`."""
