@@ -6,6 +6,8 @@ from functools import cache, partial
 import numpy as np
 import pytest
 
+from rakelight.geometry.averaging import Averaging
+from rakelight.geometry.camera import back_project
 from rakelight.geometry.grid import Links
 from rakelight.methods.fit import (
     LONGEST_STRIDE,
@@ -17,7 +19,9 @@ from rakelight.methods.fit import (
     first_fit,
     joint_step,
     lamps_step,
+    lights_step,
     moved,
+    relief_step,
     rescaled,
     ripples,
     ripples_transposed,
@@ -114,7 +118,7 @@ def test_ripples_do_not_see_smooth_surfaces(level):
 
 
 def test_ripples_see_a_checkerboard_that_the_gradient_does_not(level):
-    # Wherever two linked neighbours follow on both sides.
+    # Wherever two linked neighbours follow on both sides, the nearer with a normal.
     board = (-1.0) ** np.indices(level.mask.shape).sum(axis=0)
     links, gradient = Links.of(level.grid), level.surface(board).gradient
     for k, wave in enumerate(ripples(level, board)):
@@ -122,6 +126,8 @@ def test_ripples_see_a_checkerboard_that_the_gradient_does_not(level):
         ahead = [linked[:, i : i + level.mask.shape[1 - k]] for i in range(4)]
         where = np.logical_and.reduce(ahead)
         where = where if k == 0 else where.T
+        steady = level.photographs.active
+        where &= steady & np.roll(steady, 1, axis=1 - k) & np.roll(steady, -1, axis=1 - k)
         assert where.sum() > 100
         np.testing.assert_array_equal(wave, np.where(where, 2 * board, 0))
         assert not gradient[where, k].any()
@@ -245,3 +251,59 @@ def test_lamps_step_is_what_moves_them(name):
     moved_lamps = fit.lamps.moved(lamps_step(fit.lamps, other))
     for one, two in zip(moved_lamps.arrays, other.arrays, strict=True):
         np.testing.assert_allclose(one, two, atol=1e-15)
+
+
+# ---- the bas-relief transform
+
+
+def flattened(level, fit, by=0.8, tilt=(0.2, -0.1, 0.0)):
+    """The fit after  1/z' = by/z + tilt . (x, y, 1) + constant, the middle staying."""
+    rays = back_project(np.ones(level.mask.shape), level.photographs.camera)
+    inverse = by * np.exp(-fit.log_depth) + rays @ tilt
+    inverse += (np.exp(-fit.log_depth) - inverse)[level.mask].mean()
+    return moved(level, fit, np.where(level.mask, -np.log(inverse), fit.log_depth), fit.lamps)
+
+
+@pytest.mark.parametrize("factor", [1, 3])
+def test_the_sensor_sets_the_four_numbers_that_the_photographs_leave_open(factor):
+    level = make_level()
+    if factor > 1:
+        edges = (np.arange(-(-side // factor) + 1.0) * factor for side in level.mask.shape)
+        level = replace(level, averaging=Averaging.on(level.mask, *edges))
+    level = level.trusting(100.0)
+    fit = flattened(level, first_fit(level, level.prior, first_lamps(level)))
+    found = relief_step(level, fit)
+    assert found.energy < fit.energy
+    # Means of the inverse are not quite the inverse of the means.
+    assert level.sensor_misfit(found.log_depth) < 1e-3 * level.sensor_misfit(fit.log_depth)
+
+
+def test_where_the_sensor_has_nothing_to_add_the_surface_stays(level):
+    fit = first_fit(level, level.prior, first_lamps(level))
+    assert relief_step(level, fit).log_depth is fit.log_depth
+
+
+@pytest.mark.parametrize("name", STARTS)
+def test_relief_and_lights_steps_never_raise_the_energy(level, name):
+    fit = flattened(level, start(level, name))
+    for step in (lights_step, relief_step):
+        assert step(level, fit).energy <= fit.energy
+
+
+@pytest.mark.parametrize("name", ["wild lamps", "rough depth", "near", "coloured"])
+def test_a_lights_step_lowers_the_energy_and_leaves_the_depth(level, name):
+    fit = start(level, name)
+    after = lights_step(level, fit)
+    assert after.energy < fit.energy
+    assert after.log_depth is fit.log_depth
+
+
+def test_what_no_normal_depends_on_is_not_pulled():
+    # A strip of one row has no normals; its end lies two pixels from the last pixel with one.
+    level = make_level()
+    mask = np.zeros_like(level.mask)
+    mask[4:12, 4:12] = mask[8, 12:20] = True
+    level = replace(level, photographs=replace(level.photographs, grid=mask))
+    pull = ripples_transposed(level, ripples(level, rough(level)))
+    assert np.abs(pull[4:12, 4:12]).min() > 0
+    assert not pull[8, 13:20].any()

@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rakelight.geometry.averaging import Averaging
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.cells import cell_sums, spread
 from rakelight.geometry.grid import mean_gradient
-from rakelight.methods.levels import FILLED, Level, finest_level, pyramid
+from rakelight.methods.levels import FILLED, ISLAND, Level, finest_level, pyramid, small_parts
 from rakelight.model import Camera
 from rakelight.prepare import Prepared, SensorDepth
 from rakelight.prepare.linear import usable
@@ -302,3 +303,55 @@ def test_levels_of_a_pyramid_explain_alike():
         finest = level.photographs.explain(level.surface(level.prior), lamps)
         mean = found.albedo[each.photographs.active].mean()
         assert mean == pytest.approx(finest.albedo.mean(), rel=2e-3)
+
+
+# ---- what the surface is held to
+
+
+@pytest.mark.parametrize("factor", [1, 2])
+def test_the_bias_of_smoothing_is_taken_out(factor):
+    prepared = make_prepared(48, 60, factor=factor)
+    slope = 0.8 + 0.002 * np.arange(60 // factor) * factor
+    sensor = replace(prepared.sensor, depth_m=np.tile(slope, (48 // factor, 1)))
+    flat = replace(prepared, sensor=sensor, depth_m=np.full((48, 60), 0.8))
+    plain, mended = (finest_level(flat, unbiased=choice) for choice in (False, True))
+    np.testing.assert_array_equal(plain.aim, plain.prior)
+    K = sensor.averaging(flat.mask)
+    edge = 16 // factor
+    inner = np.s_[edge:-edge, edge:-edge]
+    np.testing.assert_allclose(
+        K.down(mended.aim)[inner], np.log(sensor.depth_m)[inner], atol=0.002 * 0.2
+    )
+
+
+def test_noise_is_not_taken_for_bias():
+    prepared = make_prepared(48, 60)
+    noise = np.random.default_rng(0).normal(0, 0.003, (48, 60))
+    noisy = replace(prepared, sensor=replace(prepared.sensor, depth_m=prepared.depth_m + noise))
+    level = finest_level(noisy, unbiased=True)
+    assert np.std(level.aim - level.prior) < 0.1 * np.std(noise / prepared.depth_m)
+
+
+def test_parts_of_fewer_sensor_pixels_are_islands():
+    mask = np.ones((12, 12), bool)
+    mask[:, 8] = False
+    mask[6:, 9:] = False
+    edges = np.arange(0.0, 15.0, 2.0)
+    islands = small_parts(mask, Averaging.on(mask, edges, edges))
+    assert mask[:, 9:].sum() > ISLAND * 2**2
+    assert not islands.any()
+    edges = np.arange(0.0, 15.0, 3.0)
+    islands = small_parts(mask, Averaging.on(mask, edges, edges))
+    np.testing.assert_array_equal(islands, mask & (np.arange(12) > 8))
+    assert not small_parts(mask, None).any()
+
+
+def test_islands_keep_to_the_prior():
+    level = finest_level(make_prepared(factor=3))
+    level = replace(level, islands=np.tile(np.arange(30) > 26, (24, 1)))
+    moved = level.prior + 0.01 * level.islands
+    pointwise = 1e-4 * level.prior_weight[:, 27:].sum()
+    assert level.sensor_misfit(moved) > pointwise
+    terms = level.sensor_terms(moved)
+    np.testing.assert_allclose(terms["data_target"][:, 27:], -0.01)
+    assert not terms["data_weight"][:, :27].any()

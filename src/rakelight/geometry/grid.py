@@ -179,6 +179,29 @@ def has_gradient(grid: Grid) -> Mask:
     return np.asarray(along[0] & along[1])
 
 
+def connected(grid: Grid) -> tuple[Array, int]:
+    """(H, W) number from 0 of the connected part that each pixel is in, -1 outside; how many parts.
+
+    >>> connected(np.array([[True, True, False, True]]))[0].tolist()
+    [[0, 0, -1, 1]]
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    links = Links.of(grid)
+    size = int(np.count_nonzero(links.mask))
+    parts = np.full(links.mask.shape, -1)
+    parts[links.mask] = np.arange(size)
+    first = np.concatenate([parts[links.right], parts[links.down]])
+    second = np.concatenate(
+        [np.roll(parts, -1, axis=1)[links.right], np.roll(parts, -1, axis=0)[links.down]]
+    )
+    graph = coo_array((np.ones(len(first)), (first, second)), shape=(size, size))
+    count, labels = connected_components(graph, directed=False)
+    parts[links.mask] = labels
+    return parts, int(count) if size else 0
+
+
 def bounding_window(mask: Mask, margin: int = 0) -> tuple[slice, slice]:
     """Rows and columns of the smallest window that holds the mask, `margin` pixels wider.
 

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import diags_array
 
+from rakelight.geometry.camera import back_project
 from rakelight.geometry.cells import Cells, cell_sums
 from rakelight.geometry.grid import Links, gradient_matrices, neighbours, pair_slices
 from rakelight.geometry.normals import normals_from_gradient
@@ -37,6 +38,10 @@ NOISIEST = 0.01
 # Levenberg-Marquardt: a refused step is tried again with so many times the damping.
 STRONGER, WEAKEST, STRONGEST, TRIES = 8.0, 1e-6, 1e2, 3
 LONGEST_STRIDE = 64.0
+# A bas-relief transform is tried where the sensor's misfit would fall by this much of the energy.
+LEAST_GAIN = 3e-4
+# Steps of the lights after it, and pixels that are enough for their curvature.
+SETTLE, SOME_PIXELS = 2, 8000
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +51,7 @@ class Fit:
     scales : (h, w) of the Cauchy losses; noise : deviation of a value; energy : of everything
     stiffness : (h, w, 2) weight of the fourth differences along u and v
     near : whether the lamps' distances are fitted too
-    depth_damping, joint_damping : of the next step of each kind
+    depth_damping, joint_damping, lights_damping : of the next step of each kind
     """
 
     log_depth: Floats
@@ -60,6 +65,7 @@ class Fit:
     near: bool = False
     depth_damping: float = 1e-3
     joint_damping: float = 1e-3
+    lights_damping: float = 1e-2
 
 
 def first_fit(level: Level, log_depth: Floats, lamps: Lamps, near: bool = False) -> Fit:
@@ -124,10 +130,13 @@ def _second(values: Floats, axis: int) -> Floats:
 
 
 def _reach(level: Level) -> list[tuple[int, Mask, Mask]]:
-    """Axis, pixels linked to both neighbours along it, and those whose neighbours are so too."""
+    """Axis, pixels linked to both neighbours along it, and those whose neighbours are so too.
+
+    All of them have a normal: what the matrix of a step does not hold must not be pulled.
+    """
     masks = []
     for axis in (1, 0):
-        near = np.logical_and(*neighbours(level.grid, axis))
+        near = np.logical_and(*neighbours(level.grid, axis)) & level.photographs.active
         here, there = pair_slices(axis)
         wide = near.copy()
         wide[here] &= near[there]
@@ -219,6 +228,57 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
             return replace(tried, joint_damping=max(damping / STRONGER, WEAKEST))
         damping *= STRONGER
     return replace(fit, joint_damping=min(damping, STRONGEST))
+
+
+def relief_step(level: Level, fit: Fit) -> Fit:
+    """The bas-relief transform that brings the surface closest to the sensor's depth.
+
+    Planes stay planes where  1/z' = a/z + g . (x, y, 1):  normals become (a + g X^T) n at a point
+    X, and with lights (a + X g^T)^-1 s and an albedo to match the photographs stay nearly the same
+    (Belhumeur, Kriegman and Yuille 1999).  So they leave these four numbers to the sensor, and
+    steps down the slope of both would creep there.
+    """
+    nearer, aim = np.exp(-fit.log_depth), np.exp(-level.aim)
+    rays = back_project(np.ones(level.mask.shape), level.photographs.camera)
+    columns = np.stack([level.sensed(each) for each in (nearer, *np.moveaxis(rays, -1, 0))], -1)
+    target = level.sensed(aim)
+    root = np.sqrt(level.sensor_weight) / target
+    a, *g = np.linalg.lstsq(root[:, None] * columns, root * target, rcond=None)[0]
+    inverse_depth = np.where(level.mask, a * nearer + rays @ g, nearer)
+    if a <= 0 or inverse_depth.min() <= 0:
+        return fit
+    turn = np.linalg.inv(a * np.eye(3) + np.outer(level.middle_m, g))
+    log_depth = -np.log(inverse_depth)
+    gain = level.sensor_misfit(fit.log_depth) - level.sensor_misfit(log_depth)
+    if fit.noise**2 * gain < LEAST_GAIN * fit.energy:
+        return fit
+    lamps = replace(fit.lamps, vector=fit.lamps.vector @ turn.T)
+    tried = moved(level, fit, log_depth, lamps, turning=True)
+    for _ in range(SETTLE):
+        tried = lights_step(level, tried)
+    better = tried if tried.energy < fit.energy else fit
+    return replace(better, lights_damping=tried.lights_damping)
+
+
+def lights_step(level: Level, fit: Fit) -> Fit:
+    """One Gauss-Newton step of the lights, the depth held; damped until the energy falls."""
+    some = level.photographs.some(SOME_PIXELS)
+    share = np.count_nonzero(level.photographs.active) / np.count_nonzero(some)
+    hessian, _, _ = level.photographs.light_terms(
+        fit.surface, fit.lamps, fit.explanation.albedo, scale=fit.scales, near=fit.near, active=some
+    )
+    hessian = share * hessian
+    hessian += gauge(fit, hessian)
+    slope, damping = light_slope(level, fit), fit.lights_damping
+    for _ in range(TRIES):
+        damped = hessian + damping * np.diag(np.diag(hessian))
+        step = -np.linalg.lstsq(damped, slope, rcond=1e-12)[0]
+        lamps = fit.lamps.moved(step.reshape(*fit.lamps.ambient.shape, -1))
+        tried = moved(level, fit, fit.log_depth, lamps, turning=True)
+        if tried.energy < fit.energy:
+            return replace(tried, lights_damping=max(damping / STRONGER, WEAKEST))
+        damping *= STRONGER
+    return replace(fit, lights_damping=min(damping, STRONGEST))
 
 
 def light_slope(level: Level, fit: Fit) -> Floats:

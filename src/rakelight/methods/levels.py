@@ -7,10 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from rakelight.geometry.averaging import AveragedData, Averaging
+from rakelight.geometry.averaging import LEAST_SHARE, AveragedData, Averaging
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.cells import cell_sums, spread
-from rakelight.geometry.grid import Grid, Links, mean_gradient, surface_links
+from rakelight.geometry.grid import (
+    Grid,
+    Links,
+    connected,
+    has_gradient,
+    mean_gradient,
+    pair_slices,
+    surface_links,
+)
 from rakelight.model import Floats, Mask
 from rakelight.prepare import Prepared
 from rakelight.prepare.inpaint import nearest_fill
@@ -21,15 +29,22 @@ from rakelight.shading.photographs import Photographs, Surface
 FILLED = 0.01
 # With fewer of its pixels along a sensor pixel's side a level is the sensor's own resolution.
 NEARLY_ONE = 1.3
+# A part of the surface of fewer sensor pixels is an island.
+ISLAND = 4
+# Over so many pixels the bias of smoothing is told from noise: over fewer, the noise is back.
+BIAS_PX = 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class Level:
     """Photographs and prepared depth at one resolution.
 
-    prior : (h, w) log of the prepared depth
-    prior_weight : (h, w) its precision, 1 / variance of log depth; halving adds up four pixels'
+    prior : (h, w) log of the prepared depth, where refining begins
+    aim : (h, w) log depth that the surface is held to: the prior without its smoothing's bias
+    prior_weight : (h, w) the precision of both, 1 / variance; halving adds up four pixels'
     averaging : of the sensor's pixels, where those are wider than this level's; None elsewhere
+    islands : (h, w) parts of the surface too small for a sensor pixel of their own: each of their
+        pixels is held to the prior, or they would take up what the mean over one is off
     middle_m : (3,) the object's middle, metres
     points : (h, w, 3) of the prepared depth, metres from the middle, for lamps near the object:
         what refining moves them by is nothing beside the lamps' distance
@@ -37,10 +52,12 @@ class Level:
 
     photographs: Photographs
     prior: Floats
+    aim: Floats
     prior_weight: Floats
     middle_m: Floats
     points: Floats
-    averaging: Averaging | None = None
+    averaging: Averaging | None
+    islands: Mask
 
     @property
     def mask(self) -> Mask:
@@ -64,27 +81,39 @@ class Level:
     def sensor_terms(self, log_depth: Floats, scale: float = 1.0) -> dict[str, Any]:
         """What the sensor says of a correction of `log_depth` (h, w), as `solve.assemble` takes it.
 
-        The energy  scale sum w (K (p - prior))^2:  the prior's detail within a sensor pixel is
+        The energy  scale sum w (K (p - aim))^2:  the aim's detail within a sensor pixel is
         interpolation, and nothing holds the surface to that.
         """
-        aim = self.prior - log_depth
+        aim = self.aim - log_depth
         if self.averaging is None:
             return {"data_weight": scale * self.prior_weight, "data_target": aim}
         weight = scale * self.averaging.total(self.prior_weight)
         data = AveragedData(self.averaging, weight)
-        nothing = np.zeros(self.mask.shape)
         return {
-            "data_weight": nothing, "data_target": nothing, "extra": data,
+            "data_weight": scale * self.prior_weight * self.islands,
+            "data_target": self.prior - log_depth,
+            "extra": data,
             "extra_rhs": data.apply(aim),
-        }  # fmt: skip
+        }
 
     def sensor_misfit(self, log_depth: Floats) -> float:
-        """sum w (K (p - prior))^2 of a log depth (h, w)."""
-        miss = log_depth - self.prior
+        """sum w (K (p - aim))^2 of a log depth (h, w)."""
+        misfit = self.sensor_weight @ self.sensed(log_depth - self.aim) ** 2
+        held = (self.prior_weight * (log_depth - self.prior) ** 2)[self.islands]
+        return float(misfit + held.sum())
+
+    def sensed(self, image: Floats) -> Floats:
+        """(M,) K image, of an image (h, w): its means over the sensor's pixels."""
         if self.averaging is None:
-            return float((self.prior_weight * miss**2)[self.mask].sum())
-        weight = self.averaging.total(self.prior_weight)
-        return float((weight * self.averaging.down(miss) ** 2).sum())
+            return image[self.mask]
+        return self.averaging.down(image)[self.averaging.covered]
+
+    @property
+    def sensor_weight(self) -> Floats:
+        """(M,) precision of each of the sensor's pixels, in the order of `sensed`."""
+        if self.averaging is None:
+            return self.prior_weight[self.mask]
+        return self.averaging.total(self.prior_weight)[self.averaging.covered]
 
     def trusting(self, trust: float) -> Level:
         """This level with the prior's weight multiplied by `trust`."""
@@ -95,27 +124,30 @@ class Level:
         here = Links.of(self.grid)
         steep = surface_links(np.exp(log_depth), here.mask, self.photographs.camera)
         both = Links(here.mask, here.right & steep.right, here.down & steep.down)
-        return replace(self, photographs=replace(self.photographs, grid=both))
+        islands = small_parts(both, self.averaging)
+        return replace(self, photographs=replace(self.photographs, grid=both), islands=islands)
 
     def halved(self) -> Level:
         """This level at half the resolution."""
-        photographs = self.photographs.halved()
+        photographs, averaging = self.photographs.halved(), None
+        if self.averaging is not None and self.averaging.factor > 2 * NEARLY_ONE:
+            averaging = self.averaging.halved(photographs.mask)
         weight = cell_sums(np.where(self.mask, 1.0, 0.0), 2)
-        prior = cell_sums(np.where(self.mask, self.prior, 0.0), 2) / np.maximum(weight, 1)
+        prior, aim = (
+            cell_sums(np.where(self.mask, image, 0.0), 2) / np.maximum(weight, 1)
+            for image in (self.prior, self.aim)
+        )
         return Level(
             photographs,
             nearest_fill(prior, photographs.mask),
+            nearest_fill(aim, photographs.mask),
             cell_sums(np.where(self.mask, self.prior_weight, 0.0), 2),
             self.middle_m,
             cell_sums(np.where(self.mask[..., None], self.points, 0.0), 2)
             / np.maximum(weight, 1)[..., None],
-            self._halved_averaging(photographs.mask),
+            averaging,
+            small_parts(photographs.grid, averaging),
         )
-
-    def _halved_averaging(self, mask: Mask) -> Averaging | None:
-        if self.averaging is None or self.averaging.factor <= 2 * NEARLY_ONE:
-            return None
-        return self.averaging.halved(mask)
 
     def carried(self, coarse: Level, log_depth: Floats) -> Floats:
         """The coarse level's log depth on this level's grid, without the prior's fine noise."""
@@ -125,8 +157,12 @@ class Level:
         return spread(continued, 2, self.mask.shape)
 
 
-def finest_level(prepared: Prepared, *, cut: bool = False) -> Level:
-    """The level of the prepared window itself; `cut` at the jumps of the prepared depth or not."""
+def finest_level(prepared: Prepared, *, cut: bool = False, unbiased: bool = False) -> Level:
+    """The level of the prepared window itself.
+
+    cut : whether links end at the jumps of the prepared depth
+    unbiased : whether the surface is held to the prepared depth without its smoothing's bias
+    """
     values = np.ascontiguousarray(prepared.photographs)
     white, grid = np.iinfo(values.dtype).max, Links.of(prepared.mask)
     if cut:
@@ -139,16 +175,59 @@ def finest_level(prepared: Prepared, *, cut: bool = False) -> Level:
         grid=grid,
         camera=prepared.camera,
     )
+    averaging = None
+    if prepared.factor > NEARLY_ONE:
+        averaging = prepared.sensor.averaging(prepared.mask)
     points = back_project(prepared.depth_m, prepared.camera)
     middle = points[prepared.mask].mean(axis=0)
+    prior = np.log(prepared.depth_m)
     return Level(
         photographs,
-        np.log(prepared.depth_m),
+        prior,
+        unbiased_depth(prepared) if unbiased else prior,
         depth_precision(prepared),
         middle,
         points - middle,
-        prepared.sensor.averaging(prepared.mask) if prepared.factor > NEARLY_ONE else None,
+        averaging,
+        small_parts(grid, averaging),
     )
+
+
+def small_parts(grid: Grid, averaging: Averaging | None) -> Mask:
+    """(h, w) the parts of the grid that normals hold together, below `ISLAND` sensor pixels.
+
+    None where the sensor's pixels are no wider than the grid's.
+    """
+    links, active = Links.of(grid), has_gradient(grid)
+    if averaging is None:
+        return np.zeros_like(links.mask)
+    sides = []
+    for axis, side in ((1, links.right), (0, links.down)):
+        here, there = pair_slices(axis)
+        linked = side & active
+        linked[here] |= side[here] & active[there]
+        sides.append(linked)
+    parts, count = connected(Links(links.mask, *sides))
+    size = np.bincount(parts[links.mask], minlength=count)
+    return links.mask & (size < ISLAND * averaging.factor**2)[parts]
+
+
+def unbiased_depth(prepared: Prepared) -> Floats:
+    """(h, w) the prepared log depth without the bias of its smoothing, which flattens slopes.
+
+    What it is off the measurements, averaged over `BIAS_PX`, is added.
+    """
+    from scipy.ndimage import gaussian_filter
+
+    prior = np.log(prepared.depth_m)
+    averaging = prepared.sensor.averaging(prepared.mask)
+    seen = prepared.sensor.measured & averaging.covered
+    depth_m = np.where(seen, prepared.sensor.depth_m, 1.0)
+    miss = np.where(seen, np.log(depth_m) - averaging.down(prior), 0.0)
+    sigma = BIAS_PX / prepared.factor
+    share = gaussian_filter(1.0 * seen, sigma, mode="constant")
+    miss = gaussian_filter(miss, sigma, mode="constant") / np.maximum(share, LEAST_SHARE)
+    return np.asarray(prior + prepared.sensor.spread(miss, prior.shape))
 
 
 def depth_precision(prepared: Prepared) -> Floats:

@@ -32,6 +32,7 @@ from rakelight.methods.fit import (
     first_fit,
     joint_step,
     moved,
+    relief_step,
     rescaled,
     stride,
 )
@@ -46,7 +47,7 @@ from rakelight.solve.robust import MEAN_ABSOLUTE_TO_SIGMA
 # sensor has for what the photographs, together, get wrong.
 FIRST_TRUST = 10.0
 # So many pixels share an error of the photographs' explanation, whatever the depth's errors do.
-COHERENT_PIXELS = 75.0
+COHERENT_PIXELS = 25.0
 LEAST_TRUST, MOST_TRUST = 0.3, 300.0
 # A coarse level explains averaged photographs, and only roughly: the depth holds it the more.
 COARSER = 2.0
@@ -102,11 +103,11 @@ def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback
     Raises MethodError for fewer than 3 photographs.
     """
     require_photographs(prepared, "multi-light", 3)
-    first_trust = FIRST_TRUST * prepared.factor**2
-    trust = options.depth_trust or first_trust
+    trust = first_trust = options.depth_trust or FIRST_TRUST * prepared.factor**2
+    finest = finest_level(prepared, cut=True, unbiased=True)
     levels = [
-        level.trusting(trust * COARSER**k)
-        for k, level in enumerate(pyramid(finest_level(prepared, cut=True), options.coarse_pixels))
+        level.trusting(first_trust * COARSER**k)
+        for k, level in enumerate(pyramid(finest, options.coarse_pixels))
     ]
 
     # The coarsest level: distant white lamps, and more freedom for them where it is worth it.
@@ -116,22 +117,19 @@ def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback
     descent = freer_lamps(levels[-1], descent, options, progress)
 
     # Coarse to fine: the depth's detail, then lights and depth together, until both rest.
-    weigh = options.depth_trust is None
     brief = replace(options, max_iterations=min(options.max_iterations, ON_THE_WAY))
     for index in reversed(range(coarsest)):
         log_depth = levels[index].carried(levels[index + 1], descent.fit.log_depth)
         fit = first_fit(levels[index], log_depth, descent.fit.lamps, near=descent.fit.near)
-        steps = options if index == 0 and not weigh else brief
-        descent = descend(levels[index], fit, steps, progress, stage(index))
+        descent = descend(levels[index], fit, brief, progress, stage(index))
 
     # What is left of the sensor's depth says how its errors hang together, and what they count.
-    level = levels[0]
-    if weigh:
-        trust = deserved_trust(level, descent.fit, prepared)
-        # Jumps that the sensor blurred, or its noise hid, are steep by now.
-        level = level.trusting(trust / first_trust).cut(descent.fit.log_depth)
-        again = descend(level, descent.fit, options, progress, "refine, weighed", noisiest=1.0)
-        descent = replace(again, steps=descent.steps + again.steps)
+    if options.depth_trust is None:
+        trust = deserved_trust(levels[0], descent.fit, prepared)
+    # Jumps that the sensor blurred, or its noise hid, are steep by now.
+    level = levels[0].trusting(trust / first_trust).cut(descent.fit.log_depth)
+    again = descend(level, descent.fit, options, progress, "refine, weighed", noisiest=1.0)
+    descent = replace(again, steps=descent.steps + again.steps)
     return finished(prepared, level, descent, trust)
 
 
@@ -172,6 +170,7 @@ def descend(
             fits = [fit]
         before = fit
         fit = joint_step(level, depth_step(level, fit), options.coarse_pixels)
+        fit = relief_step(level, fit)
         converged = settled and before.energy - fit.energy < options.tolerance * before.energy
         if settled and not converged:
             fit = stride(level, before, fit)
@@ -186,8 +185,8 @@ def freer_lamps(
 ) -> Descent:
     """The descent with coloured or near lamps, where these explain the photographs much better."""
     for wanted, free, change in (
-        (options.lamps, "coloured", coloured),
         (options.distance, "near", near),
+        (options.lamps, "coloured", coloured),
     ):
         if wanted not in ("auto", free):
             continue

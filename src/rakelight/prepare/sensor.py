@@ -42,6 +42,14 @@ class SensorDepth:
         """The averaging operator K of a window with that mask (h, w)."""
         return Averaging.on(mask, self.row_edges, self.column_edges)
 
+    def spread(self, image: Floats, shape: tuple[int, ...]) -> Floats:
+        """(h, w) the value of the sensor pixel (hs, ws) that holds each window pixel's centre."""
+        rows, columns = (
+            np.searchsorted(edges, np.arange(side) + 0.5, "right") - 1
+            for edges, side in zip((self.row_edges, self.column_edges), shape, strict=True)
+        )
+        return image[np.ix_(rows, columns)]
+
 
 @dataclass(frozen=True, slots=True)
 class Grid:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rakelight.geometry.grid import STEEPEST, surface_links
+from rakelight.geometry.grid import STEEPEST, connected, surface_links
 from rakelight.model import Array, Camera, Floats, Mask
 
 # What shows beside the object lies behind it within so many pixels.
@@ -16,23 +16,7 @@ def surfaces(depth_m: Floats, camera: Camera) -> tuple[Array, int]:
 
     -1 where there is none.  Connected are neighbours without a jump between them.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    mask = np.isfinite(depth_m)
-    links = surface_links(depth_m, mask, camera)
-    number = np.full(mask.shape, -1)
-    number[mask] = np.arange(np.count_nonzero(mask))
-    first = np.concatenate([number[links.right], number[links.down]])
-    second = np.concatenate(
-        [np.roll(number, -1, axis=1)[links.right], np.roll(number, -1, axis=0)[links.down]]
-    )
-    size = np.count_nonzero(mask)
-    graph = coo_array((np.ones(len(first)), (first, second)), shape=(size, size))
-    count, labels = connected_components(graph, directed=False)
-    parts = np.full(mask.shape, -1)
-    parts[mask] = labels
-    return parts, int(count) if size else 0
+    return connected(surface_links(depth_m, np.isfinite(depth_m), camera))
 
 
 def beside_the_object(depth_m: Floats, touched: Mask, covered: Mask, camera: Camera) -> Mask:

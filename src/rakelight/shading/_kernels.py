@@ -244,21 +244,21 @@ def explain(
 
 
 @helper
-def take_product(hessian, block, u, total):
-    """hessian[block] -= u u^T / total."""
+def take_product(hessian, block, channel, u, total):
+    """The upper triangle of hessian[block, channel] -= u u^T / total."""
     for k in range(u.size):
         factor = u[k] / total
-        for m in range(u.size):
-            hessian[block, k, m] -= factor * u[m]
+        for m in range(k, u.size):
+            hessian[block, channel, k, m] -= factor * u[m]
 
 
 @helper
-def take_scaled(cross, i, j, u, along_u, along_v):
-    """cross[i, j] -= (along_u, along_v) u^T."""
+def take_scaled(cross, i, j, channel, u, along_u, along_v):
+    """cross[i, j, :, channel] -= (along_u, along_v) u^T."""
     for k in range(u.size):
-        cross[i, j, 0, k] -= along_u * u[k]
+        cross[i, j, 0, channel, k] -= along_u * u[k]
     for k in range(u.size):
-        cross[i, j, 1, k] -= along_v * u[k]
+        cross[i, j, 1, channel, k] -= along_v * u[k]
 
 
 @kernel
@@ -268,10 +268,11 @@ def light_terms(
 ):  # fmt: skip
     """Second and first derivatives of half the energy with respect to the lights.
 
-    Each light has `parameters` numbers: its vector, [closeness,] ambient.  The albedo is
-    eliminated when `project`.  hessian (blocks, K, K), its upper triangle, and slope (blocks, K)
-    are sums per block of rows; cross (h/cell, w/cell, 2, K) the mixed derivatives with the gradient
-    of log depth, summed over cells of `cell` x `cell` pixels; left alone when cell is 0.
+    Each light has `parameters` numbers: its vector, [closeness,] ambient; a channel's lights, C of
+    1 or 3 channels, have Q of them and nothing to do with another's.  The albedo is eliminated when
+    `project`.  hessian (blocks, C, Q, Q), its upper triangle, and slope (blocks, C, Q) are sums per
+    block of rows; cross (h/cell, w/cell, 2, C, Q) the mixed derivatives with the gradient of log
+    depth, summed over cells of `cell` x `cell` pixels; left alone when cell is 0.
     """
     height, width = active.shape
     count, channels = photos.shape[0], vectors.shape[1]
@@ -283,9 +284,8 @@ def light_terms(
         a, w, value = np.empty(count), np.empty(count), np.empty(count)
         good = np.empty(count, np.bool_)
         s, slopes, light = np.empty((count, 3)), np.empty((3, 4)), np.empty(3)
-        size = count * channels * parameters
         beta, turn = np.empty((count, parameters)), np.empty((count, parameters))
-        u = np.zeros(size)
+        u = np.zeros(count * parameters)
         # Whole rows of cells to each block, so that no two blocks write to one cell.
         step = max(cell, 1)
         rows_of_cells = (height + step - 1) // step
@@ -313,8 +313,6 @@ def light_terms(
                 scale = scales[row, column]
                 for c in range(3):
                     light_c = min(c, channels - 1)
-                    if channels > 1:
-                        u[:] = 0.0  # the other channel's lights
                     if c < channels:
                         shade(vectors, ambients, closeness, c, n, point, a, s)
                     for i in range(count):
@@ -347,13 +345,15 @@ def light_terms(
                                     turn[i, k] = n[k]
                         for k in range(parameters):
                             beta[i, k] = rho * turn[i, k]
-                        start = (i * channels + light_c) * parameters
+                        start = i * parameters
                         for k in range(parameters):
                             weighted = w[i] * beta[i, k]
                             u[start + k] = a[i] * weighted
-                            slope[block, start + k] += weighted * r
+                            slope[block, light_c, start + k] += weighted * r
                             for m in range(k, parameters):
-                                hessian[block, start + k, start + m] += weighted * beta[i, m]
+                                hessian[block, light_c, start + k, start + m] += (
+                                    weighted * beta[i, m]
+                                )
                         if lit:
                             ju = rho * (s[i, 0] * du[0] + s[i, 1] * du[1] + s[i, 2] * du[2])
                             jv = rho * (s[i, 0] * dv[0] + s[i, 1] * dv[1] + s[i, 2] * dv[2])
@@ -361,17 +361,19 @@ def light_terms(
                             tv += w[i] * jv * a[i]
                             if cell:
                                 for k in range(parameters):
-                                    cross[row // cell, column // cell, 0, start + k] += (
+                                    cross[row // cell, column // cell, 0, light_c, start + k] += (
                                         w[i] * ju * beta[i, k]
                                     )
-                                    cross[row // cell, column // cell, 1, start + k] += (
+                                    cross[row // cell, column // cell, 1, light_c, start + k] += (
                                         w[i] * jv * beta[i, k]
                                     )
                     if not project or total <= 1e-12:
                         continue
-                    take_product(hessian, block, u, total)
+                    take_product(hessian, block, light_c, u, total)
                     if cell:
-                        take_scaled(cross, row // cell, column // cell, u, tu / total, tv / total)
+                        take_scaled(
+                            cross, row // cell, column // cell, light_c, u, tu / total, tv / total
+                        )
 
 
 @kernel

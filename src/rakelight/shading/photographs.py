@@ -221,14 +221,17 @@ class Photographs:
         (ceil(h / cell), ceil(w / cell), 2, K); else an empty array.
         active : the pixels to use, all that have a normal unless given
         """
+        from scipy.linalg import block_diag
+
         from rakelight.shading import _kernels
 
         parameters = 5 if near else 4
-        size = parameters * lamps.ambient.size
+        count, channels = lamps.ambient.shape
+        own = count * parameters
+        hessian, slope = np.zeros((BLOCKS, channels, own, own)), np.zeros((BLOCKS, channels, own))
         height, width = self.mask.shape
-        hessian, slope = np.zeros((BLOCKS, size, size)), np.zeros((BLOCKS, size))
         cells = (-(-height // cell), -(-width // cell)) if cell else (0, 0)
-        mixed = np.zeros((*cells, 2, size))
+        mixed = np.zeros((*cells, 2, channels, own))
         with threads_for(len(self) * self.mask.size):
             _kernels.light_terms(
                 self.values, self.table, self.low, self.high,
@@ -236,8 +239,16 @@ class Photographs:
                 self._optics, *lamps.arrays, self._scales(scale), albedo, parameters, project,
                 hessian, slope, mixed, cell,
             )  # fmt: skip
+        # The lights' order is photograph, channel, number; the kernel's channel comes first.
+        numbers = np.arange(channels * own).reshape(channels, count, parameters)
+        order = numbers.swapaxes(0, 1).ravel()
         upper = np.triu(hessian.sum(axis=0))
-        return upper + np.triu(upper, 1).T, slope.sum(axis=0), mixed
+        blocks = block_diag(*(upper + np.triu(upper, 1).swapaxes(1, 2)))
+        return (
+            blocks[np.ix_(order, order)],
+            slope.sum(axis=0).ravel()[order],
+            mixed.reshape(*cells, 2, channels * own)[..., order],
+        )
 
     def _scales(self, scale: Floats | float) -> Floats:
         return np.full(self.mask.shape, scale, dtype=np.float64)
