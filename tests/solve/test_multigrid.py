@@ -96,6 +96,65 @@ def test_weak_anchors_far_away(rng):
     assert np.abs(fast.value - exact).max() < 1e-4 * np.abs(exact).max()
 
 
+def islands(strength, seed=0):
+    """Few pixels know a gradient: parts of some pixels each, held by weak data only."""
+    problem = rough(60, 60, seed=seed)
+    unknown = np.random.default_rng(seed).random((60, 60)) < 0.85
+    problem.tensor[unknown] = problem.vector[unknown] = problem.tensor[..., 1] = 0
+    centre = replace(problem, weight=np.zeros((60, 60))).system().centre
+    problem.weight = strength * np.where(centre > 0, centre, centre.mean())
+    return problem.system()
+
+
+@pytest.mark.parametrize("strength", [1e-4, 1e-7, 2e-8])
+def test_islands_that_hang_on_weak_data(strength):
+    system = islands(strength)
+    assert not system.pinned.any()
+    assert solve(system).status == "converged"
+
+
+@pytest.mark.parametrize("strength", [1e-4, 2e-8])
+def test_every_level_stays_positive_definite(strength, monkeypatch):
+    monkeypatch.setattr(multigrid, "COARSEST", 20)
+    levels = build_hierarchy(islands(strength)).levels
+    assert len(levels) > 3
+    for level in levels:
+        inside = level.stencil[0] > 0
+        assert not level.stencil[:, ~inside].any()
+        matrix = stencil_matrix(level.stencil.astype(float), inside).toarray()
+        assert np.linalg.eigvalsh(matrix).min() > 0
+
+
+def test_single_precision_is_never_below_double():
+    stencil = np.pad(islands(2e-8).stencil[:, 1:-1, 1:-1], ((0, 0), (1, 1), (1, 1)))
+    single = np.zeros(stencil.shape, np.float32)
+    kernels.rounded_up(stencil, single)
+    np.testing.assert_allclose(single, stencil, rtol=2e-6)
+    gain = stencil_matrix(single - stencil, stencil[0] > 0).toarray()
+    assert np.abs(gain - np.diag(np.diag(gain))).sum() > 0
+    assert (2 * np.diag(gain) >= np.abs(gain).sum(axis=1)).all()  # diagonally dominant
+
+
+def test_weights_as_far_apart_as_double_precision_goes():
+    problem = rough(12, 12)
+    problem.weight[:, :6] = 1e-60
+    problem.tensor[:, :6] = problem.vector[:, :6] = 0
+    system = problem.system()
+    assert not system.pinned.any()
+    solution = solve(system)
+    assert solution.status == "converged"
+    np.testing.assert_allclose(solution.value[:, :5], problem.target[:, :5])
+
+
+def test_a_matrix_that_is_not_positive_definite_is_refused():
+    system = rough(12, 12).system()
+    for change in (-system.stencil[0], -3 * system.stencil[0], 3 * system.stencil[1]):
+        stencil = system.stencil.copy()
+        stencil[0] += change
+        with pytest.raises(InputError, match="not positive definite"):
+            build_hierarchy(replace(system, stencil=stencil))
+
+
 def test_a_hierarchy_serves_close_systems_too():
     problem = rough(120, 120)
     hierarchy = build_hierarchy(problem.system())
@@ -194,6 +253,36 @@ def test_extra_operator_carries_the_data(rng):
         solve(system, solver=Direct())
 
 
+def shared(links):
+    """Blocks of 4 x 4 have a mean each, and pixels the difference pairs that `links` names."""
+    operator, problem = BlockMeans(4, np.full((5, 5), 1e-4)), rough(20, 20)
+    problem.weight[:] = problem.target[:] = 0
+    means = operator.apply(np.ones((20, 20)))
+    return problem.system(extra=operator, extra_rhs=means, pair_weights=links)
+
+
+def test_parts_that_share_a_measurement_do_not_float_against_each_other():
+    left = np.indices((20, 20))[1] % 2 == 0
+    links = np.stack([left, left, ~left, ~left], axis=-1).astype(float)  # strips of two columns
+    system = shared(links)
+    assert not system.pinned.any()
+    against = np.where(np.indices((20, 20))[1] % 4 < 2, 1.0, -1.0)  # each block's mean is 0
+    assert (against * system.apply(against)).sum() > 1e-9
+    assert solve(system).status == "converged"
+
+
+def test_a_pixel_without_gradient_keeps_its_target_whatever_its_block_means():
+    links = np.ones((20, 20, 4))
+    links[4:8, 4:8] = 0
+    system = shared(links)
+    lonely = np.zeros((20, 20), bool)
+    lonely[5:7, 5:7] = True
+    np.testing.assert_array_equal(system.pinned, lonely)
+    solution = solve(system)
+    assert solution.status == "converged"
+    assert np.abs(solution.value[lonely]).max() < 1e-3
+
+
 def test_status_tells_the_truth():
     system = rough(60, 60).system()
     assert solve(system, max_iterations=2).status == "iteration limit"
@@ -214,7 +303,7 @@ def test_smallest_systems():
 
 def test_interpolation_stays_bounded_where_couplings_cancel(rng):
     # Needles and weak links give couplings of both signs, whose ratios know no bound.
-    stencil = np.zeros((5, 42, 42), np.float32)
+    stencil = np.zeros((5, 42, 42))
     stencil[:, 1:-1, 1:-1] = rng.uniform(-1, 1, (5, 40, 40))
     stencil[0, 1:-1, 1:-1] = 4
     weights = np.zeros((42, 42, 4), np.float32)

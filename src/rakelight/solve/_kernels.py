@@ -20,6 +20,10 @@ from rakelight.jit import helper, kernel
 NO_COUPLING = np.float32(1e-6)
 # Of the diagonal; single precision cannot tell less from zero.
 SMALLEST_PIVOT = np.float32(1e-6)
+# The same in double precision, for the diagonal of a coarse matrix.
+SMALLEST_COARSE = 1e-14
+# More than rounding to single precision takes from a number.
+ROUND_UP = 1 + float(np.finfo(np.float32).eps)
 
 
 # --- assembly ------------------------------------------------------------------------------
@@ -248,6 +252,32 @@ def second_differences_transposed(along_u, along_v, top, left, y, out):
             out[r, c] += value
 
 
+# --- single precision ----------------------------------------------------------------------
+
+
+@kernel
+def rounded_up(A, out):
+    """out = A in single precision and never below it: out - A is positive semidefinite.
+
+    The couplings are rounded to the nearest; by as much as they move, both their ends gain.
+    """
+    _, h, w = A.shape
+    for r in prange(1, h - 1):
+        for c in range(1, w - 1):
+            if A[0, r, c] > 0:
+                lost = _rounding(A[1, r, c - 1]) + _rounding(A[2, r - 1, c])
+                lost += _rounding(A[3, r - 1, c - 1]) + _rounding(A[4, r - 1, c + 1])
+                for k in range(1, 5):
+                    out[k, r, c] = A[k, r, c]
+                    lost += _rounding(A[k, r, c])
+                out[0, r, c] = ROUND_UP * (A[0, r, c] + lost)
+
+
+@helper
+def _rounding(value):
+    return abs(value - np.float32(value))
+
+
 # --- relaxation by lines -------------------------------------------------------------------
 
 
@@ -423,6 +453,7 @@ def galerkin(A, P, coarse):
         image = np.empty((5, 5))  # A times the basis function of (i, j), around (2i-1, 2j-1)
         for j in range(1, coarse_w - 1):
             image[:] = 0
+            trace = 0.0
             for dr in range(-1, 2):
                 for dc in range(-1, 2):
                     r, c = 2 * i - 1 + dr, 2 * j - 1 + dc
@@ -430,7 +461,9 @@ def galerkin(A, P, coarse):
                         p = P[r, c, (2 if dr < 0 else 0) + (1 if dc < 0 else 0)]
                         if p != 0:
                             _spread(A, r, c, p, image[dr + 1 : dr + 4, dc + 1 : dc + 4])
+                            trace += p * p * A[0, r, c]
             _collect(image, P, i, j, coarse)
+            coarse[0, i, j] = max(coarse[0, i, j], SMALLEST_COARSE * trace)
 
 
 @helper

@@ -5,7 +5,9 @@ holes and thin parts: the interpolation follows the matrix (Dendy 1982), the coa
 Galerkin products, and the relaxation solves whole lines, rows then columns, every other one at a
 time.  After the coarse correction it runs backwards, so that the cycle is symmetric.
 
-The cycle works in single precision; conjugate gradients around it in double.
+The cycle works in single precision; conjugate gradients around it in double, and the coarse
+matrices are computed in double too: data may weigh 1e-8 of the diagonal, which is all that holds
+what is not linked to the rest, and single precision would lose it among the couplings.
 """
 
 from __future__ import annotations
@@ -24,6 +26,10 @@ from rakelight.solve.stencil import DepthSystem, Laplacian
 
 # A level with no more unknowns than this is solved by a dense factorisation.
 COARSEST = 300
+# The smallest diagonal, of a mean of 1: single precision can hold what divides by it.
+SMALLEST_DIAGONAL = 1e-20
+# Added to the coarsest diagonal, as a part of it: more than rounding takes away.
+RIDGE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -163,6 +169,8 @@ def build_hierarchy(system: DepthSystem) -> Hierarchy:
     What does not fit a 9-point stencil enters by its surrogate: the laplacian by the second
     order operator that bounds it, the extra term by its lumped diagonal.
 
+    Raises InputError for a matrix that is not positive definite, as far as this shows.
+
     >>> from rakelight.solve import assemble, solve
     >>> tensor, none = np.broadcast_to([1.0, 0.0, 1.0], (40, 40, 3)), np.zeros((40, 40))
     >>> system = assemble(none == 0, tensor, np.zeros((40, 40, 2)), none + 0.1, none + 2)
@@ -172,20 +180,24 @@ def build_hierarchy(system: DepthSystem) -> Hierarchy:
     >>> solve(system, start=none, hierarchy=hierarchy).status
     'converged'
     """
-    from scipy.linalg import cho_factor
+    from scipy.linalg import LinAlgError, cho_factor
 
     rows, columns = (np.flatnonzero(system.mask.any(axis=axis)) for axis in (1, 0))
     top, left = int(rows[0]), int(columns[0])
     h, w = int(rows[-1]) - top + 3, int(columns[-1]) - left + 3
     window = np.s_[top : top + h, left : left + w]
-    scale = float(system.centre[system.mask].mean())
-    stencil = system.stencil[:, *window].astype(np.float32)
+    diagonal = system.centre[system.mask]
+    if diagonal.min() <= 0:
+        raise _indefinite()
+    scale = float(diagonal.mean())
+    stencil = system.stencil[:, *window] / scale
     if system.laplacian is not None:
-        stencil += laplacian_surrogate(system.laplacian)[:, *window]
+        stencil += laplacian_surrogate(system.laplacian)[:, *window] / scale
     if system.extra is not None:
         lumped = np.pad(np.where(system.mask, system.extra.diagonal(), 0.0), 1)
-        stencil[0] += lumped[window]
-    stencil /= np.float32(scale)
+        stencil[0] += lumped[window] / scale
+    inside = np.pad(system.mask, 1)[window]
+    np.maximum(stencil[0], SMALLEST_DIAGONAL, out=stencil[0], where=inside)
 
     levels = []
     while True:
@@ -197,24 +209,36 @@ def build_hierarchy(system: DepthSystem) -> Hierarchy:
         stencil = coarse
     pixels = stencil[0] > 0
     dense = stencil_matrix(stencil, pixels).toarray()
-    dense[np.diag_indices_from(dense)] *= 1 + 1e-6
-    return Hierarchy(system.mask, top, left, scale, tuple(levels), cho_factor(dense), pixels)
+    dense[np.diag_indices_from(dense)] *= 1 + RIDGE
+    try:
+        factor = cho_factor(dense)
+    except LinAlgError as error:
+        raise _indefinite() from error
+    return Hierarchy(system.mask, top, left, scale, tuple(levels), factor, pixels)
 
 
-def _level(stencil: Floats) -> tuple[Level, Floats | None]:
-    _, h, w = stencil.shape
+def _indefinite() -> InputError:
+    needed = "a positive definite matrix, as from assemble()"
+    return InputError("the matrix is not positive definite", source="system", needed=needed)
+
+
+def _level(exact: Floats) -> tuple[Level, Floats | None]:
+    """The level of the stencil `exact` (5, h, w) float64, and the next coarser stencil."""
+    _, h, w = exact.shape
+    stencil = np.zeros(exact.shape, np.float32)
+    _kernels().rounded_up(exact, stencil)
     row_pivots, column_pivots = np.zeros((2, h, w), np.float32)
     _kernels().factor_lines(stencil, row_pivots, column_pivots, share(w - 2))
     ch, cw = (h + 1) // 2 + 1, (w + 1) // 2 + 1
     north, south = np.zeros((2, ch, cw), np.float32)
     scratch = np.zeros((2, h, w), np.float32)
     level = Level(stencil, row_pivots, column_pivots, north, south, *scratch)
-    if np.count_nonzero(stencil[0]) <= COARSEST or max(h, w) <= 4:
+    if np.count_nonzero(exact[0]) <= COARSEST or max(h, w) <= 4:
         return level, None
     P = np.zeros((h, w, 4), np.float32)
-    _kernels().interpolation(stencil, P)
-    coarse = np.zeros((5, ch, cw), np.float32)
-    _kernels().galerkin(stencil, P, coarse)
+    _kernels().interpolation(exact, P)
+    coarse = np.zeros((5, ch, cw))
+    _kernels().galerkin(exact, P, coarse)
     between = P[2:-1:2, 1::2]
     rows, columns = between.shape[:2]
     north[1 : 1 + rows, 1 : 1 + columns] = between[..., 0]

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 
 # An unknown that no data weight reaches is held at its target by this part of its diagonal.
 PIN = 1e-6
+# An extra term may know sums of unknowns only, and two parts in one sum may float against each
+# other: this part of its diagonal holds each unknown at its target.
+TRACE = 1e-3
 # Couplings and data weights below this part of the diagonal do not count as connections.
 NEGLIGIBLE = 1e-8
 
@@ -202,8 +205,9 @@ def assemble(
     laplacian_weight, laplacian_target : lambda >= 0, a number or (H, W), and l, (H, W)
     extra, extra_rhs : X and x, (H, W)
 
-    Values outside the mask are ignored.  An unknown that no data weight reaches is held at its
-    target and marked in `DepthSystem.pinned`, so the matrix is never singular.
+    Values outside the mask are ignored.  An unknown that no data weight reaches, or that has
+    neither weight nor gradient of its own, is held at its target and marked in
+    `DepthSystem.pinned`, so the matrix is never singular.
 
     Raises InputError for shapes that do not fit, for values inside the mask that are not finite,
     for negative weights, for tensors that are not positive semidefinite.
@@ -234,7 +238,11 @@ def assemble(
     stencil, padded_rhs = _gradient_stencil(mask, tensor, vector, pairs)
     rhs, centre = padded_rhs[1:-1, 1:-1], stencil[0, 1:-1, 1:-1]
     weight = np.where(mask, weight, 0.0)
-    anchor = weight if extra is None else weight + np.where(mask, extra.diagonal(), 0.0)
+    anchor = weight
+    if extra is not None:
+        shared = np.where(mask & (centre > 0), extra.diagonal(), 0.0)
+        weight = weight + TRACE * shared
+        anchor = weight + shared
     pinned = mask & ~_reached(stencil, anchor > NEGLIGIBLE * centre)
     if pinned.any():
         weight += np.where(pinned, _pin_weight(centre, weight), 0.0)
