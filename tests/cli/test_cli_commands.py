@@ -274,6 +274,16 @@ def test_synth_then_refine_then_eval(run, tmp_path):
         (["--seed", "-1"], "--seed", "needed at least 0"),
         (["--shape-file", "none.npz"], "none.npz", "cannot be read"),
         (["--texture", "none.png"], "none.png", "cannot be read"),
+        (
+            ["--shape", "vase", "--shape-file", "none.npz"],
+            "--shape and --shape-file",
+            "(seen vase and none.npz, needed --shape or --shape-file)",
+        ),
+        (
+            ["--albedo", "white", "--texture", "none.png"],
+            "--albedo and --texture",
+            "(seen white and none.png, needed --albedo or --texture)",
+        ),
     ],
 )
 def test_synth_names_the_option_that_is_wrong(run, tmp_path, monkeypatch, options, about, words):

@@ -53,6 +53,7 @@ _SCENE: tuple[tuple[tuple[str, ...], Any, Any, str], ...] = (
     (("--holes", "hole_fraction"), float, 0.0, "Share of the depth that is missing, 0..1."),
     (("--seed",), int, 0, "Of everything random."),
 )  # fmt: skip
+SHAPE, ALBEDO = "vase", "pattern"
 _OPTION_OF = {
     **{names[-1].lstrip("-").replace("-", "_"): names[0] for names, *_ in _SCENE},
     "shape": "--shape",
@@ -78,6 +79,17 @@ def _beside(baseline_m: float | None) -> Any:
     return RigidTransform(np.eye(3), np.array([baseline_m, 0.0, 0.0]))
 
 
+def _one_of(name: str, value: object, file_option: str, file: Path | None) -> None:
+    """Raise InputError where a built-in one and a file are both named."""
+    if value is not None and file is not None:
+        raise InputError(
+            "only one of them can be used",
+            source=f"{name} and {file_option}",
+            seen=f"{value} and {file}",
+            needed=f"{name} or {file_option}",
+        )
+
+
 @contextmanager
 def _options_named() -> Iterator[None]:
     """Errors about a field of the scene name the option that sets it."""
@@ -90,18 +102,13 @@ def _options_named() -> Iterator[None]:
 
 @click.command("synth")
 @click.argument("output", type=click.Path(path_type=Path), metavar="OUT")
-@click.option("--shape", default="vase", show_default=True, help="head, vase, cloth, coin, sphere.")
+@click.option("--shape", show_default=SHAPE, help="head, vase, cloth, coin, sphere.")
 @click.option(
     "--shape-file",
     type=click.Path(path_type=Path),
     help="A depth map instead: .npz with depth_mm and mask, or a TIFF in metres.",
 )
-@click.option(
-    "--albedo",
-    default="pattern",
-    show_default=True,
-    help="simple, pattern, complicated, white, grey.",
-)
+@click.option("--albedo", show_default=ALBEDO, help="simple, pattern, complicated, white, grey.")
 @click.option(
     "--texture", type=click.Path(path_type=Path), help="A photograph as the albedo instead."
 )
@@ -117,9 +124,9 @@ def _options_named() -> Iterator[None]:
 @output_options
 def command(
     output: Path,
-    shape: str,
+    shape: str | None,
     shape_file: Path | None,
-    albedo: str,
+    albedo: str | None,
     texture: Path | None,
     size: float,
     overwrite: bool,
@@ -141,15 +148,17 @@ def command(
         texture_from_file,
     )
 
+    _one_of("--shape", shape, "--shape-file", shape_file)
+    _one_of("--albedo", albedo, "--texture", texture)
     if not 0 < size <= 16:
         raise InputError("not a size", source="--size", seen=str(size), needed="above 0, up to 16")
     settings["depth_to_color"] = _beside(settings["depth_to_color"])
     noise = {f.name: settings.pop(f.name) for f in fields(DepthNoise) if f.name in settings}
     require_free(output, overwrite=overwrite, marker="truth/depth.tiff")  # never a real capture
     with _options_named():
-        solid = make_shape(shape) if shape_file is None else shape_from_file(shape_file)
+        solid = make_shape(shape or SHAPE) if shape_file is None else shape_from_file(shape_file)
         if texture is None:
-            paint = make_albedo(albedo, settings["seed"])
+            paint = make_albedo(albedo or ALBEDO, settings["seed"])
         else:
             paint = texture_from_file(texture)
         options = SceneOptions(
