@@ -7,6 +7,7 @@ that face the camera (n_z < 0); pixel (u, v) = (column, row) with pixel centres 
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from os import PathLike
@@ -199,6 +200,11 @@ class Capture:
         """The largest value a photograph can hold: 255 or 65535."""
         return float(np.iinfo(self.photographs.dtype).max)
 
+    @property
+    def depth_checksum(self) -> str:
+        """Eight hexadecimal digits that tell the depth maps from those of another capture."""
+        return checksum(self.depth_m)
+
     def select(self, photographs: Iterable[int]) -> Capture:
         """The capture with only these photographs (indices from 0); the depth stays whole."""
         chosen = list(photographs)
@@ -207,6 +213,15 @@ class Capture:
             photographs=self.photographs[chosen],
             names=tuple(self.names[i] for i in chosen) if self.names else (),
         )
+
+
+def checksum(depth_m: Floats) -> str:
+    """CRC-32 of depth maps (K, h, w) as float32, in eight hexadecimal digits.
+
+    >>> checksum(np.zeros((1, 2, 2))), checksum(np.ones((1, 2, 2)))
+    ('ecbb4b55', 'e8681456')
+    """
+    return f"{zlib.crc32(np.ascontiguousarray(depth_m, '<f4').tobytes()):08x}"
 
 
 @dataclass(frozen=True)
@@ -263,7 +278,7 @@ class Result:
     energy : one value per iteration; converged says whether it came to rest
     timings_s : seconds per stage
     capture : what was read, in figures: photographs, photograph_size, bits, encoding, lighting,
-        depth_maps, depth_size; depth_to_color as corrected, where it was registered
+        depth_maps, depth_size, depth_checksum; depth_to_color as corrected, where it was registered
     prediction_errors : of every photograph from the others' albedo, as a fraction of its mean
         brightness; empty where there are fewer than three
     """

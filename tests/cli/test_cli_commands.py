@@ -11,7 +11,7 @@ import pytest
 from cli_helpers import contents, small_scene
 
 from rakelight.capture import load_capture, load_truth, write_capture
-from rakelight.capture.images import decode_image
+from rakelight.capture.images import decode_image, encode_png
 from rakelight.export import load_result
 from rakelight.geometry.normals import normals_from_depth
 from rakelight.methods import METHODS
@@ -386,6 +386,24 @@ def test_eval_refuses_what_does_not_belong_together(run, refused, capture, resul
     assert "(36, 48)" in ran.err
     assert "(72, 96)" in ran.err
     assert contents(tmp_path) == before
+
+
+def test_eval_refuses_the_truth_of_another_capture_of_the_same_size(
+    run, refused, capture, result, tmp_path
+):
+    other = tmp_path / "other"
+    shutil.copytree(capture, other)
+    shutil.rmtree(other / "rgb")  # the photographs are not read
+    assert run("eval", result, "--truth", other, "--quiet").code == 0
+    one = next((other / "depth").iterdir())
+    values = decode_image(one.read_bytes())
+    one.write_bytes(encode_png(values + np.uint16(1)))
+    words = ("made from another capture", f"seen the depth maps of {capture}", f"of {other}")
+    refused("eval", result, "--truth", other, about=result, words=words)
+    stored = json.loads((result / "result.json").read_text())
+    del stored["capture"]["depth_checksum"]  # as of an earlier version
+    (result / "result.json").write_text(json.dumps(stored))
+    assert run("eval", result, "--truth", other, "--quiet").code == 0
 
 
 @pytest.mark.parametrize(

@@ -42,6 +42,7 @@ from rakelight.model import (
     Capture,
     Encoding,
     Finding,
+    Floats,
     Lighting,
     Mask,
     Truth,
@@ -74,8 +75,7 @@ def load_capture(folder: str | PathLike[str]) -> Capture:
     rakelight.errors.CaptureError: no/such/folder: no such folder (needed ...)
     """
     root = Root(Path(os.fsdecode(folder)))
-    with clear_errors(root.shown(), "cannot be read"):
-        table = parse_config(_config_bytes(root), root.shown(CONFIG))
+    table = _read_config(root)
     camera = table.intrinsics.camera()
 
     rgb = list_images(root, "rgb", "photographs")
@@ -126,6 +126,22 @@ def load_capture(folder: str | PathLike[str]) -> Capture:
             *validate.check_exposure(photographs, mask, names, rgb.source),
         ),
     )
+
+
+def load_depth(folder: str | PathLike[str]) -> Floats:
+    """The depth maps (K, h, w) of a capture folder as `load_capture` reads them, and no more.
+
+    Raises CaptureError when they are missing or damaged, MachineError when they cannot be read.
+
+    >>> load_depth("no/such/folder")
+    Traceback (most recent call last):
+    rakelight.errors.CaptureError: no/such/folder: no such folder (needed ...)
+    """
+    root = Root(Path(os.fsdecode(folder)))
+    table = _read_config(root)
+    depth = list_images(root, "depth", "depth maps")
+    check_depth_kind(depth, table, root)
+    return read_depth(depth, table.depth_scale)[0]
 
 
 def write_capture(
@@ -203,6 +219,11 @@ def write_capture(
         if truth is not None:
             write_truth(truth, staging / "truth")
         write_bytes(staging / CONFIG, config.encode())
+
+
+def _read_config(root: Root) -> CaptureTable:
+    with clear_errors(root.shown(), "cannot be read"):
+        return parse_config(_config_bytes(root), root.shown(CONFIG))
 
 
 def _config_bytes(root: Root) -> bytes:

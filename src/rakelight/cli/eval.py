@@ -9,9 +9,9 @@ from pathlib import Path
 import click
 
 from rakelight.cli.options import output_options
-from rakelight.errors import printable
+from rakelight.errors import InputError, printable
 from rakelight.metrics import DEPTH_RANGE_MM, NORMAL_RANGE_DEG, Evaluation
-from rakelight.model import Floats, Truth
+from rakelight.model import Floats, Truth, checksum
 
 
 @click.command("eval")
@@ -45,7 +45,7 @@ def command(
     RMSE and quantiles of depth in mm, mean and quantiles of the normals' angle in degrees, over
     the truth's mask; docs/conventions.md says how missing pixels count.
     """
-    from rakelight.capture import load_truth
+    from rakelight.capture import load_depth, load_truth
     from rakelight.export import load_result
     from rakelight.geometry.normals import normals_from_depth
     from rakelight.metrics import evaluate
@@ -57,6 +57,16 @@ def command(
         normals_from_depth(loaded.prepared_depth, known.mask, loaded.summary.camera),
         known,
     )
+    made_from, source = loaded.summary.capture.get("depth_checksum"), loaded.summary.source
+    # Results of earlier versions have none.
+    if made_from is not None and made_from != checksum(load_depth(truth)):
+        raise InputError(
+            "this result was made from another capture",
+            source=str(result),
+            seen=f"the depth maps of {source or 'another'}",
+            needed=f"those of {truth}",
+            remedy="name the capture that was refined, or refine this one again",
+        )
     if maps is not None:
         _write_maps(loaded.depth, loaded.normals, known, maps, overwrite)
     if as_json:

@@ -178,6 +178,7 @@ def _figures(capture: Capture) -> dict[str, Any]:
         "lighting": capture.lighting,
         "depth_maps": len(capture.depth_m),
         "depth_size": [capture.depth_m.shape[2], capture.depth_m.shape[1]],
+        "depth_checksum": capture.depth_checksum,
     }
     if capture.register and (pose := capture.depth_to_color) is not None:
         rotation, translation = pose.rotation.tolist(), pose.translation_m.tolist()
