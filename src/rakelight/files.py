@@ -7,8 +7,9 @@ import os
 import secrets
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from tempfile import TemporaryFile
 
 from rakelight.errors import InputError, MachineError, OutputExistsError
 
@@ -29,6 +30,8 @@ _REMEDIES: dict[tuple[str, int | None], str] = {
     ("cannot be written", errno.EACCES): "choose a folder that you may write to",
     ("cannot be written", errno.EPERM): "choose a folder that you may write to",
     ("cannot be written", errno.EROFS): "choose a folder that you may write to",
+    ("cannot be written", errno.ENOTDIR): "choose another place: one of its folders is a file",
+    ("cannot be written", errno.ENAMETOOLONG): "choose a shorter name",
 }
 
 
@@ -74,10 +77,9 @@ def clear_errors(source: str, what: str, *, needed: str = "") -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        words = error.strerror or str(error)
+        words, remedy = error.strerror or str(error), _REMEDIES.get((what, error.errno), "")
         if error.errno in _WRONG_PATH:
-            raise InputError(what, source=source, seen=words) from error
-        remedy = _REMEDIES.get((what, error.errno), "")
+            raise InputError(what, source=source, seen=words, remedy=remedy) from error
         raise MachineError(what, source=source, seen=words, needed=needed, remedy=remedy) from error
     except MemoryError as error:
         raise MachineError(what, source=source, seen="too little memory") from error
@@ -126,9 +128,18 @@ def staged_folder(
 
 
 def require_free(target: Path, *, overwrite: bool, marker: str) -> None:
-    """Raise what `staged_folder` would raise for an occupied `target`, before the work is done."""
-    with clear_errors(str(target), "cannot be written"):
-        _refuse_occupied(_resolved(target), str(target), overwrite, marker)
+    """Raise what `staged_folder` would raise of `target`, before the work is done.
+
+    That is OutputExistsError where something else stands, InputError for a path that cannot be
+    one, MachineError where no folder can be made.  Nothing is left behind.
+    """
+    shown, target = str(target), _resolved(target)
+    with clear_errors(shown, "cannot be written"):
+        _refuse_occupied(target, shown, overwrite, marker)
+        with suppress(FileNotFoundError):
+            _sibling(target, "partial").lstat()  # too long a name, a file among the parents
+        with TemporaryFile(dir=next(parent for parent in target.parents if parent.exists())):
+            pass
 
 
 def _resolved(target: Path) -> Path:
@@ -136,7 +147,12 @@ def _resolved(target: Path) -> Path:
     try:
         return Path(target).resolve()
     except (OSError, ValueError, RuntimeError) as error:
-        raise InputError("not a usable path", source=str(target), seen=str(error)) from error
+        raise InputError(
+            "not a usable path",
+            source=str(target),
+            seen=str(error),
+            remedy="choose another name",
+        ) from error
 
 
 def _refuse_occupied(target: Path, shown: str, overwrite: bool, marker: str) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from rakelight import files
 from rakelight.errors import InputError, MachineError, OutputExistsError
-from rakelight.files import read_bytes, staged_folder, write_bytes
+from rakelight.files import read_bytes, require_free, staged_folder, write_bytes
 
 
 def write(target, content=b"new", **options):
@@ -199,6 +199,36 @@ def test_below_a_file(tmp_path):
     (tmp_path / "file").write_text("x")
     with pytest.raises(InputError, match=r"cannot be written \(seen (Not a directory|File exists)"):
         write(tmp_path / "file" / "out")
+
+
+def free(target):
+    require_free(target, overwrite=False, marker="result.json")
+
+
+def test_require_free_sees_what_cannot_be_written(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("x")
+    for impossible in ("file/out", "file/new/out", "x" * 300):
+        with pytest.raises(InputError, match=impossible):
+            free(tmp_path / impossible)
+    free(tmp_path / "out")
+    free(tmp_path / "new" / "out")
+    assert names(tmp_path) == ["file"]
+    tried = []
+
+    def read_only(dir):
+        tried.append(dir)
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    monkeypatch.setattr(files, "TemporaryFile", read_only)
+    with pytest.raises(MachineError, match=r"new/out: cannot be written \(seen Read-only file sys"):
+        free(tmp_path / "new" / "out")
+    assert tried == [tmp_path]
+
+
+@pytest.mark.skipif(not Path("/sys").is_dir(), reason="needs a place where nobody may write")
+def test_require_free_where_nobody_may_write():
+    with pytest.raises(MachineError, match=r"/sys/out: cannot be written .* Fix: choose a folder"):
+        free(Path("/sys/out"))
 
 
 def test_every_file_is_flushed(tmp_path, monkeypatch):

@@ -99,6 +99,7 @@ def test_23_impossible_outputs(run, capture, tmp_path, name):
     ran = run("refine", capture, "-o", tmp_path / name)
     assert (ran.code, ran.out) == (2, "")
     assert ran.err.startswith(f"error: {tmp_path / name}: ")
+    assert "). Fix: choose a" in ran.err
     assert ran.err.count("\n") == 1
     assert contents(capture) == before
     assert sorted(path.name for path in tmp_path.iterdir()) == ["capture", "file", "loop"]
@@ -206,6 +207,15 @@ def test_25_a_folder_without_permission(run, capture, tmp_path):
     assert ran.code == 3
     assert ran.err.startswith(f"error: {locked}/out: cannot be written (seen Permission denied")
     assert list(locked.iterdir()) == []
+
+
+def test_25_where_nothing_can_be_written_no_work_is_done(refused, capture, tmp_path, monkeypatch):
+    for work in ("capture.load_capture", "synthetic.render_scene", "paper.make.folder_of"):
+        monkeypatch.setattr(f"rakelight.{work}", failing(AssertionError("work was done")))
+    (tmp_path / "file").write_text("x")
+    out = tmp_path / "file" / "out"
+    for command in (("refine", capture, "-o", out), ("synth", out), ("paper", "table2", "-o", out)):
+        refused(*command, about=out, words=("cannot be written (seen Not a directory",))
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
