@@ -69,6 +69,25 @@ def rooms_imported(path):
     return {names[1] for names in parts if names[0] == "rakelight" and len(names) > 1}
 
 
+def measured_constants(path):
+    """Names and values of the numbers with four digits or more at the top of a file."""
+    for node in ast.parse(path.read_text()).body:
+        value = getattr(node, "value", None)
+        if isinstance(node, ast.Assign) and isinstance(value, ast.Constant):
+            digits = str(value.value).split("e")[0].replace(".", "").strip("0")
+            if isinstance(value.value, float) and len(digits) >= 4:
+                yield node.targets[0].id, value.value
+
+
+def test_a_number_has_one_home():
+    homes = {}
+    for path in SOURCES:
+        for name, value in measured_constants(path):
+            homes.setdefault(value, []).append((name_of(path), name))
+    assert 1.4826 in homes
+    assert {value: places for value, places in homes.items() if len(places) > 1} == {}
+
+
 def test_the_parser_sees_every_kind_of_import(tmp_path, monkeypatch):
     monkeypatch.setattr("test_layers.PACKAGE", tmp_path)
     (tmp_path / "room").mkdir()

@@ -23,6 +23,9 @@ Mask: TypeAlias = npt.NDArray[np.bool_]
 Encoding = Literal["linear", "srgb"]
 Lighting = Literal["moving-lamp", "rgb-leds", "ambient"]
 
+# Standard deviation of Gaussian noise over the median of its absolute deviations.
+MAD_TO_SIGMA = 1.4826
+
 
 @dataclass(frozen=True, slots=True)
 class Camera:

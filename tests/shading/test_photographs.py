@@ -8,10 +8,10 @@ import plain_photographs as plain
 import pytest
 
 from rakelight.geometry.grid import has_gradient
-from rakelight.model import Camera
+from rakelight.model import MAD_TO_SIGMA, Camera
 from rakelight.prepare.linear import linear_table, usable
 from rakelight.shading import _kernels
-from rakelight.shading.photographs import MAD_TO_SIGMA, Lamps, Photographs, Surface
+from rakelight.shading.photographs import Lamps, Photographs, Surface
 
 HEIGHT, WIDTH, COUNT = 11, 13, 5
 CAMERA = Camera(WIDTH, HEIGHT, fx=30.0, fy=34.0, cx=5.5, cy=4.2)

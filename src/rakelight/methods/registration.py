@@ -26,6 +26,7 @@ from rakelight.geometry.camera import back_project, pixel_rays
 from rakelight.geometry.grid import mean_gradient, surface_links
 from rakelight.methods.multi_light import Options, multi_light
 from rakelight.model import (
+    MAD_TO_SIGMA,
     Camera,
     Capture,
     Finding,
@@ -37,7 +38,7 @@ from rakelight.model import (
     silent,
 )
 from rakelight.prepare import Prepared, coarsest_scale, prepare
-from rakelight.solve.robust import CAUCHY, MEDIAN_ABSOLUTE_TO_SIGMA
+from rakelight.solve.robust import CAUCHY
 
 ROUNDS, ROBUST_STEPS, BRIEF = 10, 15, 6
 # The surface follows the photographs, not the sensor: the less, the sooner the rounds end.
@@ -156,7 +157,7 @@ def correction(
     step = np.zeros(10)
     for _ in range(ROBUST_STEPS):
         left = error - slopes @ step
-        noise = MEDIAN_ABSOLUTE_TO_SIGMA * float(np.median(np.abs(left)))
+        noise = MAD_TO_SIGMA * float(np.median(np.abs(left)))
         variance = max(noise, 1e-9) ** 2 + place
         weight = 1 / (variance + (left / CAUCHY) ** 2) / coherent
         hessian = (slopes * weight[:, None]).T @ slopes

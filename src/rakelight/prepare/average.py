@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from rakelight.model import MAD_TO_SIGMA as MAD_TO_SIGMA
 from rakelight.model import Floats, Mask, SensorNoise
 
-MAD_TO_SIGMA = 1.4826
 # Maps that differ by less than this fraction of what the sensor model says repeat each other.
 REPEATED = 0.1
 # Scatter is averaged over so many pixels along each side: two maps alone say little of a pixel.

@@ -13,11 +13,10 @@ import numpy as np
 
 from rakelight.geometry.grid import Grid, Links, has_gradient
 from rakelight.jit import threads_for
-from rakelight.model import Array, Camera, Floats, Lights, Mask
+from rakelight.model import MAD_TO_SIGMA, Array, Camera, Floats, Lights, Mask
 
 # Rows are summed in this many blocks, however many cores there are: the same numbers everywhere.
 BLOCKS = 16
-MAD_TO_SIGMA = 1.4826
 
 
 @dataclass(frozen=True, slots=True)

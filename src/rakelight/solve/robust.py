@@ -9,7 +9,6 @@ from rakelight.model import Floats
 # The Cauchy loss s^2 log(1 + (r/s)^2) is 95 % efficient on Gaussian noise of deviation s / 2.385.
 CAUCHY = 2.385
 MEAN_ABSOLUTE_TO_SIGMA = float(np.sqrt(np.pi / 2))
-MEDIAN_ABSOLUTE_TO_SIGMA = 1.4826
 
 
 def cauchy_scales(spread: float, misfit: Floats) -> Floats:
