@@ -37,19 +37,8 @@ def make_scene(**changes):
     return render_scene(make_shape("cloth"), make_albedo("pattern"), replace(options, **changes))
 
 
-@pytest.fixture(scope="module")
-def scene():
-    return make_scene()
-
-
-@pytest.fixture(scope="module")
-def capture(scene):
-    return scene[0]
-
-
-@pytest.fixture(scope="module")
-def result(capture):
-    return refine(capture, "multi-light-alternating")
+def run(capture, **settings):
+    return refine(capture, "multi-light-alternating", **settings)
 
 
 def largest_change_mm(depth, other):
@@ -68,9 +57,7 @@ def moved_mm(result):
 def test_normals_are_three_times_better_than_the_prepared_ones(factor):
     noise = DepthNoise(rms_mm=2.5, correlation_length_px=6.0)
     capture, truth = make_scene(depth_factor=factor, depth_noise=noise, photographs=8)
-    result = refine(
-        capture, "multi-light-alternating", options=replace(Options(), max_iterations=40)
-    )
+    result = run(capture, options=replace(Options(), max_iterations=40))
     before = normals_from_depth(result.prepared_depth, truth.mask, result.camera)
     first = evaluate(result.prepared_depth, before, truth)
     last = evaluate(result.depth, result.normals, truth)
@@ -80,7 +67,7 @@ def test_normals_are_three_times_better_than_the_prepared_ones(factor):
 
 
 def test_lights_are_found(scene):
-    result, truth = refine(scene[0], "multi-light-alternating", options=PATIENT), scene[1].lights
+    result, truth = run(scene[0], options=PATIENT), scene[1].lights
     angle = np.degrees(np.arccos((result.lights.direction * truth.direction).sum(axis=-1)))
     assert angle.max() < 8
     # intensities up to the common factor that albedo and light share
@@ -322,7 +309,7 @@ def test_a_rising_energy_is_never_returned(capture, monkeypatch):
 
 
 def test_no_rounds_leave_the_prepared_depth(capture):
-    result = refine(capture, "multi-light-alternating", options=Options(max_iterations=0))
+    result = run(capture, options=Options(max_iterations=0))
     np.testing.assert_allclose(result.depth, result.prepared_depth, rtol=1e-6)
     assert result.iterations == 0
     assert not result.converged
@@ -331,7 +318,7 @@ def test_no_rounds_leave_the_prepared_depth(capture):
 
 @pytest.mark.parametrize(("tolerance", "more"), [(1.0, 1), (1e-4, 4)])
 def test_tolerance_decides_when_it_rests(capture, tolerance, more):
-    result = refine(capture, "multi-light-alternating", options=Options(tolerance=tolerance))
+    result = run(capture, options=Options(tolerance=tolerance))
     gains = -np.diff(result.energy)
     assert result.converged or result.iterations == Options().max_iterations
     assert result.iterations >= more
@@ -339,7 +326,7 @@ def test_tolerance_decides_when_it_rests(capture, tolerance, more):
 
 
 def test_depth_trust_keeps_the_surface(capture, result):
-    firm = refine(capture, "multi-light-alternating", options=Options(depth_trust=1e9))
+    firm = run(capture, options=Options(depth_trust=1e9))
     assert moved_mm(firm) < 1e-2
     assert moved_mm(result) > 1
 
@@ -360,7 +347,7 @@ def exact(monkeypatch):
 
 def test_the_order_of_the_photographs_does_not_matter(capture, result):
     order = [3, 0, 5, 1, 4, 2]
-    other = refine(capture.select(order), "multi-light-alternating")
+    other = run(capture.select(order))
     assert largest_change_mm(other.depth, result.depth) < 1e-4
     np.testing.assert_allclose(other.lights.vector, result.lights.vector[order], atol=1e-6)
     assert [other.photograph_names[i] for i in range(6)] == [f"{i:03d}.png" for i in order]
@@ -372,10 +359,8 @@ def test_exposure_goes_into_the_light(gain):
     capture, _ = make_scene(image_noise=0.0)
     photographs = capture.photographs.copy()
     photographs[2] = np.rint(gain * photographs[2].astype(float))
-    first = refine(capture, "multi-light-alternating", options=PATIENT)
-    second = refine(
-        replace(capture, photographs=photographs), "multi-light-alternating", options=PATIENT
-    )
+    first = run(capture, options=PATIENT)
+    second = run(replace(capture, photographs=photographs), options=PATIENT)
     ratio = second.lights.intensity / first.lights.intensity
     assert ratio[2] / np.delete(ratio, 2).mean() == pytest.approx(gain, rel=0.03)
     np.testing.assert_allclose(np.delete(ratio, 2), np.delete(ratio, 2).mean(), rtol=0.03)
@@ -388,8 +373,8 @@ def test_twice_the_distance_gives_twice_the_depth():
     # sensor's own noise would grow fourfold: at 1.6 m it is 3.6 mm, hence the 5 mm here.)
     capture, _ = make_scene(depth_noise=DepthNoise(rms_mm=5.0))
     near, far = (
-        refine(capture, "multi-light-alternating"),
-        refine(replace(capture, depth_m=2 * capture.depth_m), "multi-light-alternating"),
+        run(capture),
+        run(replace(capture, depth_m=2 * capture.depth_m)),
     )
     assert far.prepared_depth[capture.mask] == pytest.approx(2 * near.prepared_depth[capture.mask])
     assert largest_change_mm(far.depth, 2 * near.depth) < 1e-3 * moved_mm(near)
@@ -429,10 +414,10 @@ def test_left_and_right_up_and_down_are_alike(factor):
         mask = capture.mask.copy()
         mask[:13, :21] = mask[40:, 60:] = mask[31, 40:50] = False
         capture = replace(capture, mask=mask)
-    first = refine(capture, "multi-light-alternating")
+    first = run(capture)
     second, third = (
-        refine(mirrored(capture), "multi-light-alternating"),
-        refine(turned(capture), "multi-light-alternating"),
+        run(mirrored(capture)),
+        run(turned(capture)),
     )
     assert largest_change_mm(second.depth[:, ::-1], first.depth) < 1e-3
     np.testing.assert_allclose(second.lights.vector * [-1, 1, 1], first.lights.vector, atol=1e-5)
@@ -448,9 +433,7 @@ def test_a_photograph_that_shows_nothing_changes_nothing(capture, result, value)
     blank = np.full_like(capture.photographs[:1], value)
     photographs = np.concatenate([capture.photographs[:4], blank, capture.photographs[4:]])
     names = (*capture.names[:4], "blank.png", *capture.names[4:])
-    other = refine(
-        replace(capture, photographs=photographs, names=names), "multi-light-alternating"
-    )
+    other = run(replace(capture, photographs=photographs, names=names))
     assert largest_change_mm(other.depth, result.depth) < 1e-4
     assert other.lights.intensity[4] == 0
     np.testing.assert_allclose(
@@ -461,9 +444,8 @@ def test_a_photograph_that_shows_nothing_changes_nothing(capture, result, value)
 def test_what_saturated_values_hold_does_not_matter(capture):
     where = np.random.default_rng(0).random(capture.photographs.shape) < 0.1
     depths = [
-        refine(
+        run(
             replace(capture, photographs=np.where(where, value, capture.photographs)),
-            "multi-light-alternating",
         ).depth
         for value in (np.uint16(65535), np.uint16(64300))
     ]
@@ -474,15 +456,15 @@ def test_values_outside_the_mask_do_not_matter(capture):
     mask = capture.mask.copy()
     mask[:, :11] = mask[45:] = False
     bright = np.where(mask[..., None], capture.photographs, 30000).astype(np.uint16)
-    first = refine(replace(capture, mask=mask), "multi-light-alternating")
-    second = refine(replace(capture, mask=mask, photographs=bright), "multi-light-alternating")
+    first = run(replace(capture, mask=mask))
+    second = run(replace(capture, mask=mask, photographs=bright))
     np.testing.assert_array_equal(first.depth, second.depth)
 
 
 def test_results_are_finite_on_the_mask_and_empty_off_it(capture):
     mask = capture.mask.copy()
     mask[:20, :20] = False
-    result = refine(replace(capture, mask=mask), "multi-light-alternating")
+    result = run(replace(capture, mask=mask))
     for name in ("depth", "normals", "prepared_depth"):
         image = getattr(result, name)
         assert np.isfinite(image[mask]).all()
@@ -503,7 +485,7 @@ def test_confidence_is_high_where_seen_and_nought_where_not(capture):
     photographs = capture.photographs.copy()
     photographs[:, 20:35, 30:50] = 0
     photographs[:, 40:50, 10:20] = 65535
-    result = refine(replace(capture, photographs=photographs), "multi-light-alternating")
+    result = run(replace(capture, photographs=photographs))
     unseen = np.zeros(capture.mask.shape, bool)
     unseen[20:35, 30:50] = unseen[40:50, 10:20] = True
     assert (result.confidence >= 0).all()
@@ -514,23 +496,20 @@ def test_confidence_is_high_where_seen_and_nought_where_not(capture):
 
 def test_confidence_grows_with_the_photographs(capture):
     few, many = (
-        refine(capture.select(range(4)), "multi-light-alternating"),
-        refine(capture, "multi-light-alternating"),
+        run(capture.select(range(4))),
+        run(capture),
     )
     assert np.median(few.confidence) < np.median(many.confidence)
 
 
 @pytest.mark.parametrize("photograph", [0, 3])
 def test_one_lamp_seen_many_times_determines_nothing(capture, photograph):
-    result = refine(capture.select([photograph] * 6), "multi-light-alternating")
+    result = run(capture.select([photograph] * 6))
     assert result.confidence.max() < 0.05
 
 
 def test_noise_lowers_the_confidence():
-    clean, noisy = (
-        refine(make_scene(image_noise=noise)[0], "multi-light-alternating").confidence
-        for noise in (0.005, 0.05)
-    )
+    clean, noisy = (run(make_scene(image_noise=noise)[0]).confidence for noise in (0.005, 0.05))
     assert np.median(noisy) < np.median(clean) - 0.1
 
 
@@ -547,8 +526,8 @@ def with_mask(capture, *windows):
 def test_pixels_without_a_normal_keep_the_prepared_depth(capture):
     body = np.s_[:, :40]
     thin = (np.s_[10, 60], np.s_[20, 50:70], np.s_[30:50, 75])
-    result = refine(with_mask(capture, body, *thin), "multi-light-alternating")
-    alone = refine(with_mask(capture, body), "multi-light-alternating")
+    result = run(with_mask(capture, body, *thin))
+    alone = run(with_mask(capture, body))
     for window in thin:
         np.testing.assert_array_equal(result.depth[window], result.prepared_depth[window])
         assert (result.confidence[window] < 1e-9).all()
@@ -557,9 +536,7 @@ def test_pixels_without_a_normal_keep_the_prepared_depth(capture):
 
 
 def test_parts_are_solved_each(capture):
-    result = refine(
-        with_mask(capture, np.s_[5:30, 5:35], np.s_[30:58, 45:78]), "multi-light-alternating"
-    )
+    result = run(with_mask(capture, np.s_[5:30, 5:35], np.s_[30:58, 45:78]))
     for part in (np.s_[5:30, 5:35], np.s_[30:58, 45:78]):
         assert np.abs(result.depth[part] - result.prepared_depth[part]).max() > 1e-3
         assert result.confidence[part].min() > 0.3
@@ -568,7 +545,7 @@ def test_parts_are_solved_each(capture):
 @pytest.mark.parametrize("window", [np.s_[:, 0:2], np.s_[0:2, :], np.s_[-9:, -9:], np.s_[:, :]])
 def test_objects_at_the_frame(capture, window):
     part = with_mask(capture, window)
-    result = refine(part, "multi-light-alternating")
+    result = run(part)
     assert np.isfinite(result.depth[part.mask]).all()
     assert moved_mm(result) < 30
 
@@ -578,7 +555,7 @@ def test_holes_and_a_part_without_depth(capture):
     depth = part.depth_m.copy()
     depth[:, 10:20, 10:20] = np.nan
     depth[:, 33:] = np.nan
-    result = refine(replace(part, depth_m=depth), "multi-light-alternating")
+    result = run(replace(part, depth_m=depth))
     assert np.isfinite(result.depth[5:30, 5:35]).all()
     seen = result.depth[np.isfinite(result.depth)]
     assert (result.depth > 0).sum() < part.mask.sum()  # what is far from all depth is left out
@@ -587,7 +564,7 @@ def test_holes_and_a_part_without_depth(capture):
 
 @pytest.mark.parametrize("window", [np.s_[30, 40], np.s_[30, :], np.s_[:, 40]])
 def test_a_mask_without_any_normal(capture, window):
-    result = refine(with_mask(capture, window), "multi-light-alternating")
+    result = run(with_mask(capture, window))
     np.testing.assert_array_equal(result.depth[window], result.prepared_depth[window])
 
 
@@ -595,7 +572,7 @@ def test_a_mask_without_any_normal(capture, window):
 def test_photographs_that_all_show_nothing(capture, value):
     blank = replace(capture, photographs=np.full_like(capture.photographs, value))
     with pytest.raises(InputError):
-        refine(blank, "multi-light-alternating")
+        run(blank)
 
 
 def test_photographs_that_show_only_pixels_without_a_normal(capture):
@@ -603,12 +580,12 @@ def test_photographs_that_show_only_pixels_without_a_normal(capture):
     photographs = part.photographs.copy()
     photographs[:, :, :41] = 0
     with pytest.raises(InputError):
-        refine(replace(part, photographs=photographs), "multi-light-alternating")
+        run(replace(part, photographs=photographs))
 
 
 def test_photographs_without_any_contrast(capture):
     grey = replace(capture, photographs=np.full_like(capture.photographs, 20000))
-    assert moved_mm(refine(grey, "multi-light-alternating")) < 5
+    assert moved_mm(run(grey)) < 5
 
 
 # ---- too few photographs
@@ -620,12 +597,12 @@ def test_photographs_without_any_contrast(capture):
 def test_too_few_photographs(count, factor, needed):
     capture, _ = make_scene(photographs=count, depth_factor=factor)
     with pytest.raises(MethodError, match="too few photographs") as error:
-        refine(capture, "multi-light-alternating")
+        run(capture)
     assert error.value.seen == str(count)
     assert error.value.needed == f"at least {needed}"
 
 
 def test_at_the_depths_resolution_fewer_suffice():
     capture, _ = make_scene(photographs=4, depth_factor=4)
-    assert refine(capture, "multi-light-alternating", scale=1).depth.shape == (15, 20)
-    assert refine(capture, "multi-light-alternating", scale=2).depth.shape == (30, 40)
+    assert run(capture, scale=1).depth.shape == (15, 20)
+    assert run(capture, scale=2).depth.shape == (30, 40)

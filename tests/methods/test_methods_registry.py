@@ -17,8 +17,7 @@ from rakelight.model import Camera
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
 
-@pytest.fixture(scope="module")
-def scene():
+def make_scene():
     return render_scene(
         make_shape("vase"),
         make_albedo("pattern"),
@@ -32,11 +31,6 @@ def scene():
             encoding="srgb",
         ),
     )
-
-
-@pytest.fixture(scope="module")
-def capture(scene):
-    return scene[0]
 
 
 # ---- choice

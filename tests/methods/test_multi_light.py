@@ -55,21 +55,6 @@ def codes(result):
     return {finding.code for finding in result.findings}
 
 
-@pytest.fixture(scope="module")
-def scene():
-    return make_scene()
-
-
-@pytest.fixture(scope="module")
-def capture(scene):
-    return scene[0]
-
-
-@pytest.fixture(scope="module")
-def result(capture):
-    return run(capture)
-
-
 # ---- accuracy
 
 
