@@ -32,7 +32,9 @@ def fine():
 
 
 @pytest.mark.parametrize("noisy", [False, True])
-@pytest.mark.parametrize(("blur_px", "kept_share"), [(0.0, 0.0), (0.3, 0.005), (0.5, 0.03)])
+@pytest.mark.parametrize(
+    ("blur_px", "kept_share"), [(0.0, 0.0), (0.3, 0.005), (0.5, 0.03), (1.0, 0.04)]
+)
 def test_mixed_pixels_are_found(fine, blur_px, kept_share, noisy):
     rays, truth = fine
     depth = area_mean(gaussian_filter(rays, 4 * blur_px) if blur_px else rays, 4)
@@ -67,6 +69,17 @@ def test_slopes_stay(tilt_deg, noisy):
         depth = depth + SIGMA.at(depth) * np.random.default_rng(1).normal(size=depth.shape)
     assert np.isfinite(depth).sum() > 300
     assert not find(depth).any()
+
+
+@pytest.mark.parametrize(("step_px", "width"), [(6, 7), (11, 7), (13, 9), (100, 9)])
+def test_slopes_between_two_planes_stay_from_some_width_on(step_px, width):
+    steps = np.r_[np.zeros(9), np.ones(width), np.zeros(9)] * step_px * 0.8 / CAMERA.fx
+    depth = np.repeat(0.8 + np.cumsum(steps)[None], 5, axis=0)
+    camera = CAMERA.cropped(slice(0, 5), slice(0, len(steps)))
+    assert not flying(depth, np.zeros(depth.shape), camera).any()
+    narrower = np.delete(depth, np.s_[10:13], axis=1)
+    narrower[:, 10:] -= depth[:, 12:13] - depth[:, 9:10]
+    assert flying(narrower, np.zeros(narrower.shape), camera)[:, 9:].any()
 
 
 @pytest.mark.parametrize("radius_m", [0.02, 0.05, 0.2])

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from rakelight.geometry.grid import STEEPEST
 from rakelight.model import Camera, Floats, Mask
 
 # A step to a neighbour that is no more than this many pixel widths deep may be a crease.
 CREASE = 3.0
 # So many steps in a row are a slope; a jump that the optics blur is over in fewer.
 SLOPE_STEPS = 3
+# The same where the first is steeper than a surface can be seen: the middle of a blurred jump.
+STEEP_STEPS = 4
 # How much steeper a round surface becomes from one pixel to the next.
 STEEPENING = 3.0
 SIGMAS = 3.0
@@ -26,15 +29,16 @@ def flying(depth_m: Floats, sigma_m: Floats, camera: Camera) -> Mask:
     Along one of the four directions a flying pixel is much deeper than its one neighbour and much
     less deep than the other, and neither side's surface goes on to it.  A step belongs to a
     surface when it is no larger than a crease, or than thrice the slope that the surface has had
-    over three pixels: slopes that are five pixels wide stay, and so does what is nearer, or
-    farther, than both its neighbours, however thin it is.
+    over three pixels, four where it is steeper than `STEEPEST`: slopes that are seven pixels
+    wide stay, nine where they are as steep as that, and so does what is nearer, or farther, than
+    both its neighbours, however thin it is.
 
     >>> camera = Camera(6, 1, fx=500.0, fy=500.0, cx=2.5, cy=0.0)
     >>> depth = np.array([[1.0, 1.0, 1.0, 1.2, 1.3, 1.3]])
     >>> flying(depth, 0.001 * depth, camera).tolist()
     [[False, False, False, True, False, False]]
     """
-    reach = SLOPE_STEPS + 1
+    reach = STEEP_STEPS + 1
     height, width = depth_m.shape
     padded = np.pad(depth_m, reach, constant_values=np.nan)
     sigma = np.pad(sigma_m, reach, constant_values=np.nan)
@@ -50,7 +54,8 @@ def flying(depth_m: Floats, sigma_m: Floats, camera: Camera) -> Mask:
         )
         step = padded[ahead] - padded[here], padded[here] - padded[behind]
         pixel_m = padded[here] * np.hypot(dx / camera.fx, dy / camera.fy)
-        allowed = CREASE * pixel_m + SIGMAS * np.sqrt(2) * sigma[here]
+        noise = SIGMAS * np.sqrt(2) * sigma[here]
+        allowed, steepest = CREASE * pixel_m + noise, STEEPEST * pixel_m + noise
         between = (np.abs(step[0]) > allowed) & (np.abs(step[1]) > allowed)
         between &= np.sign(step[0]) == np.sign(step[1])
         rows, columns = np.nonzero(between)
@@ -60,7 +65,11 @@ def flying(depth_m: Floats, sigma_m: Floats, camera: Camera) -> Mask:
             line = [padded[at[0] + side * k * dy, at[1] + side * k * dx] for k in range(reach + 1)]
             rise = np.diff(line, axis=0) * np.sign(line[1] - line[0])
             # Where the map ends sooner fewer steps have to do; what ends at once may be anything.
-            slope = np.maximum(np.fmin.reduce(rise[1:], axis=0), 0)
+            steep = rise[1] > steepest[rows, columns]
+            slope, long_slope = (
+                np.fmin.reduce(rise[1 : 1 + steps], axis=0) for steps in (SLOPE_STEPS, STEEP_STEPS)
+            )
+            slope = np.maximum(np.where(steep, long_slope, slope), 0)
             apart = rise[0] > allowed[rows, columns] + STEEPENING * slope
             at = at[0][apart], at[1][apart]
             rows, columns = rows[apart], columns[apart]
