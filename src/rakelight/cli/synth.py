@@ -102,13 +102,15 @@ def _options_named() -> Iterator[None]:
 
 @click.command("synth")
 @click.argument("output", type=click.Path(path_type=Path), metavar="OUT")
-@click.option("--shape", show_default=SHAPE, help="head, vase, cloth, coin, sphere.")
+@click.option("--shape", help=f"head, vase, cloth, coin, sphere; {SHAPE} if left away.")
 @click.option(
     "--shape-file",
     type=click.Path(path_type=Path),
     help="A depth map instead: .npz with depth_mm and mask, or a TIFF in metres.",
 )
-@click.option("--albedo", show_default=ALBEDO, help="simple, pattern, complicated, white, grey.")
+@click.option(
+    "--albedo", help=f"simple, pattern, complicated, white, grey; {ALBEDO} if left away."
+)
 @click.option(
     "--texture", type=click.Path(path_type=Path), help="A photograph as the albedo instead."
 )
