@@ -236,6 +236,11 @@ def test_synth_by_default(run, tmp_path):
     assert_reads_back(tmp_path / "made", *render_scene(vase, make_albedo("pattern"), scene))
 
 
+def test_synth_counts_one_photograph_as_one(run, tmp_path):
+    ran = run("synth", tmp_path / "made", "--size", "0.1", "--lighting", "ambient")
+    assert ran.out == f"capture: {tmp_path / 'made'}  (1 photograph)\n"
+
+
 def test_synth_with_a_depth_camera_beside(run, tmp_path):
     made, out = tmp_path / "made", tmp_path / "out"
     options = ("--baseline", "0.04", "--depth-factor", "1.7", "--lights", "6")
@@ -271,6 +276,8 @@ def test_synth_then_refine_then_eval(run, tmp_path):
         (["--bits", "12"], "--bits", "needed 8 or 16"),
         (["--depth-factor", "7"], "--depth-factor", "needed a divisor"),
         (["--depth-noise", "-1"], "--depth-noise", "needed a number of at least 0"),
+        (["--holes", "1"], "--holes", "(seen 1.0, needed below 1)"),
+        (["--size", "0.001"], "vase", "(seen 0 x 0 pixels, needed at least one that lies on it"),
         (["--seed", "-1"], "--seed", "needed at least 0"),
         (["--shape-file", "none.npz"], "none.npz", "cannot be read"),
         (["--texture", "none.png"], "none.png", "cannot be read"),

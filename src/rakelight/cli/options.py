@@ -25,6 +25,15 @@ def output_options(command: F) -> F:
     return command
 
 
+def count_photographs(count: int) -> str:
+    """So many, in words.
+
+    >>> count_photographs(1), count_photographs(12)
+    ('1 photograph', '12 photographs')
+    """
+    return "1 photograph" if count == 1 else f"{count} photographs"
+
+
 def parse_scale(text: str) -> Scale:
     """`auto` or a whole number.
 

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import click
 
-from rakelight.cli.options import output_options, parse_photographs, parse_scale
+from rakelight.cli.options import count_photographs, output_options, parse_photographs, parse_scale
 from rakelight.cli.progress import shown_progress
 from rakelight.cli.view import view_command
 from rakelight.errors import OutputExistsError, printable
@@ -136,10 +136,8 @@ def report_result(result: Result, folder: Path, as_json: bool) -> None:
         )
     height, width = result.depth.shape
     ended = "converged" if result.converged else "stopped"
-    count = facts["photographs"]
-    photographs = "1 photograph" if count == 1 else f"{count} photographs"
     click.echo(
-        f"{result.method}: {photographs}, {width} x {height}, "
+        f"{result.method}: {count_photographs(facts['photographs'])}, {width} x {height}, "
         f"{facts['pixels']} pixels, {ended} after {result.iterations} iterations"
     )
     click.echo(f"result: {facts['output']}  (look at it with `{printable(view_command(folder))}`)")

@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from rakelight.cli.options import F, output_options
+from rakelight.cli.options import F, count_photographs, output_options
 from rakelight.errors import InputError, printable
 
 
@@ -108,9 +108,7 @@ def _options_named() -> Iterator[None]:
     type=click.Path(path_type=Path),
     help="A depth map instead: .npz with depth_mm and mask, or a TIFF in metres.",
 )
-@click.option(
-    "--albedo", help=f"simple, pattern, complicated, white, grey; {ALBEDO} if left away."
-)
+@click.option("--albedo", help=f"simple, pattern, complicated, white, grey; {ALBEDO} if left away.")
 @click.option(
     "--texture", type=click.Path(path_type=Path), help="A photograph as the albedo instead."
 )
@@ -180,4 +178,6 @@ def command(
             )
         )
     elif not quiet:
-        click.echo(f"capture: {printable(str(output))}  ({len(capture.photographs)} photographs)")
+        click.echo(
+            f"capture: {printable(str(output))}  ({count_photographs(len(capture.photographs))})"
+        )

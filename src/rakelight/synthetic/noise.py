@@ -44,14 +44,17 @@ class DepthNoise:
                     seen=f"{value}",
                     needed="a number of at least 0",
                 )
-        if self.hole_fraction >= 1 or self.reference_depth_m == 0:
-            raise InputError(
-                "a depth sensor that sees nothing",
-                source="depth noise",
-                seen=f"hole_fraction {self.hole_fraction}, "
-                f"reference_depth_m {self.reference_depth_m}",
-                needed="hole_fraction below 1, reference_depth_m above 0",
-            )
+        for name, blind, needed in (
+            ("hole_fraction", self.hole_fraction >= 1, "below 1"),
+            ("reference_depth_m", self.reference_depth_m == 0, "above 0"),
+        ):
+            if blind:
+                raise InputError(
+                    "a depth sensor that sees nothing",
+                    source=name,
+                    seen=f"{getattr(self, name)}",
+                    needed=needed,
+                )
 
 
 PERFECT = DepthNoise()

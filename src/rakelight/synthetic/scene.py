@@ -179,7 +179,12 @@ def render_scene(
     fine = shape.render(fine_camera) if options.supersampling > 1 else surface
     mask = surface.mask & (area_mean(fine.mask, options.supersampling) == 1)
     if not mask.any():
-        raise InputError("the camera does not see the object", source=shape.name)
+        raise InputError(
+            "the camera does not see the object",
+            source=shape.name,
+            seen=f"{camera.width} x {camera.height} pixels",
+            needed="at least one that lies on it whole",
+        )
     paint = albedo.paint(fine_camera)
     lamps = _lamps(options, _center_m(surface.depth, mask, camera))
     light = _photograph(fine, fine_camera, paint, lamps, options)
