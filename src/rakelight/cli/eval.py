@@ -14,6 +14,9 @@ from rakelight.metrics import DEPTH_RANGE_MM, NORMAL_RANGE_DEG, Evaluation
 from rakelight.model import Floats, Truth, checksum
 
 
+_MAPS_MARKER = "depth_error.png"
+
+
 @click.command("eval")
 @click.argument("result", type=click.Path(path_type=Path), metavar="OUT")
 @click.option(
@@ -47,9 +50,12 @@ def command(
     """
     from rakelight.capture import load_depth, load_truth
     from rakelight.export import load_result
+    from rakelight.files import require_free
     from rakelight.geometry.normals import normals_from_depth
     from rakelight.metrics import evaluate
 
+    if maps is not None:
+        require_free(maps, overwrite=overwrite, marker=_MAPS_MARKER)
     loaded, known = load_result(result), load_truth(truth)
     after = evaluate(loaded.depth, loaded.normals, known)
     before = evaluate(
@@ -101,7 +107,7 @@ def _write_maps(
 
     depth_map = depth_error_map_mm(depth, truth.depth, truth.mask)
     normal_map = normal_error_map_deg(normals, truth.normals, truth.mask)
-    with staged_folder(folder, overwrite=overwrite, marker="depth_error.png") as staging:
+    with staged_folder(folder, overwrite=overwrite, marker=_MAPS_MARKER) as staging:
         for name, errors, largest in (
             ("depth_error.png", depth_map, DEPTH_RANGE_MM),
             ("normal_error.png", normal_map, NORMAL_RANGE_DEG),
