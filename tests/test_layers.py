@@ -15,7 +15,7 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 # A room may import from rooms further up, and from itself.
 LAYERS = (
     ("errors",),
-    ("model", "files", "jit"),
+    ("model", "files", "jit", "memory"),
     ("geometry",),
     ("capture", "prepare", "shading", "solve"),
     ("methods",),

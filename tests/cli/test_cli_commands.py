@@ -380,7 +380,9 @@ def test_eval_maps(run, refused, capture, result, tmp_path):
     assert run(*command, "--overwrite").code == 0
     refused(*command[:-1], capture, "--overwrite", about=capture, words=("not overwritten",))
     below = result / "depth.tiff" / "maps"
-    refused(*command[:-1], below, about=below, words=("Not a directory", "Fix: choose another place"))
+    refused(
+        *command[:-1], below, about=below, words=("Not a directory", "Fix: choose another place")
+    )
 
 
 def test_eval_refuses_what_does_not_belong_together(run, refused, capture, result, tmp_path):

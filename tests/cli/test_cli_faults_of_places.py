@@ -1,4 +1,4 @@
-"""faults.md 23-27: odd paths, occupied outputs, full disks, interruptions, two runs at once."""
+"""faults.md 22-27: memory, odd paths, occupied outputs, full disks, interruptions, two runs."""
 
 import errno
 import os
@@ -233,6 +233,16 @@ def test_25_too_little_memory(run, capture, tmp_path, monkeypatch):
     assert (ran.code, ran.out) == (3, "")
     assert ran.err == "error: not enough memory. Fix: close other programs or use --scale 1\n"
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("free", "about", "needed_mb"), [(4e4, "rgb", 0), (5e5, "", 1)])
+def test_22_too_little_memory_is_told_before_the_start(
+    refine_refused, monkeypatch, free, about, needed_mb
+):
+    # The photographs take 0.05 MB, the work on the object's window 0.9.
+    monkeypatch.setattr("rakelight.memory.free_memory", lambda: free)
+    monkeypatch.setattr("rakelight.methods.surface_normals", failing(AssertionError("started")))
+    refine_refused(about, "too little memory", f"needed {needed_mb} MB", "Fix: ", code=3)
 
 
 # --- 26, 27: interrupted, killed, twice at once ---

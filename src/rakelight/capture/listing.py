@@ -15,6 +15,7 @@ from rakelight.capture.headers import Header, read_header
 from rakelight.capture.images import decode_image
 from rakelight.errors import CaptureError, MachineError, printable
 from rakelight.files import clear_errors, read_bytes
+from rakelight.memory import require_memory
 from rakelight.model import Array, Finding
 
 T = TypeVar("T")
@@ -122,15 +123,16 @@ def in_threads(function: Callable[[S], T], items: Iterable[S]) -> list[T]:
 
 def allocate(shape: tuple[int, ...], dtype: str, source: str) -> Array:
     """An array to decode into; raises MachineError with its size when there is no memory."""
+    needed, remedy = np.prod(shape, dtype=float) * np.dtype(dtype).itemsize, "use fewer images"
+    require_memory(needed, source=source, remedy=remedy)
     try:
         return np.empty(shape, dtype)
     except MemoryError as error:
-        needed = np.prod(shape, dtype=float) * np.dtype(dtype).itemsize
         raise MachineError(
             "too little memory for the images",
             source=source,
             needed=f"{needed / 1e9:.1f} GB",
-            remedy="use fewer or smaller images",
+            remedy=remedy,
         ) from error
 
 

@@ -13,7 +13,6 @@ from rakelight.errors import InputError, printable
 from rakelight.metrics import DEPTH_RANGE_MM, NORMAL_RANGE_DEG, Evaluation
 from rakelight.model import Floats, Truth, checksum
 
-
 _MAPS_MARKER = "depth_error.png"
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from rakelight.errors import CaptureError, MethodError
 from rakelight.geometry.grid import has_gradient
 from rakelight.geometry.normals import surface_normals
+from rakelight.memory import require_memory
 from rakelight.methods.estimate import Estimate
 from rakelight.methods.prediction import prediction_errors
 from rakelight.model import (
@@ -39,6 +40,10 @@ METHODS = {
     "rgbd-fusion": "rgbd_fusion",
     "ldr-ps": "ldr_ps",
 }
+
+# What a method needs at the least, bytes per pixel of the object's window: measured, rounded down.
+_BYTES_PER_PIXEL = {"multi-light": 1500}
+_BYTES_PER_PIXEL_OF_OTHERS = 500
 
 # What `auto` picks, best first, by what the capture holds.
 _FOR_MANY: tuple[str, ...] = ("multi-light", "multi-light-alternating")
@@ -106,7 +111,8 @@ def refine(
     progress : called with a `Progress` at every step
 
     Returns a `Result` at the output resolution: metres and unit vectors in the camera frame.
-    Raises MethodError when the method does not fit, InputError for a bad scale.
+    Raises MethodError when the method does not fit, InputError for a bad scale, MachineError
+    when there is too little memory to begin with.
     """
     began = perf_counter()
     chosen = load_method(choose_method(capture) if method == "auto" else method)
@@ -122,6 +128,11 @@ def refine(
     registered_at = perf_counter()
     progress(Progress("prepare"))
     prepared = prepare(capture, scale)
+    require_memory(
+        prepared.mask.size * _BYTES_PER_PIXEL.get(chosen.name, _BYTES_PER_PIXEL_OF_OTHERS),
+        source=capture.source,
+        remedy="close other programs, choose a smaller --scale, or crop to the object",
+    )
     prepared_at = perf_counter()
     estimate = _too_thin(prepared) or chosen.run(prepared, options, progress)
     refined_at = perf_counter()
