@@ -34,9 +34,8 @@ from rakelight.methods.estimate import (
 from rakelight.methods.levels import depth_precision
 from rakelight.methods.ratios import Ratios
 from rakelight.methods.rgb_findings import dark_channels, rgb_findings
-from rakelight.model import Floats, Lights, Mask, Progress, ProgressCallback
+from rakelight.model import MAD_TO_SIGMA, Floats, Lights, Mask, Progress, ProgressCallback
 from rakelight.prepare import Prepared
-from rakelight.prepare.average import MAD_TO_SIGMA
 from rakelight.shading.lighting import estimate_light
 from rakelight.shading.palette import nearest_colors
 from rakelight.shading.piecewise import edge_weights, piecewise_smooth

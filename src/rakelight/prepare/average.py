@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rakelight.model import MAD_TO_SIGMA as MAD_TO_SIGMA
-from rakelight.model import Floats, Mask, SensorNoise
+from rakelight.model import MAD_TO_SIGMA, Floats, Mask, SensorNoise
 
 # Maps that differ by less than this fraction of what the sensor model says repeat each other.
 REPEATED = 0.1
