@@ -20,6 +20,7 @@ from rakelight.geometry.normals import surface_normals
 from rakelight.memory import require_memory
 from rakelight.methods.estimate import Estimate
 from rakelight.methods.prediction import prediction_errors
+from rakelight.methods.saturated import bounded_albedo
 from rakelight.model import (
     Capture,
     Finding,
@@ -139,10 +140,11 @@ def refine(
 
     depth_m = np.exp(estimate.log_depth)
     normals = surface_normals(depth_m, prepared.mask, prepared.camera)
+    albedo, bounded = bounded_albedo(prepared, depth_m, normals, estimate)
     return Result(
         depth=prepared.embed(depth_m, np.nan),
         normals=prepared.embed(normals, np.nan),
-        albedo=prepared.embed(np.maximum(estimate.albedo, 0), 0.0),
+        albedo=prepared.embed(np.maximum(albedo, 0), 0.0),
         confidence=prepared.embed(prepared.marked(estimate.confidence), 0.0),
         lights=estimate.lights,
         camera=prepared.full_camera,
@@ -158,7 +160,7 @@ def refine(
             "refine": refined_at - prepared_at,
             **estimate.timings_s,
         },
-        findings=prepared.findings + estimate.findings + _convergence(estimate),
+        findings=prepared.findings + estimate.findings + bounded + _convergence(estimate),
         source=capture.source,
         photograph_names=capture.names,
         capture=_figures(capture),
