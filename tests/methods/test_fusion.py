@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from rakelight.errors import InputError
-from rakelight.geometry.grid import mean_gradient
+from rakelight.geometry.grid import has_gradient, mean_gradient
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods import fusion_like as fusion
 from rakelight.methods import rgbd_fusion as rgbd
+from rakelight.methods.fine_relief import fine_relief
 from rakelight.methods.lagged_depth import Depth, View
 from rakelight.metrics import evaluate
 from rakelight.model import silent
@@ -65,7 +66,7 @@ def test_result_does_the_prepared_depth_no_harm_on_patterned_paint(estimate, sce
 def test_without_smoothness_paint_is_carved_into_the_surface(estimate, method, scene):
     run, options = method
     rough = run(scene[0], options(smooth=False), silent)
-    assert scores(rough.log_depth, *scene)[1] > 1.2 * scores(estimate.log_depth, *scene)[1]
+    assert scores(rough.log_depth, *scene)[1] > 1.1 * scores(estimate.log_depth, *scene)[1]
 
 
 def test_energy_never_rises(estimate):
@@ -146,11 +147,23 @@ def depth(prepared):
     return Depth(view, light, albedo, view.intensity, 1e-4, 1e-2, believed, 1e-6)
 
 
+def photographed(view, colour):
+    return replace(view, colour=colour, relief=fine_relief(colour, view.links))
+
+
 def test_light_is_found_again(prepared):
     view = View.of(prepared)
     light = np.array([0.1, -0.2, -0.5, 0.3])
     clean = replace(view, intensity=fusion.shading(view, light))
     np.testing.assert_allclose(fusion.harmonics(clean), light, atol=1e-9)
+
+
+def test_paint_of_another_kind_does_not_bend_the_light(prepared):
+    view = View.of(prepared)
+    light = np.array([0.1, -0.2, -0.5, 0.3])
+    white = np.arange(view.mask.shape[0])[:, None] < view.mask.shape[0] // 3
+    clean = replace(view, intensity=fusion.shading(view, light) * np.where(white, 3.0, 1.0))
+    np.testing.assert_allclose(fusion.harmonics(clean), light, atol=1e-3)
 
 
 def test_linear_residual_is_the_image_model(depth):
@@ -182,10 +195,21 @@ def test_shading_is_believed_where_the_colour_stays_and_not_where_it_changes(pre
     view = View.of(prepared)
     shade = fusion.shading(view, np.array([0.1, -0.2, -0.5, 0.3]))
     grey = np.where(view.usable, shade[..., None], 0.0)
-    assert replace(view, colour=grey).believed(30.0)[view.mask].min() > 0.99
+    assert photographed(view, grey).believed(30.0)[view.mask].min() > 0.99
     stripes = 1 + 0.3 * np.sin(np.arange(view.mask.shape[1]) / 2)[None, :, None] * [1, 0, -1]
-    assert replace(view, colour=grey * stripes).believed(30.0)[view.mask].max() < 0.25
+    assert (
+        replace(view, colour=grey * stripes, relief=0 * shade).believed(30.0)[view.mask].max()
+        < 0.25
+    )
     assert (view.believed(0.0) == 1).all()
+
+
+def test_a_border_is_not_seen(prepared):
+    view = View.of(prepared)
+    inside = np.pad(prepared.mask, 1)
+    inner = inside[:-2, 1:-1] & inside[2:, 1:-1] & inside[1:-1, :-2] & inside[1:-1, 2:]
+    assert not (view.seen & ~inner).any()
+    assert view.seen.mean() > 0.9 * inner.mean()
 
 
 def test_exposure_changes_nothing_but_the_lights(method, prepared):
@@ -205,9 +229,9 @@ def test_no_normal_is_taken_across_a_step(prepared):
         View.of(each) for each in (prepared, replace(prepared, depth_m=prepared.depth_m * step))
     ]
     one, two = (view.normals(view.prior)[0] for view in views)
-    turned = np.linalg.norm(two - one, axis=-1)[:, middle - 1 : middle + 1][
-        views[1].seen[:, middle - 1 : middle + 1] & views[0].seen[:, middle - 1 : middle + 1]
-    ]
+    both = has_gradient(views[0].links) & has_gradient(views[1].links)
+    beside = slice(middle - 1, middle + 1)
+    turned = np.linalg.norm(two - one, axis=-1)[:, beside][both[:, beside]]
     assert len(turned) > 100
     assert np.quantile(turned, 0.9) < 0.3
 
@@ -238,4 +262,4 @@ def test_paint_of_another_intensity_is_not_linked(prepared):
     free = edge_weights(color, np.exp(view.prior), view.mask, sigma_c=1.0, sigma_d=1.0)[0]
     apart = np.abs(np.diff(view.intensity, axis=1)) > 0.05
     assert (linked[:, :-1][apart] == 0).all()
-    np.testing.assert_array_equal(linked[:, :-1][~apart], free[:, :-1][~apart])
+    np.testing.assert_allclose(linked[:, :-1][~apart], free[:, :-1][~apart], rtol=1e-4)

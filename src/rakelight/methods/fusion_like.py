@@ -31,9 +31,12 @@ from rakelight.model import Finding, Floats, Lights, ProgressCallback
 from rakelight.prepare import Prepared
 from rakelight.shading.lighting import estimate_light
 from rakelight.shading.piecewise import EdgeWeights, piecewise_smooth
+from rakelight.solve.robust import MEDIAN_ABSOLUTE_TO_SIGMA
 
 # Shading below this part of its mean says nothing about the albedo under it.
 DIM = 0.05
+# Tukey's loss is 95 % efficient on Gaussian noise of deviation s / 4.685; rounds of its weights.
+TUKEY, LIGHT_ROUNDS = 4.685, 8
 # What the photograph says does not ask for more.
 ALBEDO_ACCURACY, DEPTH_ACCURACY = 1e-2, 1e-1
 AMBIGUOUS = Finding(
@@ -69,7 +72,7 @@ class Options:
     """
 
     lambda_rho: float = 30.0
-    sigma_c: float = 0.14
+    sigma_c: float = 0.1
     sigma_d: float = 0.01
     lambda_z1: float = 7e-4
     lambda_z2: float = 0.05
@@ -107,10 +110,19 @@ def depth_energy(
 
 
 def harmonics(view: View) -> Floats:
-    """The light (l_x, l_y, l_z, phi): least squares of the intensity on (n, 1)."""
-    normals, _ = view.normals(view.prior)
-    intensity, ones = view.intensity[view.seen][:, None], np.ones((view.seen.sum(), 1))
-    return estimate_light(intensity, ones, ones, normals[view.seen])
+    """The light (l_x, l_y, l_z, phi): robust least squares (Tukey) of the intensity on (n, 1).
+
+    The commonest paint says what the light is; pixels of another are outliers.
+    """
+    normals, intensity = view.normals(view.prior)[0][view.seen], view.intensity[view.seen]
+    ones = np.ones((len(intensity), 1))
+    light = np.array([0.0, 0.0, 0.0, float(np.median(intensity)) if len(intensity) else 0.0])
+    for _ in range(LIGHT_ROUNDS if len(intensity) else 0):
+        miss = intensity - normals @ light[:3] - light[3]
+        spread = MEDIAN_ABSOLUTE_TO_SIGMA * float(np.median(np.abs(miss)))
+        weight = np.maximum(1 - (miss / max(TUKEY * spread, 1e-9)) ** 2, 0) ** 2
+        light = estimate_light(intensity[:, None], weight[:, None], ones, normals)
+    return light
 
 
 def shading(view: View, light: Floats, log_depth: Floats | None = None) -> Floats:

@@ -17,13 +17,13 @@ import numpy as np
 from rakelight.geometry.grid import (
     Links,
     differences,
-    has_gradient,
     mean_gradient,
     neighbours,
     surface_links,
 )
 from rakelight.geometry.normals import gradient_directions, normals_from_gradient
 from rakelight.methods.estimate import scatter
+from rakelight.methods.fine_relief import DARKEST, believed, fine_relief, without_relief
 from rakelight.model import Camera, Floats, Mask, Progress, ProgressCallback
 from rakelight.prepare import Prepared
 from rakelight.shading.piecewise import EdgeWeights, edge_weights
@@ -31,18 +31,16 @@ from rakelight.solve import Solution, assemble, solve
 
 # A step with lagged |m| can overshoot; then a part of it is taken.
 SHARES = (1.0, 0.5, 0.25, 0.125)
-# The photograph's noise is averaged over the first, the paint's colour is alike within the second;
-# darker colours, relative to the object's mean, are noise.
-NOISE_PX, ALIKE_PX, DARKEST = 1.0, 3.0, 1e-3
 
 
 @dataclass(frozen=True)
 class View:
     """The first photograph on the prepared window, (h, w) each.
 
-    exposure : (3,) the linear light that the rest is in units of: the object's mean
-    colour : (h, w, 3), 0 where not usable; intensity : mean of usable channels
-    usable : (h, w, 3); seen : whether any channel is usable and there is a normal
+    exposure : (3,) the linear light that the rest is in units of: of the object's typical pixel
+    colour : (h, w, 3), clipped values as they are; intensity : its mean
+    usable : (h, w, 3); seen : whether any channel is usable and nothing is mixed into the pixel
+    relief : how surely what changes here is fine relief rather than paint, 0..1
     prior : prepared log depth; links : which neighbours are on one surface
     """
 
@@ -52,6 +50,7 @@ class View:
     usable: Mask
     intensity: Floats
     seen: Mask
+    relief: Floats
     prior: Floats
     links: Links
     camera: Camera
@@ -64,21 +63,25 @@ class View:
     @classmethod
     def of(cls, prepared: Prepared) -> View:
         """What the methods for one photograph see of `prepared`."""
-        mask = prepared.mask
         values, good = prepared.pixels(0)
-        colour, usable = scatter(values * good, mask), scatter(1.0 * good, mask) > 0
-        # Whatever a lamp's colour, a channel that is not usable then leaves no edge.
-        exposure = colour.sum(axis=(0, 1)) / np.maximum(usable.sum(axis=(0, 1)), 1)
+        links = surface_links(prepared.depth_m, prepared.mask, prepared.camera)
+        usable = scatter(1.0 * good, prepared.mask) > 0
+        seen = usable.any(axis=-1) & surrounded(links)
+        # Whatever a lamp's colour, a grey object then is grey; and its commonest paint is about 1.
+        exposure = (values * good).sum(axis=0) / np.maximum(good.sum(axis=0), 1)
         exposure = np.where(exposure > 0, exposure, 1.0)
-        colour, count = colour / exposure, usable.sum(axis=-1)
-        links = surface_links(prepared.depth_m, mask, prepared.camera)
+        if seen.any():
+            typical = float(np.median((values / exposure).mean(axis=-1)[seen[prepared.mask]]))
+            exposure = exposure * max(typical, DARKEST)
+        colour = scatter(values / exposure, prepared.mask)
         return cls(
             exposure,
             colour,
             usable,
-            colour.sum(axis=-1) / np.maximum(count, 1),
-            (count > 0) & has_gradient(links),
-            np.log(np.where(mask, prepared.depth_m, 1.0)),
+            colour.mean(axis=-1),
+            seen,
+            fine_relief(colour, links),
+            np.log(np.where(prepared.mask, prepared.depth_m, 1.0)),
             links,
             prepared.camera,
         )
@@ -89,32 +92,19 @@ class View:
 
     def edges(self, sigma_c: float, sigma_d: float, tau: float) -> EdgeWeights:
         """How surely neighbours are of one paint."""
-        color, depth_m = self.intensity[..., None], np.exp(self.prior)
+        color = without_relief(self.intensity, self.relief, self.mask)[..., None]
+        depth_m = np.exp(self.prior)
         return edge_weights(color, depth_m, self.mask, sigma_c=sigma_c, sigma_d=sigma_d, tau=tau)
 
     def believed(self, doubt: float) -> Floats:
-        """How far shading is believed, (h, w) 0..1: less where the colour changes, as paint does.
+        """How far shading is believed, (h, w) 0..1: see `fine_relief.believed`."""
+        return believed(self.colour, self.relief, self.links, doubt)
 
-        doubt : the inverse of the change per pixel, relative, that halves it
-        """
-        from scipy.ndimage import gaussian_filter
 
-        def blurred(image: Floats, sigma: float) -> Floats:
-            return np.asarray(gaussian_filter(image, sigma, axes=(0, 1)))
-
-        colour = blurred(self.colour, NOISE_PX)
-        colour /= np.maximum(blurred(self.usable.astype(float), NOISE_PX), 1e-6)
-        colour = np.log(np.maximum(colour, DARKEST))
-        colour -= np.log(np.maximum(np.exp(colour).mean(axis=-1, keepdims=True), DARKEST))
-        squares, count = np.zeros(self.mask.shape), np.zeros(self.mask.shape)
-        for axis in (0, 1):
-            for channel in range(3):
-                for step in differences(colour[..., channel], self.links, axis):
-                    squares += step**2
-            for side in neighbours(self.links, axis):
-                count += side
-        change = blurred(squares, ALIKE_PX) / np.maximum(blurred(count, ALIKE_PX), 1e-6)
-        return 1 / (1 + doubt**2 * change)
+def surrounded(links: Links) -> Mask:
+    """(h, w) which pixels have all four neighbours: those at a border also see what is behind."""
+    sides = [side for axis in (0, 1) for side in neighbours(links, axis)]
+    return np.asarray(np.logical_and.reduce(sides))
 
 
 @dataclass(frozen=True)

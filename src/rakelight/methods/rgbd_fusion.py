@@ -48,7 +48,7 @@ class Options(fusion_like.Options):
 
     lambda_beta1: float = 1.0
     lambda_beta2: float = 10.0
-    tau: float = 0.14
+    tau: float = 0.1
 
     def __post_init__(self) -> None:
         fusion_like.Options.__post_init__(self)
