@@ -34,7 +34,7 @@ def test_the_wall_at_the_objects_border_is_not_its_depth(things):
     prepared = prepare(replace(capture, mask=mask))
     error = np.abs(prepared.embed(prepared.depth_m, np.nan) - truth)[mask]
     assert (error > 0.02).mean() < 0.01
-    assert error.max() < 0.05
+    assert error.max() < 0.06
     assert np.nanmax(prepared.sensor.depth_m) < 0.85
 
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from rakelight.geometry.grid import area_mean
+from rakelight.geometry.grid import Links, area_mean, surface_links
+from rakelight.model import Camera
 from rakelight.prepare.upsample import upsample as upsample_to
 
 SHAPE = (30, 40)
@@ -16,8 +17,14 @@ def centres(shape, factor):
     return (v + 0.5) / factor - 0.5, (u + 0.5) / factor - 0.5
 
 
-def upsample(depth, factor):
-    return upsample_to(depth, (depth.shape[0] * factor, depth.shape[1] * factor))
+def upsample(depth, factor, links=None):
+    links = links or Links.of(np.isfinite(depth))
+    return upsample_to(depth, (depth.shape[0] * factor, depth.shape[1] * factor), links)
+
+
+def upsample_cut(depth, factor):
+    camera = Camera(SHAPE[1], SHAPE[0], 50.0, 50.0, 19.5, 14.5)
+    return upsample(depth, factor, surface_links(depth, np.isfinite(depth), camera))
 
 
 def inner(factor, pixels=8):
@@ -88,3 +95,38 @@ def test_scaled_depth_gives_scaled_depth():
 @pytest.mark.parametrize("factor", FACTORS)
 def test_tiny_maps(shape, factor):
     np.testing.assert_allclose(upsample(np.full(shape, 0.7), factor), 0.7, rtol=1e-12)
+
+
+@pytest.mark.parametrize("factor", FACTORS)
+@pytest.mark.parametrize("axis", [0, 1])
+def test_surfaces_go_on_to_a_jump_and_end_there(factor, axis):
+    v, u = np.indices(SHAPE)
+    far = [v, u][axis] > 12
+    coarse = log_surface("plane", v, u) + 0.6 * far
+    fine = np.log(upsample_cut(np.exp(coarse), factor))
+    v, u = centres(SHAPE, factor)
+    exact = log_surface("plane", v, u) + 0.6 * ([v, u][axis] > 12.5)
+    inside = inner(factor, 2)
+    assert np.abs(fine - exact)[inside].max() < 0.005
+    ringing = np.log(upsample(np.exp(coarse), factor))
+    assert np.abs(ringing - exact)[inside].max() > 0.1
+
+
+def test_round_a_corner_the_surface_is_whole():
+    # A cut that ends inside the map: around its end the same surface is on both sides.
+    v, u = np.indices(SHAPE)
+    coarse = np.exp(log_surface("plane", v, u))
+    right = (u < SHAPE[1] - 1) & ~((u == 20) & (v < 12))
+    links = Links(np.ones(SHAPE, bool), right, v < SHAPE[0] - 1)
+    v, u = centres(SHAPE, 3)
+    error = np.log(upsample(coarse, 3, links)) - log_surface("plane", v, u)
+    assert np.abs(error)[inner(3, 4)].max() < 1e-4
+
+
+def test_what_a_jump_changes_stays_beside_it():
+    rng = np.random.default_rng(0)
+    coarse = np.exp(0.01 * rng.normal(size=SHAPE))
+    cut = coarse.copy()
+    cut[:, 20:] *= 2
+    apart = (upsample_cut(cut, 2) / upsample(coarse, 2))[:, : 2 * 20 - 2 * 6]
+    np.testing.assert_allclose(apart, 1, atol=1e-3)

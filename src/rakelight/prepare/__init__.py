@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from rakelight.errors import CaptureError, InputError
-from rakelight.geometry.grid import area_mean, bounding_window
+from rakelight.geometry.grid import area_mean, bounding_window, surface_links
 from rakelight.model import Array, Camera, Capture, Encoding, Finding, Floats, Mask
 from rakelight.prepare.denoise import bilateral
 from rakelight.prepare.holes import hole_findings, unseen, within_reach
@@ -114,13 +114,14 @@ def prepare(capture: Capture, scale: Scale = "auto") -> Prepared:
         float(np.median(image[use])) for image, use in ((filled, carried), (sigma, measured))
     )
     smooth = bilateral(filled, carried, typical_sigma_m, typical_m * grid.factor / camera.fx)
+    links = surface_links(smooth, carried, camera.resized(*grid.sensor[::-1]))
     rows, columns = bounding_window(seen, margin=1)
     everywhere_m = np.where(measured, sigma, typical_sigma_m)
     return Prepared(
         photographs=photographs[:, rows, columns],
         encoding=encoding,
         mask=seen[rows, columns],
-        depth_m=upsample(smooth, camera.shape)[rows, columns],
+        depth_m=upsample(smooth, camera.shape, links)[rows, columns],
         sigma_m=grid.spread(everywhere_m)[rows, columns],
         measured=grid.spread(measured)[rows, columns],
         sensor=grid.window(average, sigma, measured, rows, columns),
