@@ -199,12 +199,16 @@ def observed(prepared: Prepared) -> Scene:
 def lights(scene: Scene, normals: Floats, albedo: Floats, before: Floats) -> Floats:
     """1. Each channel's lamp (3, 4), rho and n fixed."""
     seen = has_gradient(scene.links)
-    found = []
-    for c, light in enumerate(before):
-        weight = scene.usable[seen, c].astype(np.float64)[:, None]
-        image, rho = scene.image[seen, c, None], albedo[seen, c, None]
-        found.append(estimate_light(image, weight, rho, normals[seen], light[:3]))
-    return np.array(found)
+    normals, image, rho = normals[seen], scene.image[seen], albedo[seen]
+    weight = scene.usable[seen].astype(np.float64)
+    return np.array(
+        [
+            estimate_light(
+                image[:, c, None], weight[:, c, None], rho[:, c, None], normals, light[:3]
+            )
+            for c, light in enumerate(before)
+        ]
+    )
 
 
 def paint(

@@ -49,19 +49,21 @@ def estimate_light(
     """
     squares = (weight * albedo**2).sum(axis=1)
     products = (weight * albedo * image).sum(axis=1)
-    ones = np.ones(len(normals))
+    basis = np.vstack([normals.T, np.ones(len(normals))])
     if start is None:
-        return _least_squares(np.column_stack([normals, ones]), squares, products)
+        return _least_squares((basis * squares) @ basis.T, basis @ products)
     vector, ambient = start, 0.0
     for _ in range(HORIZON_ROUNDS):
-        basis = np.column_stack([normals * lit(normals, vector)[:, None], ones])
-        light = _least_squares(basis, squares, products)
+        # In attached shadow there is the ambient light alone.
+        seen = lit(normals, vector)
+        matrix, aim = (basis * (squares * seen)) @ basis.T, basis @ (products * seen)
+        matrix[3, 3], aim[3] = squares.sum(), products.sum()
+        light = _least_squares(matrix, aim)
         if light[3] < 0:
-            light = np.append(_least_squares(basis[:, :3], squares, products), 0.0)
+            light = np.append(_least_squares(matrix[:3, :3], aim[:3]), 0.0)
         vector, ambient = light[:3], light[3]
     return np.append(vector, ambient)
 
 
-def _least_squares(basis: Floats, squares: Floats, products: Floats) -> Floats:
-    matrix = basis.T @ (basis * squares[:, None])
-    return np.asarray(np.linalg.lstsq(matrix, basis.T @ products, rcond=1e-9)[0])
+def _least_squares(matrix: Floats, aim: Floats) -> Floats:
+    return np.asarray(np.linalg.lstsq(matrix, aim, rcond=1e-9)[0])
