@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from rakelight.geometry.averaging import AveragedData, Averaging
+from rakelight.geometry.averaging import AveragedData, Averaging, data_misfit, data_terms
+from rakelight.solve import assemble
 
 SHAPE = (12, 20)
 
@@ -85,3 +86,24 @@ def test_half_the_pixels_see_the_same_plane():
     plane = 1 + 0.5 * v - 0.25 * u
     halved = plane.reshape(4, 2, 6, 2).mean(axis=(1, 3))
     np.testing.assert_allclose(coarse.down(halved), fine.down(plane), rtol=1e-12)
+
+
+def test_terms_and_misfit_are_of_one_energy():
+    rng = np.random.default_rng(3)
+    mask = rng.random((6, 8)) < 0.8
+    tensor, vector = np.zeros((6, 8, 3)), np.zeros((6, 8, 2))
+    tensor[..., [0, 2]] = 1e-6
+    weight, target, there = (rng.random((6, 8)) for _ in range(3))
+    edges = np.arange(0.0, 7.0, 2.0), np.arange(0.0, 9.0, 2.0)
+    for averaging in (None, Averaging.on(mask, *edges)):
+        system = assemble(mask, tensor, vector, **data_terms(averaging, weight, target))
+        gradient = (system.apply(np.where(mask, there, 0.0)) - system.rhs)[mask]
+
+        def energy(image, averaging=averaging):
+            return data_misfit(averaging, weight, image - target, mask)
+
+        for k, place in enumerate(np.argwhere(mask)[::7]):
+            step = np.zeros(mask.shape)
+            step[tuple(place)] = 1e-3
+            slope = (energy(there + step) - energy(there - step)) / 2e-3
+            assert slope / 2 == pytest.approx(gradient[7 * k], abs=1e-4)

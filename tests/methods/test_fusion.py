@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from rakelight.errors import InputError
+from rakelight.geometry.averaging import Averaging
 from rakelight.geometry.grid import has_gradient, mean_gradient
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods import fusion_like as fusion
@@ -176,7 +177,16 @@ def test_linear_residual_is_the_image_model(depth):
     np.testing.assert_allclose(found[view.seen], expected[view.seen], atol=1e-12)
 
 
-def test_step_minimises_the_energy_with_lagged_length(depth, monkeypatch):
+def averaged(depth):
+    """The same under a sensor whose pixels are twice as wide."""
+    mask = depth.view.mask
+    edges = [np.append(np.arange(0.0, side, 2.0), side) for side in mask.shape]
+    return replace(depth, view=replace(depth.view, averaging=Averaging.on(mask, *edges)))
+
+
+@pytest.mark.parametrize("sensor", [lambda depth: depth, averaged])
+def test_step_minimises_the_energy_with_lagged_length(depth, sensor, monkeypatch):
+    depth = sensor(depth)
     prior = depth.view.prior
     best = depth.step(prior).value
     length = depth.view.normals(prior)[1]
@@ -219,6 +229,14 @@ def test_exposure_changes_nothing_but_the_lights(method, prepared):
     one, two = (run(each, options(max_iterations=1), silent) for each in (half, full))
     np.testing.assert_allclose(one.log_depth, two.log_depth, atol=1e-6)
     np.testing.assert_allclose(2 * one.lights.vector, two.lights.vector, rtol=0.01)
+
+
+def test_detail_within_a_sensor_pixel_is_not_held(depth):
+    fine = 1e-4 * (np.indices(depth.view.mask.shape).sum(axis=0) % 2 * 2 - 1)
+    rest = replace(depth, lambda_z2=0.0, believed=0 * depth.believed, lambda_z1=1.0)
+    assert averaged(rest).energy(depth.view.prior + fine) < 0.1 * rest.energy(
+        depth.view.prior + fine
+    )
 
 
 def test_no_normal_is_taken_across_a_step(prepared):

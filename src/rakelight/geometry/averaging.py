@@ -114,3 +114,26 @@ def overlaps(edges: Floats, size: int) -> Any:
     return csr_array(
         (shares[inside], (rows[inside], columns[inside])), shape=(len(edges) - 1, size)
     )
+
+
+def data_terms(averaging: Averaging | None, weight: Floats, target: Floats) -> dict[str, Any]:
+    """sum w (K (p - t))^2 of an image p (h, w), as `solve.assemble` takes it.
+
+    averaging : K; None where the sensor's pixels are the image's
+    weight, target : (h, w) w, each pixel's share in its sensor pixel's, and t
+    """
+    if averaging is None:
+        return {"data_weight": weight, "data_target": target}
+    data = AveragedData(averaging, averaging.total(weight))
+    nothing = np.zeros(weight.shape)
+    return {
+        "data_weight": nothing, "data_target": nothing, "extra": data,
+        "extra_rhs": data.apply(target),
+    }  # fmt: skip
+
+
+def data_misfit(averaging: Averaging | None, weight: Floats, miss: Floats, mask: Mask) -> float:
+    """sum w (K d)^2 of an image d (h, w) on a mask, as `data_terms` has it."""
+    if averaging is None:
+        return float((weight * miss**2)[mask].sum())
+    return float((averaging.total(weight) * averaging.down(miss) ** 2).sum())

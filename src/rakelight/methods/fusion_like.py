@@ -1,12 +1,13 @@
 """Fusion-like refinement of one photograph (the paper's 3.2): a baseline with five parameters.
 
-The intensity I, the mean of the usable channels in linear light, is explained inside the mask by
+The intensity I, the mean of the channels in linear light, is explained inside the mask by
 
     I = rho (l . n + phi)
 
 without attached shadows.  Light, then albedo, then depth, each once:
 
-    l, phi   least squares of I on (n, 1) with rho = 1, n from the prepared depth
+    l, phi   least squares of I on (n, 1) with rho = 1, n from the prepared depth; robust, so that
+             paints other than the commonest do not count
     rho      sum_p (rho S - I)^2 + lambda_rho sum_links w (rho_p - rho_q)^2,   S = l . n + phi
     z        sum_p c (rho S(z) - I)^2 + lambda_z1 (dz)^2 + lambda_z2 (laplace dz)^2
 
@@ -14,7 +15,8 @@ by fixed point, |m| of the normals lagged.  dz = z - z0, the change of the prepa
 units of the pixel's footprint z / f on the surface, so that the weights have no unit; in log
 depth p that makes it f (p - p0).  The published energy has laplace z; but the prepared depth is
 smooth already, and to flatten its rims and noses costs more than any weight of it gains.  Beyond
-the paper, c = 1 / (1 + (doubt * change of colour)^2): where the colour changes, so does the paint.
+the paper, c = 1 / (1 + (doubt * change of colour)^2): where the colour changes, so does the paint;
+but fine relief, such as yarn, is told from paint and believed (`fine_relief`).
 
 One photograph does not tell paint from relief: this is a baseline to compare with.
 """
@@ -54,9 +56,10 @@ class Options:
     lambda_rho : smoothness of the albedo, relative to the squared shading.  Raised, patches of
         one paint become flat and all change inside them becomes relief; lowered, the albedo
         explains the photograph alone and the depth stays.
-    sigma_c : intensity difference between neighbours of different paint; the object's mean is 1.
-        Up to it a link weakens, beyond it there is none.  Raised, soft edges of paint are taken
-        for relief; lowered, shading is taken for paint.
+    sigma_c : intensity difference between neighbours of different paint; the object's typical
+        pixel is 1, and fine relief makes no difference.  Up to it a link weakens, beyond it there
+        is none.  Raised, soft edges of paint are taken for relief; lowered, shading is taken for
+        paint.
     sigma_d : depth difference in metres between neighbours of different paint.  Raised, paint
         is joined across steps; lowered, it may change wherever the surface is steep.
     lambda_z1 : trust in the prepared depth, per pixel footprint.  Raised, the depth stays;
@@ -64,8 +67,8 @@ class Options:
     lambda_z2 : smoothness of the depth, of its change, per pixel footprint.  Raised, fine relief
         goes; lowered, paint and noise are carved into the surface.
     doubt : not of the paper.  Where the colour changes by 1 / doubt (relative) per pixel, shading
-        counts half, for paint changes there too.  Raised, the depth stays wherever it is painted;
-        0 believes the shading everywhere.
+        counts half, for paint changes there too, unless it is fine relief.  Raised, the depth
+        stays wherever it is painted; 0 believes the shading everywhere.
     smooth : False leaves lambda_z2 and the doubt out: the paper's "not smooth".
     max_iterations : rounds of the fixed point; more than it needs do no harm.
     tolerance : the rounds end when the energy falls by less than this part of it in one.

@@ -1,11 +1,11 @@
 """The depth whose shading explains one photograph, the length of the normals lagged.
 
-    minimise  sum c (rho S - I)^2 + f^2 (lambda_z1 (dp)^2 + lambda_z2 (L dp)^2),   S = l . n + phi
+    minimise  sum c (rho S - I)^2 + f^2 (lambda_z1 (K dp)^2 + lambda_z2 (L dp)^2),   S = l . n + phi
 
 over log depth p, the photograph being believed by c, 0..1; dp = p - p0 is the change of the
-prepared one and L the Laplacian.  f dp is the change in units of the pixel's footprint z / f on
-the surface, so that the weights have no unit.  With |m| fixed, S is linear in the gradient of p,
-and a step is one linear solve.
+prepared one, L the Laplacian and K the mean over a sensor's pixel, where that is larger.  f dp is
+the change in units of the pixel's footprint z / f on the surface, so that the weights have no
+unit.  With |m| fixed, S is linear in the gradient of p, and a step is one linear solve.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rakelight.geometry.averaging import Averaging, data_misfit, data_terms
 from rakelight.geometry.grid import (
     Links,
     differences,
@@ -24,6 +25,7 @@ from rakelight.geometry.grid import (
 from rakelight.geometry.normals import gradient_directions, normals_from_gradient
 from rakelight.methods.estimate import scatter
 from rakelight.methods.fine_relief import DARKEST, believed, fine_relief, without_relief
+from rakelight.methods.levels import NEARLY_ONE
 from rakelight.model import Camera, Floats, Mask, Progress, ProgressCallback
 from rakelight.prepare import Prepared
 from rakelight.shading.piecewise import EdgeWeights, edge_weights
@@ -41,6 +43,7 @@ class View:
     colour : (h, w, 3), clipped values as they are; intensity : its mean
     usable : (h, w, 3); seen : whether any channel is usable and nothing is mixed into the pixel
     relief : how surely what changes here is fine relief rather than paint, 0..1
+    averaging : K, means over the sensor's pixels; None where those are about as small
     prior : prepared log depth; links : which neighbours are on one surface
     """
 
@@ -52,6 +55,7 @@ class View:
     seen: Mask
     relief: Floats
     prior: Floats
+    averaging: Averaging | None
     links: Links
     camera: Camera
 
@@ -82,6 +86,7 @@ class View:
             seen,
             fine_relief(colour, links),
             np.log(np.where(prepared.mask, prepared.depth_m, 1.0)),
+            prepared.sensor.averaging(prepared.mask) if prepared.factor > NEARLY_ONE else None,
             links,
             prepared.camera,
         )
@@ -119,7 +124,7 @@ class Fit:
 
 @dataclass(frozen=True)
 class Depth:
-    """The depth's energy  sum c (rho S - I)^2 + f^2 (lambda_z1 (dp)^2 + lambda_z2 (L dp)^2).
+    """The depth's energy  sum c (rho S - I)^2 + f^2 (lambda_z1 (K dp)^2 + lambda_z2 (L dp)^2).
 
     dp = p - p0; L is the Laplacian; aim : (h, w) the intensity that rho S is to have
     believed : (h, w) c, how far it is believed, 0..1
@@ -134,6 +139,12 @@ class Depth:
     lambda_z2: float
     believed: Floats
     accuracy: float
+
+    @property
+    def held(self) -> Floats:
+        """(h, w) the weight of the prepared depth, lambda_z1 f^2."""
+        weight = self.lambda_z1 * self.view.camera.fx * self.view.camera.fy
+        return np.full(self.view.mask.shape, weight)
 
     def linear(self, length: Floats) -> tuple[Floats, Floats, Floats]:
         """a_u, a_v and c, (h, w) each, of the residual  a . grad p + c  with |m| = `length`."""
@@ -152,9 +163,8 @@ class Depth:
             links.mask,
             np.stack([u * u, u * v, v * v], axis=-1),
             -np.stack([u * miss, v * miss], axis=-1),
-            np.full(u.shape, self.lambda_z1 * squared),
-            prior,
-            links.pair_weights() if links.cut else None,
+            pair_weights=links.pair_weights() if links.cut else None,
+            **data_terms(self.view.averaging, self.held, prior),
             laplacian_weight=self.lambda_z2 * squared if self.lambda_z2 else None,
             laplacian_target=laplacian(prior, links.mask),
         )
@@ -176,9 +186,9 @@ class Depth:
             bent += (slope * both) ** 2 / 4
         moved = log_depth - view.prior
         curved = laplacian(moved, view.mask)
-        fit = self.lambda_z1 * moved**2 + self.lambda_z2 * curved**2
-        squared = view.camera.fx * view.camera.fy
-        return float((residual**2 + bent + squared * fit)[view.mask].sum())
+        held = data_misfit(view.averaging, self.held, moved, view.mask)
+        smooth = self.lambda_z2 * view.camera.fx * view.camera.fy * curved**2
+        return held + float((residual**2 + bent + smooth)[view.mask].sum())
 
     def fixed_point(self, rounds: int, tolerance: float, progress: ProgressCallback) -> Fit:
         """From the prepared depth on, until no step lowers the energy by more than `tolerance`."""

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rakelight.geometry.averaging import Averaging, data_terms
 from rakelight.geometry.grid import Links, has_gradient, mean_gradient, surface_links
 from rakelight.geometry.normals import normals_from_gradient
 from rakelight.methods.estimate import (
@@ -31,7 +32,7 @@ from rakelight.methods.estimate import (
     require_ranges,
     scatter,
 )
-from rakelight.methods.levels import depth_precision
+from rakelight.methods.levels import NEARLY_ONE, depth_precision
 from rakelight.methods.ratios import Ratios
 from rakelight.methods.rgb_findings import dark_channels, rgb_findings
 from rakelight.model import MAD_TO_SIGMA, Floats, Lights, Mask, Progress, ProgressCallback
@@ -107,6 +108,7 @@ class Scene:
     usable : (h, w, 3) which values say something of a normal
     links : which neighbours are on one surface; pairs : their weights, None without a jump
     prior : (h, w) log of the prepared depth, prior_weight : (h, w) its precision
+    averaging : K, means over the sensor's pixels; None where those are about as small
     """
 
     prepared: Prepared
@@ -117,6 +119,7 @@ class Scene:
     pairs: Floats | None
     prior: Floats
     prior_weight: Floats
+    averaging: Averaging | None
 
     def surface(self, log_depth: Floats) -> tuple[Floats, Floats]:
         """Normals (h, w, 3) and |m| (h, w) of a log depth (h, w)."""
@@ -193,6 +196,7 @@ def observed(prepared: Prepared) -> Scene:
         links.pair_weights() if links.cut else None,
         np.log(prepared.depth_m),
         depth_precision(prepared),
+        prepared.sensor.averaging(mask) if prepared.factor > NEARLY_ONE else None,
     )
 
 
@@ -269,7 +273,10 @@ def depth(
         tensor, aim = ratios + weight * np.array([1.0, 0.0, 1.0]), aim + weight * slopes
     held = trust * scene.prior_weight
     smooth = laplacian * float(np.median(held[mask])) or None
-    system = assemble(mask, tensor, aim, held, scene.prior, scene.pairs, laplacian_weight=smooth)
+    sensor = data_terms(scene.averaging, held, scene.prior)
+    system = assemble(
+        mask, tensor, aim, pair_weights=scene.pairs, laplacian_weight=smooth, **sensor
+    )
     return solve(system, start=log_depth, tolerance=1e-3).value, ratios
 
 

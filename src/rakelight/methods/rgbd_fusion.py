@@ -5,7 +5,7 @@ beta that differs from pixel to pixel:
 
     I = rho S + beta,   S = l . n + phi
 
-    l, phi   least squares of I on (n, 1) with rho = 1, n from the prepared depth
+    l, phi   robust least squares of I on (n, 1) with rho = 1, n from the prepared depth
     rho      sum_p (rho S - I)^2 + lambda_rho sum_links w (rho_p - rho_q)^2
     beta     sum_p (beta - (I - rho S))^2 + lambda_beta2 beta^2
                  + lambda_beta1 sum_links w (beta_p - beta_q)^2
@@ -41,9 +41,9 @@ class Options(fusion_like.Options):
         lowered, the ambient light explains it and the depth stays.
     lambda_beta2 : smallness of the ambient light.  Raised, there is none and the depth explains
         what is left; lowered, the ambient light takes all that the albedo left.
-    tau : intensity difference, the object's mean being 1, above which neighbours are not linked
-        at all.  Raised, weak edges of paint are taken for relief; lowered, more is taken for
-        paint.
+    tau : intensity difference, the object's typical pixel being 1, above which neighbours are
+        not linked at all.  Raised, weak edges of paint are taken for relief; lowered, more is
+        taken for paint.
     """
 
     lambda_beta1: float = 1.0
