@@ -3,9 +3,8 @@
     python benchmarks/single_photograph.py ../shared/captures/android -o docs/android.png
     python benchmarks/single_photograph.py ../shared/captures/monkey -o docs/monkey.png
 
-From left to right: the photograph, the prepared depth, fusion-like as it comes, and fusion-like
-that believes all shading (`doubt=0, sigma_c=0.3, lambda_z2=0.02`), each surface as clay under
-one raking lamp.
+From left to right: the photograph, the prepared depth and fusion-like as it comes, each surface as
+clay under one raking lamp; twice as large as they are.
 """
 
 from __future__ import annotations
@@ -20,27 +19,24 @@ from rakelight.capture.images import encode_png
 from rakelight.export.pictures import shaded, side_by_side
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods import refine
-from rakelight.methods.fusion_like import Options
 from rakelight.model import Array, Capture
 from rakelight.prepare import prepare
 
-BELIEVING = Options(doubt=0.0, sigma_c=0.3, lambda_z2=0.02)
+TIMES = 2
 
 
 def strip(capture: Capture) -> Array:
     """The pictures side by side, cut to the object."""
-    results = [refine(capture, "fusion-like", options=each) for each in (Options(), BELIEVING)]
-    prepared = prepare(capture)
+    result, prepared = refine(capture, "fusion-like"), prepare(capture)
     values, _ = prepared.pixels(0)
     grey = np.zeros(prepared.mask.shape)
     grey[prepared.mask] = values.mean(axis=1) / np.percentile(values.mean(axis=1), 99)
     photograph = np.round(255 * np.clip(grey, 0, 1) ** (1 / 2.2)).astype(np.uint8)
     before = surface_normals(prepared.depth_m, prepared.mask, prepared.camera)
-    surfaces = [shaded(before, prepared.mask)]
-    for result in results:
-        normals = result.normals[prepared.rows, prepared.columns]
-        surfaces.append(shaded(normals, prepared.mask))
-    return side_by_side(photograph, *surfaces)
+    after = result.normals[prepared.rows, prepared.columns]
+    surfaces = [shaded(normals, prepared.mask) for normals in (before, after)]
+    picture = side_by_side(photograph, *surfaces)
+    return np.repeat(np.repeat(picture, TIMES, axis=0), TIMES, axis=1)
 
 
 def main() -> None:

@@ -26,8 +26,8 @@ def main() -> None:
     shape = make_shape("cloth")
     camera = shape.camera.scaled(SHAPE[0] / shape.camera.height)
     camera = replace(camera, fx=NEARER * camera.fx, fy=NEARER * camera.fy)
-    print("| paint | pixels |", " | ".join(LIGHTING), "|")  # noqa: T201
-    print("| --- | --- |" + " --- |" * len(LIGHTING))  # noqa: T201
+    print("| paint | pixels |", " | ".join(LIGHTING), "|")
+    print("| --- | --- |" + " --- |" * len(LIGHTING))
     for paint in ("simple", "pattern", "complicated"):
         cells = []
         for name, lighting in LIGHTING.items():
@@ -42,7 +42,7 @@ def main() -> None:
                 seconds.append((perf_counter() - began[0], process_time() - began[1]))
             wall, processor = (min(each) for each in zip(*seconds[1:], strict=True))
             cells.append(f"{wall:.2f} ({processor:.2f})")
-        print(f"| {paint} | {prepared.mask.sum()} |", " | ".join(cells), "|")  # noqa: T201
+        print(f"| {paint} | {prepared.mask.sum()} |", " | ".join(cells), "|")
 
 
 if __name__ == "__main__":

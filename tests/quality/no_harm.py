@@ -36,6 +36,7 @@ NOISE = {
     "smooth": DepthNoise(rms_mm=3.3, correlation_length_px=7.0),
 }
 SIDE = 512  # of the texture
+LOOP_PX = 10  # half a period, in pixels of twice the object's resolution
 
 
 def natural_paint(seed=0):
@@ -71,17 +72,33 @@ def natural_paint(seed=0):
     return Albedo(f"natural {seed}", paint)
 
 
+def woven_paint(camera):
+    """Paint of one hue that looks like yarn: loops of 10 of the object's pixels."""
+    row, column = np.mgrid[: camera.height, : camera.width] * np.pi / LOOP_PX
+    loops = np.sin(row) * np.cos(column)
+    return np.repeat(0.4 + 0.16 * loops[..., None], 3, axis=-1).astype(np.float32)
+
+
 @cache
-def scene(name, paint, noise, lighting, size=0.5):
-    """Prepared capture and truth of a scan or the bust (name "head") at `size`."""
+def scene(name, paint, noise, lighting, size=0.5, factor=1):
+    """Prepared capture and truth of a scan or the bust (name "head") at `size`.
+
+    factor : colour pixels per depth pixel, along each side; of scans
+    """
     if name == "head":
         capture, truth = paper_scene(paint, lighting, size, _bust())
     else:
         files = {path.stem: path for path in SCANS}
         shape = shape_from_file(files[name]) if name in files else make_shape(name)
-        albedo = natural_paint(int(paint[-1])) if "natural" in paint else make_albedo(paint)
+        if "natural" in paint:
+            albedo = natural_paint(int(paint[-1]))
+        else:
+            albedo = Albedo(paint, woven_paint) if paint == "woven" else make_albedo(paint)
         options = SceneOptions(
-            lighting=lighting, camera=shape.camera.scaled(size), depth_noise=NOISE[noise]
+            lighting=lighting,
+            camera=shape.camera.scaled(size),
+            depth_factor=factor,
+            depth_noise=NOISE[noise],
         )
         capture, truth = render_scene(shape, albedo, options)
     return prepare(capture), truth
@@ -116,19 +133,25 @@ CASES += [
     for noise in NOISE
     for paint in ("natural 0", "natural 1", "pattern")
 ]
+# Nothing is promised of a coarser depth map, nor of paint that looks like yarn.
+BEYOND = [
+    *((path.stem, paint, "white", 0.5, 2) for path in SCANS for paint in ("natural 1", "pattern")),
+    *((path.stem, "woven", "white") for path in SCANS),
+]
 
 
 def main():
     """Print the table of docs/single-photograph.md."""
     print("| object, paint, noise | input |", " | ".join(LIGHTING), "|")  # noqa: T201
     print("| --- | --- |" + " --- |" * len(LIGHTING))  # noqa: T201
-    for case in CASES:
+    for case in CASES + BEYOND:
         cells = []
         for method in LIGHTING:
             before, after = before_and_after(method, *case)
             harm = " \\*" if (after > 1.02 * before).any() else ""
             cells.append(f"{after[0]:.2f} / {after[1]:.1f}{harm}")
-        size = f", {case[3]:g}" if len(case) > 3 else ""
+        size = f", {case[3]:g}" if len(case) == 4 else ""
+        size += f", factor {case[4]}" if len(case) > 4 else ""
         name = f"{case[0]}, {case[1]}, {case[2]}{size}"
         print(f"| {name} | {before[0]:.2f} / {before[1]:.1f} |", " | ".join(cells), "|")  # noqa: T201
 
