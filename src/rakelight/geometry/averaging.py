@@ -125,9 +125,8 @@ def data_terms(averaging: Averaging | None, weight: Floats, target: Floats) -> d
     if averaging is None:
         return {"data_weight": weight, "data_target": target}
     data = AveragedData(averaging, averaging.total(weight))
-    nothing = np.zeros(weight.shape)
     return {
-        "data_weight": nothing, "data_target": nothing, "extra": data,
+        "data_weight": np.zeros(weight.shape), "data_target": target, "extra": data,
         "extra_rhs": data.apply(target),
     }  # fmt: skip
 

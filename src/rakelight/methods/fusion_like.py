@@ -29,11 +29,10 @@ import numpy as np
 
 from rakelight.methods.estimate import Estimate, brightest, first_only, require_ranges
 from rakelight.methods.lagged_depth import Depth, Fit, View
-from rakelight.model import Finding, Floats, Lights, ProgressCallback
+from rakelight.model import MAD_TO_SIGMA, Finding, Floats, Lights, ProgressCallback
 from rakelight.prepare import Prepared
 from rakelight.shading.lighting import estimate_light
 from rakelight.shading.piecewise import EdgeWeights, piecewise_smooth
-from rakelight.solve.robust import MEDIAN_ABSOLUTE_TO_SIGMA
 
 # Shading below this part of its mean says nothing about the albedo under it.
 DIM = 0.05
@@ -122,7 +121,7 @@ def harmonics(view: View) -> Floats:
     light = np.array([0.0, 0.0, 0.0, float(np.median(intensity)) if len(intensity) else 0.0])
     for _ in range(LIGHT_ROUNDS if len(intensity) else 0):
         miss = intensity - normals @ light[:3] - light[3]
-        spread = MEDIAN_ABSOLUTE_TO_SIGMA * float(np.median(np.abs(miss)))
+        spread = MAD_TO_SIGMA * float(np.median(np.abs(miss)))
         weight = np.maximum(1 - (miss / max(TUKEY * spread, 1e-9)) ** 2, 0) ** 2
         light = estimate_light(intensity[:, None], weight[:, None], ones, normals)
     return light

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rakelight.geometry.averaging import LEAST_SHARE, AveragedData, Averaging
+from rakelight.geometry.averaging import LEAST_SHARE, Averaging, data_misfit, data_terms
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.cells import cell_sums, spread
 from rakelight.geometry.grid import (
@@ -84,23 +84,17 @@ class Level:
         The energy  scale sum w (K (p - aim))^2:  the aim's detail within a sensor pixel is
         interpolation, and nothing holds the surface to that.
         """
-        aim = self.aim - log_depth
-        if self.averaging is None:
-            return {"data_weight": scale * self.prior_weight, "data_target": aim}
-        weight = scale * self.averaging.total(self.prior_weight)
-        data = AveragedData(self.averaging, weight)
-        return {
-            "data_weight": scale * self.prior_weight * self.islands,
-            "data_target": self.prior - log_depth,
-            "extra": data,
-            "extra_rhs": data.apply(aim),
-        }
+        terms = data_terms(self.averaging, scale * self.prior_weight, self.aim - log_depth)
+        if self.averaging is not None:
+            terms["data_weight"] = scale * self.prior_weight * self.islands
+            terms["data_target"] = self.prior - log_depth
+        return terms
 
     def sensor_misfit(self, log_depth: Floats) -> float:
-        """sum w (K (p - aim))^2 of a log depth (h, w)."""
-        misfit = self.sensor_weight @ self.sensed(log_depth - self.aim) ** 2
-        held = (self.prior_weight * (log_depth - self.prior) ** 2)[self.islands]
-        return float(misfit + held.sum())
+        """sum w (K (p - aim))^2 of a log depth (h, w), and of islands that to the prior."""
+        miss, weight = log_depth - self.aim, self.prior_weight
+        held = (weight * (log_depth - self.prior) ** 2)[self.islands].sum()
+        return data_misfit(self.averaging, weight, miss, self.mask) + float(held)
 
     def sensed(self, image: Floats) -> Floats:
         """(M,) K image, of an image (h, w): its means over the sensor's pixels."""

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 PIN = 1e-6
 # An extra term may know sums of unknowns only, and two parts in one sum may float against each
 # other: this part of its diagonal holds each unknown at its target.
-TRACE = 1e-3
+TRACE = 1e-6
 # Couplings and data weights below this part of the diagonal do not count as connections.
 NEGLIGIBLE = 1e-8
 
