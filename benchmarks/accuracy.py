@@ -32,9 +32,12 @@ from rakelight.export.pictures import object_window, side_by_side
 from rakelight.geometry.camera import pixel_rays
 from rakelight.geometry.normals import normals_from_depth, surface_normals
 from rakelight.methods import refine
+from rakelight.methods.fit import toward_sensor
+from rakelight.methods.levels import finest_level
 from rakelight.metrics import color_errors, depth_error_map_mm, evaluate, normal_error_map_deg
 from rakelight.model import Array, Camera, Capture, Lights, Mask, Result, Truth
 from rakelight.paper.scenes import PAPER_OPTIONS, paper_object
+from rakelight.prepare import prepare
 from rakelight.solve import assemble, solve
 from rakelight.synthetic import (
     DepthNoise,
@@ -132,6 +135,7 @@ def limits(arguments: argparse.Namespace) -> Iterator[str]:
         ("the true depth", true),
         ("fitted to the true normals", fitted_to_normals(truth, camera, mask)),
         ("the same, those near jumps left out", fitted_to_normals(truth, camera, kept)),
+        ("the true one, bas-relief from the sensor", relief_from_sensor(capture, truth)),
     ):
         normals = normals_from_depth(depth, mask, camera)
         whole, off = (evaluate(depth, normals, truth, where) for where in (mask, kept))
@@ -143,6 +147,18 @@ def limits(arguments: argparse.Namespace) -> Iterator[str]:
         )
     share = 1 - np.count_nonzero(kept) / np.count_nonzero(mask)
     yield f"\nnear the jumps: {share:.1%} of the object"
+
+
+def relief_from_sensor(capture: Capture, truth: Truth) -> Array:
+    """The true depth (H, W), but for the four numbers that photographs leave to the sensor.
+
+    A distant lamp's photographs are the same for all surfaces that a bas-relief transform relates.
+    """
+    prepared = prepare(capture)
+    level = finest_level(prepared, unbiased=True)
+    true = np.where(prepared.mask, truth.depth[prepared.rows, prepared.columns], prepared.depth_m)
+    log_depth, _ = toward_sensor(level, np.log(true))
+    return prepared.embed(np.exp(log_depth), np.nan)
 
 
 def fitted_to_normals(truth: Truth, camera: Camera, known: Mask) -> Array:

@@ -283,6 +283,11 @@ def test_where_the_sensor_has_nothing_to_add_the_surface_stays(level):
     assert relief_step(level, fit).log_depth is fit.log_depth
 
 
+def test_near_lamps_settle_the_relief_themselves(level):
+    fit = flattened(level.trusting(100.0), start(level, "near"))
+    assert relief_step(level.trusting(100.0), fit) is fit
+
+
 @pytest.mark.parametrize("name", STARTS)
 def test_relief_and_lights_steps_never_raise_the_energy(level, name):
     fit = flattened(level, start(level, name))

@@ -231,26 +231,16 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
 
 
 def relief_step(level: Level, fit: Fit) -> Fit:
-    """The bas-relief transform that brings the surface closest to the sensor's depth.
+    """The bas-relief transform that brings the surface closest to the sensor, lights with it.
 
-    Planes stay planes where  1/z' = a/z + g . (x, y, 1):  normals become (a + g X^T) n at a point
-    X, and with lights (a + X g^T)^-1 s and an albedo to match the photographs stay nearly the same
-    (Belhumeur, Kriegman and Yuille 1999).  So they leave these four numbers to the sensor, and
-    steps down the slope of both would creep there.
+    The photographs leave it open, and steps down the slope of the energy would creep there.  Near
+    lamps, whose light falls off, do not leave it open.
     """
-    nearer, aim = np.exp(-fit.log_depth), np.exp(-level.aim)
-    rays = back_project(np.ones(level.mask.shape), level.photographs.camera)
-    columns = np.stack([level.sensed(each) for each in (nearer, *np.moveaxis(rays, -1, 0))], -1)
-    target = level.sensed(aim)
-    root = np.sqrt(level.sensor_weight) / target
-    a, *g = np.linalg.lstsq(root[:, None] * columns, root * target, rcond=None)[0]
-    inverse_depth = np.where(level.mask, a * nearer + rays @ g, nearer)
-    if a <= 0 or inverse_depth.min() <= 0:
+    if fit.near:
         return fit
-    turn = np.linalg.inv(a * np.eye(3) + np.outer(level.middle_m, g))
-    log_depth = -np.log(inverse_depth)
+    log_depth, turn = toward_sensor(level, fit.log_depth)
     gain = level.sensor_misfit(fit.log_depth) - level.sensor_misfit(log_depth)
-    if fit.noise**2 * gain < LEAST_GAIN * fit.energy:
+    if not fit.noise**2 * gain > LEAST_GAIN * fit.energy:
         return fit
     lamps = replace(fit.lamps, vector=fit.lamps.vector @ turn.T)
     tried = moved(level, fit, log_depth, lamps, turning=True)
@@ -258,6 +248,24 @@ def relief_step(level: Level, fit: Fit) -> Fit:
         tried = lights_step(level, tried)
     better = tried if tried.energy < fit.energy else fit
     return replace(better, lights_damping=tried.lights_damping)
+
+
+def toward_sensor(level: Level, log_depth: Floats) -> tuple[Floats, Floats]:
+    """(h, w) log depth after the bas-relief transform nearest to the sensor's, and (3, 3) lights'.
+
+    Planes stay planes where  1/z' = a/z + g . (x, y, 1):  normals become (a + g X^T) n at a point
+    X, and lights (a + X g^T)^-1 s, with an albedo to match, leave the photographs nearly the same
+    (Belhumeur, Kriegman and Yuille 1999).  Unchanged where that would turn the surface around.
+    """
+    nearer, aim = np.exp(-log_depth), level.sensed(np.exp(-level.aim))
+    rays = back_project(np.ones(level.mask.shape), level.photographs.camera)
+    columns = [level.sensed(each) for each in (nearer, *np.moveaxis(rays, -1, 0))]
+    root = np.sqrt(level.sensor_weight) / aim
+    a, *g = np.linalg.lstsq(np.stack(columns, axis=-1) * root[:, None], aim * root, rcond=None)[0]
+    inverse = np.where(level.mask, a * nearer + rays @ g, nearer)
+    if a <= 0 or inverse.min() <= 0:
+        return log_depth, np.eye(3)
+    return -np.log(inverse), np.linalg.inv(a * np.eye(3) + np.outer(level.middle_m, g))
 
 
 def lights_step(level: Level, fit: Fit) -> Fit:
