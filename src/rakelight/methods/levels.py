@@ -178,7 +178,7 @@ def finest_level(prepared: Prepared, *, cut: bool = False, unbiased: bool = Fals
     return Level(
         photographs,
         prior,
-        unbiased_depth(prepared) if unbiased else prior,
+        np.where(photographs.active, unbiased_depth(prepared), prior) if unbiased else prior,
         depth_precision(prepared),
         middle,
         points - middle,
