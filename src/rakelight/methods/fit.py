@@ -192,16 +192,8 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     where the bas-relief valley lies; the depth step that follows sees to the detail.
     """
     cell = max(1, int(np.ceil(np.sqrt(np.count_nonzero(level.mask) / most_cells))))
-    # Some pixels are enough for the curvature; near the end only all have the right slope.
-    some = level.photographs.some(2 * most_cells)
-    share = np.count_nonzero(level.photographs.active) / np.count_nonzero(some)
-    hessian, _, coupling = level.photographs.light_terms(
-        fit.surface, fit.lamps, fit.explanation.albedo, scale=fit.scales, near=fit.near,
-        cell=cell, active=some,
-    )  # fmt: skip
-    hessian, coupling = share * hessian, share * coupling
+    hessian, coupling = light_curvature(level, fit, 2 * most_cells, cell)
     slope = light_slope(level, fit)
-    hessian = hessian + gauge(fit, hessian)
     weight = fit.noise**2 * level.prior_weight * level.mask
     cells, damping = Cells.on(level.mask, cell), fit.joint_damping
     # The gradient of a correction is, per pixel, 1/cell of its difference between cells.
@@ -270,13 +262,7 @@ def toward_sensor(level: Level, log_depth: Floats) -> tuple[Floats, Floats]:
 
 def lights_step(level: Level, fit: Fit) -> Fit:
     """One Gauss-Newton step of the lights, the depth held; damped until the energy falls."""
-    some = level.photographs.some(SOME_PIXELS)
-    share = np.count_nonzero(level.photographs.active) / np.count_nonzero(some)
-    hessian, _, _ = level.photographs.light_terms(
-        fit.surface, fit.lamps, fit.explanation.albedo, scale=fit.scales, near=fit.near, active=some
-    )
-    hessian = share * hessian
-    hessian += gauge(fit, hessian)
+    hessian, _ = light_curvature(level, fit, SOME_PIXELS)
     slope, damping = light_slope(level, fit), fit.lights_damping
     for _ in range(TRIES):
         damped = hessian + damping * np.diag(np.diag(hessian))
@@ -287,6 +273,22 @@ def lights_step(level: Level, fit: Fit) -> Fit:
             return replace(tried, lights_damping=max(damping / STRONGER, WEAKEST))
         damping *= STRONGER
     return replace(fit, lights_damping=min(damping, STRONGEST))
+
+
+def light_curvature(level: Level, fit: Fit, most: int, cell: int = 0) -> tuple[Floats, Floats]:
+    """(K, K) second derivatives of half the energy with the lights, and those with the gradient.
+
+    Of `most` pixels, scaled up: enough for the curvature; near the end only all have the right
+    slope.  cell : as in `Photographs.light_terms`
+    """
+    some = level.photographs.some(most)
+    share = np.count_nonzero(level.photographs.active) / np.count_nonzero(some)
+    hessian, _, coupling = level.photographs.light_terms(
+        fit.surface, fit.lamps, fit.explanation.albedo, scale=fit.scales, near=fit.near,
+        cell=cell, active=some,
+    )  # fmt: skip
+    hessian = share * hessian
+    return hessian + gauge(fit, hessian), share * coupling
 
 
 def light_slope(level: Level, fit: Fit) -> Floats:

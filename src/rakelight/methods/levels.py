@@ -192,9 +192,10 @@ def small_parts(grid: Grid, averaging: Averaging | None) -> Mask:
 
     None where the sensor's pixels are no wider than the grid's.
     """
-    links, active = Links.of(grid), has_gradient(grid)
+    links = Links.of(grid)
     if averaging is None:
         return np.zeros_like(links.mask)
+    active = has_gradient(grid)
     sides = []
     for axis, side in ((1, links.right), (0, links.down)):
         here, there = pair_slices(axis)
@@ -214,14 +215,22 @@ def unbiased_depth(prepared: Prepared) -> Floats:
     from scipy.ndimage import gaussian_filter
 
     prior = np.log(prepared.depth_m)
-    averaging = prepared.sensor.averaging(prepared.mask)
-    seen = prepared.sensor.measured & averaging.covered
-    depth_m = np.where(seen, prepared.sensor.depth_m, 1.0)
-    miss = np.where(seen, np.log(depth_m) - averaging.down(prior), 0.0)
+    miss, seen = sensor_error(prepared, prior)
     sigma = BIAS_PX / prepared.factor
     share = gaussian_filter(1.0 * seen, sigma, mode="constant")
     miss = gaussian_filter(miss, sigma, mode="constant") / np.maximum(share, LEAST_SHARE)
     return np.asarray(prior + prepared.sensor.spread(miss, prior.shape))
+
+
+def sensor_error(prepared: Prepared, log_depth: Floats) -> tuple[Floats, Mask]:
+    """(hs, ws) what the measurements are off the means of a log depth (h, w), and where there are.
+
+    0 where there is no measurement of the object.
+    """
+    averaging = prepared.sensor.averaging(prepared.mask)
+    seen = prepared.sensor.measured & averaging.covered
+    measured = np.log(np.where(seen, prepared.sensor.depth_m, 1.0))
+    return np.where(seen, measured - averaging.down(log_depth), 0.0), seen
 
 
 def depth_precision(prepared: Prepared) -> Floats:

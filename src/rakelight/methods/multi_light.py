@@ -36,7 +36,7 @@ from rakelight.methods.fit import (
     rescaled,
     stride,
 )
-from rakelight.methods.levels import Level, finest_level, pyramid
+from rakelight.methods.levels import Level, finest_level, pyramid, sensor_error
 from rakelight.model import Finding, Floats, Progress, ProgressCallback
 from rakelight.prepare import Prepared
 from rakelight.shading.lighting import estimate_light
@@ -125,7 +125,7 @@ def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback
 
     # What is left of the sensor's depth says how its errors hang together, and what they count.
     if options.depth_trust is None:
-        trust = deserved_trust(levels[0], descent.fit, prepared)
+        trust = deserved_trust(descent.fit, prepared)
     # Jumps that the sensor blurred, or its noise hid, are steep by now.
     level = levels[0].trusting(trust / first_trust).cut(descent.fit.log_depth)
     again = descend(level, descent.fit, options, progress, "refine, weighed", noisiest=1.0)
@@ -230,7 +230,7 @@ def stage(index: int) -> str:
     return f"refine 1/{2**index}" if index else "refine"
 
 
-def deserved_trust(level: Level, fit: Fit, prepared: Prepared) -> float:
+def deserved_trust(fit: Fit, prepared: Prepared) -> float:
     """The weight of the depth, as a multiple of white noise's, from the errors of both sides.
 
     Depth errors e that hang together over r^2 = <e^2> / <|de|^2> of the sensor's pixels say r^2
@@ -238,9 +238,7 @@ def deserved_trust(level: Level, fit: Fit, prepared: Prepared) -> float:
     together too, `COHERENT_PIXELS` where the model holds, the more the heavier their residuals'
     tails are: shadows, highlights and edges are no white noise.
     """
-    averaging = prepared.sensor.averaging(level.mask)
-    seen = prepared.sensor.measured & averaging.covered
-    error = np.log(np.where(seen, prepared.sensor.depth_m, 1.0)) - averaging.down(fit.log_depth)
+    error, seen = sensor_error(prepared, fit.log_depth)
     steps = np.concatenate(
         [
             np.diff(error, axis=axis)[seen[here] & seen[there]]

@@ -44,11 +44,7 @@ class SensorDepth:
 
     def spread(self, image: Floats, shape: tuple[int, ...]) -> Floats:
         """(h, w) the value of the sensor pixel (hs, ws) that holds each window pixel's centre."""
-        rows, columns = (
-            np.searchsorted(edges, np.arange(side) + 0.5, "right") - 1
-            for edges, side in zip((self.row_edges, self.column_edges), shape, strict=True)
-        )
-        return image[np.ix_(rows, columns)]
+        return at_centres(image, (self.row_edges, self.column_edges), shape)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,11 +95,7 @@ class Grid:
         >>> Grid((1, 2), (1, 3)).spread(np.array([[5, 6]])).tolist()
         [[5, 6, 6]]
         """
-        rows, columns = (
-            np.minimum(((np.arange(side) + 0.5) * small / side).astype(int), small - 1)
-            for side, small in zip(self.shape, self.sensor, strict=True)
-        )
-        return image[np.ix_(rows, columns)]
+        return at_centres(image, (self.edges(0), self.edges(1)), self.shape)
 
     def window(
         self, depth_m: Floats, sigma_m: Floats, measured: Mask, rows: slice, columns: slice
@@ -118,6 +110,15 @@ class Grid:
             ends.append(edges[first : last + 1] - part.start)
         depth, sigma = (np.where(measured, image, np.nan)[*parts] for image in (depth_m, sigma_m))
         return SensorDepth(depth, sigma, *ends)
+
+
+def at_centres(image: Array, edges: tuple[Floats, Floats], shape: tuple[int, ...]) -> Array:
+    """(h, w) an image (hs, ws) whose pixels have those edges, at the pixel centres of `shape`."""
+    rows, columns = (
+        np.searchsorted(each, np.arange(side) + 0.5, "right") - 1
+        for each, side in zip(edges, shape, strict=True)
+    )
+    return image[np.ix_(rows, columns)]
 
 
 def sensor_shape(capture: Capture) -> tuple[int, int]:
