@@ -18,18 +18,21 @@ Function: TypeAlias = Callable[..., Any]
 _kernels: list[Any] = []
 
 
-def kernel(function: Function) -> Function:
+def kernel(function: Function, *, any_order: bool = False) -> Function:
     """Compile `function` on its first call: prange on all cores, the interpreter's lock released.
+
+    any_order : whether sums may be taken in another order than written, so that their loops run in
+        wide instructions; how the work is split among cores must not change such loops
 
     The machine code is cached beside the source, else in the user's cache folder (or where
     NUMBA_CACHE_DIR says).  Where none of them can be written it is compiled once per process.
     """
-    return _compiled_lazily(function, parallel=True)
+    return _compiled_lazily(function, parallel=True, any_order=any_order)
 
 
-def helper(function: Function) -> Function:
+def helper(function: Function, *, any_order: bool = False) -> Function:
     """As `kernel`, for a function without a parallel loop, called from kernels."""
-    return _compiled_lazily(function, parallel=False)
+    return _compiled_lazily(function, parallel=False, any_order=any_order)
 
 
 @contextmanager
@@ -60,11 +63,14 @@ def compiled() -> bool:
     return any(each.signatures or _on_disk(each) for each in _kernels)
 
 
-def _compiled_lazily(function: Function, *, parallel: bool) -> Function:
+def _compiled_lazily(function: Function, *, parallel: bool, any_order: bool) -> Function:
     from numba import njit
 
-    # No fastmath: the same numbers however the work is split.
-    options: dict[str, Any] = {"parallel": parallel, "nogil": True, "error_model": "numpy"}
+    # No more of fastmath than that: the same numbers however the work is split.
+    options: dict[str, Any] = {
+        "parallel": parallel, "nogil": True, "error_model": "numpy",
+        "fastmath": {"reassoc", "contract", "nsz"} if any_order else False,
+    }  # fmt: skip
     dispatcher: Function
     try:
         dispatcher = njit(cache=True, **options)(function)

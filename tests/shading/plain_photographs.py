@@ -123,15 +123,22 @@ def freed(derivative, a, w):
 
 @dataclass
 class Plain:
-    """The fields of an Explanation, and what the histogram of residuals counted."""
+    """The fields of an Explanation; residuals, and those of one channel of each pixel."""
 
     albedo: np.ndarray
     energy: float
     tensor: np.ndarray
     vector: np.ndarray
     residuals: np.ndarray
+    counted: np.ndarray
     misfit: np.ndarray
     light_slope: np.ndarray
+
+
+def one_channel(shape):
+    """(h, w, 3) one channel of each pixel, another one of its neighbours."""
+    row, column = np.indices(shape)
+    return (row + column)[..., None] % 3 == np.arange(3)
 
 
 def explain(photographs, surface, lamps, *, scale=0.0, start=None, lagged=False, project=True):
@@ -156,6 +163,7 @@ def explain(photographs, surface, lamps, *, scale=0.0, start=None, lagged=False,
         tensor=np.stack([(w * J[k] * J[m]).sum(axis=(0, -1)) for k, m in pairs], axis=-1),
         vector=np.moveaxis(vector, 0, -1),
         residuals=residual[good],
+        counted=residual[good & one_channel(photographs.mask.shape)],
         misfit=ratio((abs(residual) * good).sum(axis=(0, -1)), good.sum(axis=(0, -1))),
         light_slope=(weights(residual, good, scale) * turned * residual)
         .sum(axis=(1, 2, 3, 4))

@@ -115,7 +115,7 @@ def test_explain_is_the_plain_pass(lamps, scale, lagged, project):
     assert found.rms == pytest.approx(np.sqrt(np.mean(expected.residuals**2)), rel=1e-12)
     assert found.observations == len(expected.residuals)
     # the histogram's bins are 0.5 / 1024 wide
-    robust = MAD_TO_SIGMA * np.median(np.abs(expected.residuals))
+    robust = MAD_TO_SIGMA * np.median(np.abs(expected.counted))
     assert found.spread == pytest.approx(robust, abs=MAD_TO_SIGMA * 0.5 / 1024)
     assert found.spread > 5 * MAD_TO_SIGMA * 0.5 / 1024
 

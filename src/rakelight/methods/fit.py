@@ -69,12 +69,11 @@ class Fit:
 
 
 def first_fit(level: Level, log_depth: Floats, lamps: Lamps, near: bool = False) -> Fit:
-    """The photographs explained by a depth and lamps; the loss takes its scale from that."""
+    """The photographs explained by a depth and lamps by least squares, for `rescaled`."""
     surface = level.surface(log_depth)
     plain = level.photographs.explain(surface, lamps)
     nothing = np.zeros((*level.mask.shape, 2))
-    start = Fit(log_depth, lamps, surface, plain, nothing[..., 0], 0.0, 0.0, nothing, near)
-    return rescaled(level, start)
+    return Fit(log_depth, lamps, surface, plain, nothing[..., 0], 0.0, 0.0, nothing, near)
 
 
 def rescaled(level: Level, fit: Fit, noisiest: float = NOISIEST) -> Fit:

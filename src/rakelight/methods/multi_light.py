@@ -52,7 +52,7 @@ LEAST_TRUST, MOST_TRUST = 0.3, 300.0
 # A coarse level explains averaged photographs, and only roughly: the depth holds it the more.
 COARSER = 2.0
 # Steps at a level that is not the last; its end is not worth waiting for.
-ON_THE_WAY = 4
+ON_THE_WAY = 3
 # The loss is settled when the noise falls by less than this factor from one step to the next.
 SETTLED = 0.95
 # Lamps get more freedom where that lowers the energy by more than this fraction.

@@ -7,16 +7,25 @@ among the cores and every sum is kept per row, so that results do not depend on 
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numba import prange
 
-from rakelight.jit import helper, kernel
+from rakelight import jit
+
+# Sums over photographs are within a pixel, whose row is never split.
+helper, kernel = partial(jit.helper, any_order=True), partial(jit.kernel, any_order=True)
 
 # Rounds of reweighting for a pixel's own albedo.
 ALBEDO_ROUNDS = 2
 BINS = 1024
 # Residuals are counted in bins up to this value; white is 1.
 WIDEST = 0.5
+# The logarithm of a product is the sum of losses; so many are finite below 1e9 scales each.
+LOGARITHM = 8
+# Rows of a matrix product that are gathered first.
+STACK = 128
 
 
 @helper
@@ -36,102 +45,67 @@ def geometry(gu, gv, x, y, fx, fy, n, du, dv, lagged):
 
 
 @helper
-def light_at(vector, closeness, point, s, slopes):
-    """The light vector s (3) that a lamp sends to `point` (3), metres from the object's middle.
+def shade(vectors, ambients, closeness, n, point, near, dot, s):
+    """Fill s (3, N) with one channel's lights at the point and dot (N) with s . n.
 
-    With q the vector at the middle, u = q/|q| and k = closeness, 1/metre, the lamp stands at u/k:
-    s = |q| (u - k X) / |u - k X|^3, which is q itself for k = 0.  slopes (3, 4): ds/dq, ds/dk.
+    vectors (3, N), ambients (N) and closeness (N) of the channel's lights
     """
-    size = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2) + 1e-12
-    for i in range(3):
-        s[i] = vector[i]
-        for j in range(4):
-            slopes[i, j] = 1.0 if i == j else 0.0
-    v0 = vector[0] / size - closeness * point[0]
-    v1 = vector[1] / size - closeness * point[1]
-    v2 = vector[2] / size - closeness * point[2]
-    r2 = v0 * v0 + v1 * v1 + v2 * v2
-    r3 = r2 * np.sqrt(r2)
-    v = (v0, v1, v2)
-    toward = v0 * point[0] + v1 * point[1] + v2 * point[2]
-    for i in range(3):
-        slopes[i, 3] = size * (-point[i] + 3.0 * v[i] * toward / r2) / r3
-        if closeness != 0.0:
-            s[i] = size * v[i] / r3
-    if closeness != 0.0:
-        vu = (v0 * vector[0] + v1 * vector[1] + v2 * vector[2]) / size
-        for i in range(3):
-            # d/dq = (f u^T + |q| Df (I - u u^T)/|q|),  Df = I/r^3 - 3 v v^T/r^5
-            df_u = vector[i] / size / r3 - 3.0 * v[i] * vu / (r2 * r3)
-            for j in range(3):
-                df = (1.0 if i == j else 0.0) / r3 - 3.0 * v[i] * v[j] / (r2 * r3)
-                slopes[i, j] = (s[i] / size - df_u) * vector[j] / size + df
-
-
-@helper
-def shade(vectors, ambients, closeness, c, n, point, a, s):
-    """Fill a (N) with the shading of channel c and s (N, 3) with the lights at the point."""
-    for i in range(a.size):
-        if closeness[i] == 0.0:
-            for k in range(3):
-                s[i, k] = vectors[i, c, k]
-        else:  # as in `light_at`, without the slopes
-            size2 = vectors[i, c, 0] ** 2 + vectors[i, c, 1] ** 2 + vectors[i, c, 2] ** 2
+    for i in range(dot.size):
+        v0, v1, v2 = vectors[0, i], vectors[1, i], vectors[2, i]
+        gain = 1.0
+        if near:  # as in `light_at`, without the slopes
+            size2 = v0 * v0 + v1 * v1 + v2 * v2
             away = closeness[i] * (np.sqrt(size2) + 1e-12)
-            v0 = vectors[i, c, 0] - away * point[0]
-            v1 = vectors[i, c, 1] - away * point[1]
-            v2 = vectors[i, c, 2] - away * point[2]
-            r2 = v0 * v0 + v1 * v1 + v2 * v2 + 1e-300
-            gain = size2 / r2
+            v0 -= away * point[0]
+            v1 -= away * point[1]
+            v2 -= away * point[2]
+            gain = size2 / (v0 * v0 + v1 * v1 + v2 * v2 + 1e-300)
             gain *= np.sqrt(gain)
-            s[i, 0], s[i, 1], s[i, 2] = gain * v0, gain * v1, gain * v2
-        dot = s[i, 0] * n[0] + s[i, 1] * n[1] + s[i, 2] * n[2]
-        a[i] = max(dot, 0.0) + ambients[i, c]
+        s[0, i], s[1, i], s[2, i] = gain * v0, gain * v1, gain * v2
+        dot[i] = gain * (v0 * n[0] + v1 * n[1] + v2 * n[2])
 
 
 @helper
-def turn(vector, n, point, s, pull, out):
-    """Add to out (5) what a change of a light's vector and closeness does where s (3) arrives.
+def turn(vectors, n, point, s, dot, pull, out):
+    """Add to out (5, N) what changes of lights' vectors and closeness do where s (3, N) arrive.
 
-    pull : what the shading's change counts.  With e = s/|s| and Df = 1/r^3 (I - 3 e e^T), both
+    pull (N) : what the shading's change counts.  With e = s/|s| and Df = 1/r^3 (I - 3 e e^T), both
     as in `light_at`:  d/dq = Df n + u (s . n / |q| - u . Df n),  d/dk = -|q| X . Df n
     """
-    size = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2) + 1e-12
-    there = np.sqrt(s[0] ** 2 + s[1] ** 2 + s[2] ** 2) + 1e-300
-    dot = s[0] * n[0] + s[1] * n[1] + s[2] * n[2]
-    by_r2 = there / size
-    by_r3 = by_r2 * np.sqrt(by_r2)
-    steep = 3.0 * dot / (there * there)
-    h0 = by_r3 * (n[0] - steep * s[0])
-    h1 = by_r3 * (n[1] - steep * s[1])
-    h2 = by_r3 * (n[2] - steep * s[2])
-    uh = (vector[0] * h0 + vector[1] * h1 + vector[2] * h2) / size
-    along = (dot / size - uh) / size
-    out[0] += pull * (h0 + along * vector[0])
-    out[1] += pull * (h1 + along * vector[1])
-    out[2] += pull * (h2 + along * vector[2])
-    out[3] -= pull * size * (point[0] * h0 + point[1] * h1 + point[2] * h2)
+    for i in range(pull.size):
+        q0, q1, q2 = vectors[0, i], vectors[1, i], vectors[2, i]
+        s0, s1, s2 = s[0, i], s[1, i], s[2, i]
+        size = np.sqrt(q0 * q0 + q1 * q1 + q2 * q2) + 1e-12
+        there = np.sqrt(s0 * s0 + s1 * s1 + s2 * s2)
+        by_r2 = there / size
+        by_r3 = by_r2 * np.sqrt(by_r2)
+        steep = 3.0 * dot[i] / (there * there + 1e-300)
+        h0 = by_r3 * (n[0] - steep * s0)
+        h1 = by_r3 * (n[1] - steep * s1)
+        h2 = by_r3 * (n[2] - steep * s2)
+        along = (dot[i] - (q0 * h0 + q1 * h1 + q2 * h2)) / (size * size)
+        out[0, i] += pull[i] * (h0 + along * q0)
+        out[1, i] += pull[i] * (h1 + along * q1)
+        out[2, i] += pull[i] * (h2 + along * q2)
+        out[3, i] -= pull[i] * size * (point[0] * h0 + point[1] * h1 + point[2] * h2)
 
 
 @helper
-def fit_albedo(a, value, good, scale, rho, w):
+def fit_albedo(a, value, good, sharp, rho, w):
     """The albedo that a (N) gives `value` (N), by least squares or with Cauchy weights w (N).
 
     Returns the albedo and sum w a^2; `rho` is where the reweighting starts, negative for nowhere.
+    good (N) : 1 where a value is usable, else 0; sharp : 1 / scale^2, 0 for least squares
     """
-    rounds = ALBEDO_ROUNDS if scale > 0.0 else 1
-    sharp = 1.0 / (scale * scale) if scale > 0.0 else 0.0
+    rounds = ALBEDO_ROUNDS if sharp > 0.0 else 1
     for _round in range(rounds):
+        bend = sharp if rho >= 0.0 else 0.0
         squares, products = 0.0, 0.0
         for i in range(a.size):
-            w[i] = 0.0
-            if good[i]:
-                w[i] = 1.0
-                if scale > 0.0 and rho >= 0.0:
-                    off = rho * a[i] - value[i]
-                    w[i] = 1.0 / (1.0 + sharp * off * off)
-                squares += w[i] * a[i] * a[i]
-                products += w[i] * a[i] * value[i]
+            off = rho * a[i] - value[i]
+            w[i] = good[i] / (1.0 + bend * off * off)
+            squares += w[i] * a[i] * a[i]
+            products += w[i] * a[i] * value[i]
         rho = products / squares if squares > 1e-12 else 0.0
     return rho, squares
 
@@ -143,18 +117,20 @@ def explain(
 ):  # fmt: skip
     """Albedo, depth terms, energy and residuals of every active pixel; see `Photographs.explain`.
 
-    sums (h, 3): energy, squared residuals, count; histogram (h, BINS) of absolute residuals;
-    misfit (h, w): each pixel's mean absolute residual.  When `turning`, slope (h, N, C, 5) gets
-    the first derivatives of half the energy with each light's vector, closeness, ambient.
+    vectors (C, 3, N), ambients (C, N), closeness (N) of the lights
+    sums (h, 3): energy, squared residuals, count; histogram (h, BINS) of absolute residuals in one
+    channel of each pixel; misfit (h, w): each pixel's mean absolute residual.  When `turning`,
+    slope (h, C, 5, N) gets the first derivatives of half the energy with each light's vector,
+    closeness, ambient.
     """
     height, width = active.shape
-    count, channels = photos.shape[0], vectors.shape[1]
+    channels, _, count = vectors.shape
     fx, fy, cx, cy = camera
+    near = closeness.max() > 0.0
     for row in prange(height):
         n, du, dv, point = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-        a, w, value = np.empty(count), np.empty(count), np.empty(count)
-        good = np.empty(count, np.bool_)
-        s, pull = np.empty((count, 3)), np.zeros(count)
+        a, w, value, good = np.empty(count), np.empty(count), np.empty(count), np.empty(count)
+        s, dot, away, pull = np.empty((3, count)), np.empty(count), np.empty(count), np.zeros(count)
         energy, squared, counted = 0.0, 0.0, 0.0
         for k in range(BINS):
             histogram[row, k] = 0
@@ -174,61 +150,67 @@ def explain(
             scale, off, seen = scales[row, column], 0.0, 0.0
             sharp = 1.0 / (scale * scale) if scale > 0.0 else 0.0
             uu, uv, vv, bu, bv = 0.0, 0.0, 0.0, 0.0, 0.0
+            product = 1.0
             for c in range(3):
+                light_c = min(c, channels - 1)
                 if c < channels:
-                    shade(vectors, ambients, closeness, c, n, point, a, s)
+                    shade(vectors[c], ambients[c], closeness, n, point, near, dot, s)
+                    for i in range(count):
+                        a[i] = max(dot[i], 0.0) + ambients[c, i]
                 for i in range(count):
                     code = photos[i, row, column, c]
-                    good[i] = low <= code <= high
+                    good[i] = 1.0 if low <= code <= high else 0.0
                     value[i] = table[code]
-                rho, total = fit_albedo(a, value, good, scale, albedo[row, column, c], w)
+                rho, total = fit_albedo(a, value, good, sharp, albedo[row, column, c], w)
                 albedo[row, column, c] = rho
-                tu, tv, product = 0.0, 0.0, 1.0
-                ambient_c = min(c, channels - 1)
+                tu, tv = 0.0, 0.0
                 for i in range(count):
-                    if not good[i]:
-                        continue
-                    r = rho * a[i] - value[i]
+                    r = good[i] * (rho * a[i] - value[i])
+                    away[i] = r
                     squared += r * r
                     off += abs(r)
-                    seen += 1.0
-                    histogram[row, min(int(abs(r) * (BINS / WIDEST)), BINS - 1)] += 1
-                    if scale > 0.0:  # one logarithm for many residuals
-                        product *= 1.0 + sharp * r * r
-                        if product > 1e200:
+                    seen += good[i]
+                    lit = rho * w[i] if dot[i] > 0.0 else 0.0
+                    su = s[0, i] * du[0] + s[1, i] * du[1] + s[2, i] * du[2]
+                    sv = s[0, i] * dv[0] + s[1, i] * dv[1] + s[2, i] * dv[2]
+                    uu += lit * rho * su * su
+                    uv += lit * rho * su * sv
+                    vv += lit * rho * sv * sv
+                    bu -= lit * su * r
+                    bv -= lit * sv * r
+                    tu += lit * su * a[i]
+                    tv += lit * sv * a[i]
+                if c == (row + column) % 3:
+                    for i in range(count):
+                        if good[i] > 0.0:
+                            histogram[row, min(int(abs(away[i]) * (BINS / WIDEST)), BINS - 1)] += 1
+                if scale > 0.0:
+                    for start in range(0, count, LOGARITHM):
+                        few = 1.0
+                        for i in range(start, min(start + LOGARITHM, count)):
+                            few *= 1.0 + sharp * away[i] * away[i]
+                        product *= few
+                        if product > 1e150:
                             energy += scale * scale * np.log(product)
                             product = 1.0
-                    else:
-                        energy += r * r
-                    if a[i] - ambients[i, ambient_c] > 0.0:
-                        ju = rho * (s[i, 0] * du[0] + s[i, 1] * du[1] + s[i, 2] * du[2])
-                        jv = rho * (s[i, 0] * dv[0] + s[i, 1] * dv[1] + s[i, 2] * dv[2])
-                        uu += w[i] * ju * ju
-                        uv += w[i] * ju * jv
-                        vv += w[i] * jv * jv
-                        bu -= w[i] * ju * r
-                        bv -= w[i] * jv * r
-                        tu += w[i] * ju * a[i]
-                        tv += w[i] * jv * a[i]
-                    if turning:
-                        force = rho * r / (1.0 + sharp * r * r)
-                        slope[row, i, ambient_c, 4] += force
-                        if a[i] - ambients[i, ambient_c] > 0.0:
-                            pull[i] += force
-                if turning and (channels == 3 or c == 2):
+                else:
                     for i in range(count):
-                        if pull[i] != 0.0:
-                            turn(
-                                vectors[i, ambient_c], n, point, s[i], pull[i],
-                                slope[row, i, ambient_c],
-                            )  # fmt: skip
+                        energy += away[i] * away[i]
+                if turning:
+                    for i in range(count):
+                        force = rho * away[i] / (1.0 + sharp * away[i] * away[i])
+                        slope[row, light_c, 4, i] += force
+                        pull[i] += force if dot[i] > 0.0 else 0.0
+                    if channels == 3 or c == 2:
+                        turn(vectors[light_c], n, point, s, dot, pull, slope[row, light_c])
+                        for i in range(count):
                             pull[i] = 0.0
-                if scale > 0.0:
-                    energy += scale * scale * np.log(product)
                 if project and total > 1e-12:
                     uu -= tu * tu / total
                     uv -= tu * tv / total
                     vv -= tv * tv / total
+            if scale > 0.0:
+                energy += scale * scale * np.log(product)
             counted += seen
             misfit[row, column] = off / seen if seen > 0.0 else 0.0
             # Rounding must not make a tensor of rank one indefinite.
@@ -244,21 +226,9 @@ def explain(
 
 
 @helper
-def take_product(hessian, block, channel, u, total):
-    """The upper triangle of hessian[block, channel] -= u u^T / total."""
-    for k in range(u.size):
-        factor = u[k] / total
-        for m in range(k, u.size):
-            hessian[block, channel, k, m] -= factor * u[m]
-
-
-@helper
-def take_scaled(cross, i, j, channel, u, along_u, along_v):
-    """cross[i, j, :, channel] -= (along_u, along_v) u^T."""
-    for k in range(u.size):
-        cross[i, j, 0, channel, k] -= along_u * u[k]
-    for k in range(u.size):
-        cross[i, j, 1, channel, k] -= along_v * u[k]
+def take_products(hessian, rows):
+    """hessian (Q, Q) -= U^T U of rows U (M, Q)."""
+    hessian -= np.dot(rows.T, rows)
 
 
 @kernel
@@ -269,23 +239,35 @@ def light_terms(
     """Second and first derivatives of half the energy with respect to the lights.
 
     Each light has `parameters` numbers: its vector, [closeness,] ambient; a channel's lights, C of
-    1 or 3 channels, have Q of them and nothing to do with another's.  The albedo is eliminated when
-    `project`.  hessian (blocks, C, Q, Q), its upper triangle, and slope (blocks, C, Q) are sums per
-    block of rows; cross (h/cell, w/cell, 2, C, Q) the mixed derivatives with the gradient of log
-    depth, summed over cells of `cell` x `cell` pixels; left alone when cell is 0.
+    1 or 3 channels, have Q of them, those of one kind side by side, and nothing to do with another
+    channel's.  The albedo is eliminated when `project`.  hessian (blocks, C, Q, Q), its upper
+    triangle, and slope (blocks, C, Q) are sums per block of rows; cross (h/cell, w/cell, C, 2, Q)
+    the mixed derivatives with the gradient of log depth, summed over cells of `cell` x `cell`
+    pixels; left alone when cell is 0.
     """
     height, width = active.shape
-    count, channels = photos.shape[0], vectors.shape[1]
+    channels, _, count = vectors.shape
     fx, fy, cx, cy = camera
-    near = parameters == 5
+    near = closeness.max() > 0.0
     blocks = hessian.shape[0]
     for block in prange(blocks):
         n, du, dv, point = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-        a, w, value = np.empty(count), np.empty(count), np.empty(count)
-        good = np.empty(count, np.bool_)
-        s, slopes, light = np.empty((count, 3)), np.empty((3, 4)), np.empty(3)
-        beta, turn = np.empty((count, parameters)), np.empty((count, parameters))
-        u = np.zeros(count * parameters)
+        a, value, good = np.empty(count), np.empty(count), np.empty(count)
+        s, dot, lit, turns = (
+            np.empty((3, count)),
+            np.empty(count),
+            np.empty(count),
+            np.empty((5, count)),
+        )
+        w, wa, wr, ju, jv = (
+            np.empty(count),
+            np.empty(count),
+            np.empty(count),
+            np.empty(count),
+            np.empty(count),
+        )
+        u, own = np.empty(parameters * count), np.zeros((channels, parameters, parameters, count))
+        stack, stacked = np.empty((channels, STACK, u.size)), np.zeros(channels, np.int64)
         # Whole rows of cells to each block, so that no two blocks write to one cell.
         step = max(cell, 1)
         rows_of_cells = (height + step - 1) // step
@@ -295,85 +277,71 @@ def light_terms(
             for column in range(width):
                 if not active[row, column]:
                     continue
-                x, y = column - cx, row - cy
-                geometry(
-                    gradient[row, column, 0],
-                    gradient[row, column, 1],
-                    x,
-                    y,
-                    fx,
-                    fy,
-                    n,
-                    du,
-                    dv,
-                    False,
-                )
+                gu, gv = gradient[row, column, 0], gradient[row, column, 1]
+                geometry(gu, gv, column - cx, row - cy, fx, fy, n, du, dv, False)
                 for k in range(3):
                     point[k] = points[row, column, k]
                 scale = scales[row, column]
+                sharp = 1.0 / (scale * scale) if scale > 0.0 else 0.0
                 for c in range(3):
                     light_c = min(c, channels - 1)
                     if c < channels:
-                        shade(vectors, ambients, closeness, c, n, point, a, s)
+                        shade(vectors[c], ambients[c], closeness, n, point, near, dot, s)
+                        for i in range(count):
+                            a[i] = max(dot[i], 0.0) + ambients[c, i]
+                            lit[i] = 1.0 if dot[i] > 0.0 else 0.0
+                        turns[:] = 0.0
+                        turn(vectors[c], n, point, s, dot, lit, turns)
+                        turns[parameters - 1] = 1.0
                     for i in range(count):
                         code = photos[i, row, column, c]
-                        good[i] = low <= code <= high
+                        good[i] = 1.0 if low <= code <= high else 0.0
                         value[i] = table[code]
                     rho = albedo[row, column, c]
                     total, tu, tv = 0.0, 0.0, 0.0
                     for i in range(count):
                         r = rho * a[i] - value[i]
-                        w[i] = 0.0
-                        if good[i]:
-                            w[i] = 1.0 / (1.0 + (r / scale) ** 2) if scale > 0.0 else 1.0
-                        total += w[i] * a[i] * a[i]
-                        lit = a[i] - ambients[i, light_c] > 0.0
-                        if c < channels:
-                            for k in range(parameters):
-                                turn[i, k] = 0.0
-                            turn[i, parameters - 1] = 1.0
-                            if lit and (near or closeness[i] != 0.0):
-                                light_at(vectors[i, c], closeness[i], point, light, slopes)
-                                for k in range(parameters - 1):
-                                    turn[i, k] = (
-                                        slopes[0, k] * n[0]
-                                        + slopes[1, k] * n[1]
-                                        + slopes[2, k] * n[2]
-                                    )
-                            elif lit:
-                                for k in range(3):
-                                    turn[i, k] = n[k]
-                        for k in range(parameters):
-                            beta[i, k] = rho * turn[i, k]
-                        start = i * parameters
-                        for k in range(parameters):
-                            weighted = w[i] * beta[i, k]
-                            u[start + k] = a[i] * weighted
-                            slope[block, light_c, start + k] += weighted * r
-                            for m in range(k, parameters):
-                                hessian[block, light_c, start + k, start + m] += (
-                                    weighted * beta[i, m]
+                        w[i] = good[i] / (1.0 + sharp * r * r)
+                        wa[i], wr[i] = w[i] * a[i], w[i] * r
+                        total += wa[i] * a[i]
+                        seen = rho * w[i] * lit[i]
+                        ju[i] = seen * (s[0, i] * du[0] + s[1, i] * du[1] + s[2, i] * du[2])
+                        jv[i] = seen * (s[0, i] * dv[0] + s[1, i] * dv[1] + s[2, i] * dv[2])
+                        tu += ju[i] * a[i]
+                        tv += jv[i] * a[i]
+                    for k in range(parameters):
+                        start = k * count
+                        for i in range(count):
+                            u[start + i] = rho * wa[i] * turns[k, i]
+                            slope[block, light_c, start + i] += rho * wr[i] * turns[k, i]
+                        for m in range(k, parameters):
+                            for i in range(count):
+                                own[light_c, k, m, i] += (
+                                    rho * rho * w[i] * turns[k, i] * turns[m, i]
                                 )
-                        if lit:
-                            ju = rho * (s[i, 0] * du[0] + s[i, 1] * du[1] + s[i, 2] * du[2])
-                            jv = rho * (s[i, 0] * dv[0] + s[i, 1] * dv[1] + s[i, 2] * dv[2])
-                            tu += w[i] * ju * a[i]
-                            tv += w[i] * jv * a[i]
-                            if cell:
-                                for k in range(parameters):
-                                    cross[row // cell, column // cell, 0, light_c, start + k] += (
-                                        w[i] * ju * beta[i, k]
-                                    )
-                                    cross[row // cell, column // cell, 1, light_c, start + k] += (
-                                        w[i] * jv * beta[i, k]
-                                    )
-                    if not project or total <= 1e-12:
-                        continue
-                    take_product(hessian, block, light_c, u, total)
+                    free = project and total > 1e-12
+                    if free:
+                        for k in range(u.size):
+                            stack[light_c, stacked[light_c], k] = u[k] / np.sqrt(total)
+                        stacked[light_c] += 1
+                        if stacked[light_c] == STACK:
+                            take_products(hessian[block, light_c], stack[light_c])
+                            stacked[light_c] = 0
                     if cell:
-                        take_scaled(
-                            cross, row // cell, column // cell, light_c, u, tu / total, tv / total
-                        )
+                        mixed = cross[row // cell, column // cell, light_c]
+                        along_u, along_v = (tu / total, tv / total) if free else (0.0, 0.0)
+                        for k in range(parameters):
+                            start = k * count
+                            for i in range(count):
+                                beta = rho * turns[k, i]
+                                mixed[0, start + i] += ju[i] * beta - along_u * u[start + i]
+                                mixed[1, start + i] += jv[i] * beta - along_v * u[start + i]
+        for c in range(channels):
+            take_products(hessian[block, c], stack[c, : stacked[c]])
+            for k in range(parameters):
+                for m in range(k, parameters):
+                    for i in range(count):
+                        hessian[block, c, k * count + i, m * count + i] += own[c, k, m, i]
 
 
 @kernel

@@ -39,10 +39,10 @@ class Lamps:
 
     @property
     def arrays(self) -> tuple[Floats, Floats, Floats]:
-        """Vector, ambient and closeness in the one memory layout that kernels are compiled for."""
+        """Vector (C, 3, N), ambient (C, N) and closeness (N) as kernels take them."""
         vector, ambient, closeness = (
-            np.ascontiguousarray(each, dtype=np.float64)
-            for each in (self.vector, self.ambient, self.closeness)
+            np.ascontiguousarray(each.T, dtype=np.float64)
+            for each in (self.vector.swapaxes(1, 2), self.ambient, self.closeness)
         )
         return vector, ambient, closeness
 
@@ -88,7 +88,8 @@ class Explanation:
     tensor, vector : M (h, w, 3: uu, uv, vv) and b (h, w, 2); moving the gradient of log depth by d
         changes the energy by about  d^T M d - 2 b . d
     misfit : (h, w) mean absolute residual of each pixel
-    spread : robust standard deviation (from the median) of a value; rms : root mean square
+    spread : robust standard deviation of a value, from the median of one channel of each pixel;
+        rms : root mean square
     light_slope : (N, C, 5) half the energy's derivatives with the lights' vector, closeness and
         ambient, the albedo following; None unless asked for
     """
@@ -181,7 +182,7 @@ class Photographs:
         sums = np.zeros((height, 3))
         histogram = np.zeros((height, _kernels.BINS), dtype=np.int64)
         misfit = np.zeros((height, width))
-        slope = np.zeros((height if turning else 0, *lamps.ambient.shape, 5))
+        slope = np.zeros((height if turning else 0, lamps.ambient.shape[1], 5, len(self)))
         with threads_for(len(self) * self.mask.size):
             _kernels.explain(
                 self.values, self.table, self.low, self.high, self.active, surface.gradient,
@@ -198,7 +199,7 @@ class Photographs:
             rms=float(np.sqrt(squared / max(count, 1.0))),
             observations=int(count),
             misfit=misfit,
-            light_slope=slope.sum(axis=0) if turning else None,
+            light_slope=np.moveaxis(slope.sum(axis=0), -1, 0) if turning else None,
         )
 
     def light_terms(
@@ -230,7 +231,7 @@ class Photographs:
         hessian, slope = np.zeros((BLOCKS, channels, own, own)), np.zeros((BLOCKS, channels, own))
         height, width = self.mask.shape
         cells = (-(-height // cell), -(-width // cell)) if cell else (0, 0)
-        mixed = np.zeros((*cells, 2, channels, own))
+        mixed = np.zeros((*cells, channels, 2, own))
         with threads_for(len(self) * self.mask.size):
             _kernels.light_terms(
                 self.values, self.table, self.low, self.high,
@@ -238,15 +239,15 @@ class Photographs:
                 self._optics, *lamps.arrays, self._scales(scale), albedo, parameters, project,
                 hessian, slope, mixed, cell,
             )  # fmt: skip
-        # The lights' order is photograph, channel, number; the kernel's channel comes first.
-        numbers = np.arange(channels * own).reshape(channels, count, parameters)
-        order = numbers.swapaxes(0, 1).ravel()
+        # The lights' order is photograph, channel, number; the kernel's channel, number, photograph.
+        numbers = np.arange(channels * own).reshape(channels, parameters, count)
+        order = np.moveaxis(numbers, -1, 0).ravel()
         upper = np.triu(hessian.sum(axis=0))
         blocks = block_diag(*(upper + np.triu(upper, 1).swapaxes(1, 2)))
         return (
             blocks[np.ix_(order, order)],
             slope.sum(axis=0).ravel()[order],
-            mixed.reshape(*cells, 2, channels * own)[..., order],
+            mixed.swapaxes(2, 3).reshape(*cells, 2, channels * own)[..., order],
         )
 
     def _scales(self, scale: Floats | float) -> Floats:
