@@ -420,6 +420,10 @@ def test_keys_of_depth_noise(folder):
 def test_the_same_photograph_twice(folder):
     shutil.copy(photograph(folder, 0), photograph(folder, 3))
     refusal(folder, "rgb", "the same photograph twice", "000.png and 003.png", "remove 003.png")
+    almost = small_capture().photographs[0].copy()
+    almost[3, 5, 1] ^= 1
+    photograph(folder, 3).write_bytes(encode_png(almost))
+    assert len(load_capture(folder).photographs) == 4
 
 
 def test_photographs_of_different_size_or_channels(folder):

@@ -297,8 +297,8 @@ def _read_mask(root: Root, shape: tuple[int, int]) -> tuple[Mask, tuple[Finding,
     header = read_header(data, source)
     if header.format != "PNG":
         raise CaptureError("not a PNG", source=source, seen=f"a {header.format}, by its bytes")
-    pixels = as_rgb(decode_image(data, source))
-    mask = np.asarray((pixels != 0).any(axis=2))
+    red, green, blue = np.moveaxis(as_rgb(decode_image(data, source)), 2, 0)
+    mask = np.asarray((red | green | blue) != 0)
     return mask, validate.check_mask(mask, shape, source)
 
 
