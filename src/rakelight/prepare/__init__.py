@@ -61,7 +61,7 @@ class Prepared:
 
     def pixels(self, photograph: int) -> tuple[Floats, Mask]:
         """Linear light (P, 3) of one photograph on the mask, and which values are usable."""
-        values = self.photographs[photograph][self.mask]
+        values = self.photographs[photograph].reshape(-1, 3).take(np.flatnonzero(self.mask), axis=0)
         return to_linear(values, self.encoding), usable(values)
 
     def marked(self, confidence: Floats) -> Floats:
@@ -121,7 +121,7 @@ def prepare(capture: Capture, scale: Scale = "auto") -> Prepared:
         photographs=photographs[:, rows, columns],
         encoding=encoding,
         mask=seen[rows, columns],
-        depth_m=upsample(smooth, camera.shape, links)[rows, columns],
+        depth_m=upsample(smooth, camera.shape, links, (rows, columns)),
         sigma_m=grid.spread(everywhere_m)[rows, columns],
         measured=grid.spread(measured)[rows, columns],
         sensor=grid.window(average, sigma, measured, rows, columns),

@@ -110,9 +110,11 @@ def _inliers(depth_m: Floats) -> tuple[Floats, Mask]:
     stack = np.where(seen, stack, np.nan)
     if len(stack) == 1:
         return stack, seen
-    enough = seen.sum(axis=0) >= max(1.0, len(stack) / 4)
-    median = np.full(stack.shape[1:], np.nan)
-    median[enough] = np.nanmedian(stack[:, enough], axis=0)
+    count = seen.sum(axis=0)
+    # The median, as NaN is sorted to the end; NumPy's nanmedian takes five times as long.
+    middle = np.stack([(count - 1) // 2, count // 2])
+    median = np.take_along_axis(np.sort(stack, axis=0), middle, axis=0).mean(axis=0)
+    median[count < max(1.0, len(stack) / 4)] = np.nan
     model = SensorNoise().at(median)
     steps = np.abs(np.diff(stack, axis=0))
     width = np.maximum(_width(steps), np.maximum(_width(steps / model), 1.0) * model)

@@ -21,7 +21,7 @@ def to_linear(values: Array, encoding: Encoding) -> Floats:
     >>> round(float(to_linear(np.array([128], np.uint8), "srgb")[0]), 4)
     0.2159
     """
-    return linear_table(values.dtype, encoding)[values]
+    return linear_table(values.dtype, encoding).take(values)
 
 
 def linear_table(dtype: np.dtype[Any], encoding: Encoding) -> Floats:

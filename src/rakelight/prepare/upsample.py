@@ -12,10 +12,16 @@ from rakelight.prepare.inpaint import dilate, nearest_fill
 RIPPLE_PX = 4
 
 
-def upsample(depth_m: Floats, shape: tuple[int, int], links: Links) -> Floats:
+def upsample(
+    depth_m: Floats,
+    shape: tuple[int, int],
+    links: Links,
+    window: tuple[slice, slice] = np.s_[:, :],
+) -> Floats:
     """Depth (h, w) in metres on a grid of `shape` with the same view; NaN outside the object.
 
     links : which pixels of the object are on one surface
+    window : the rows and columns of the new grid that are wanted
 
     Log depth is interpolated by cubic splines between pixel centres, which keep slopes and bends
     (OpenCV's bicubic kernel ripples on a slope); the object is first continued outwards, so that
@@ -28,17 +34,20 @@ def upsample(depth_m: Floats, shape: tuple[int, int], links: Links) -> Floats:
     >>> np.log(upsample(depth, (8, 48), whole))[4, 22:26].round(3).tolist()
     [10.75, 11.25, 11.75, 12.25]
     """
-    from scipy.ndimage import zoom
+    from scipy.ndimage import map_coordinates
 
     log_depth = np.log(nearest_fill(depth_m, np.isfinite(depth_m)))
     if shape == depth_m.shape:
-        return np.exp(log_depth)
-    finer = tuple(side / small for side, small in zip(shape, depth_m.shape, strict=True))
-    smooth = np.asarray(zoom(log_depth, finer, order=3, mode="nearest", grid_mode=True))
+        return np.exp(log_depth[window])
+    # Of each new pixel, the sensor's row and column, in its pixels.
+    places = [
+        (np.arange(side)[part] + 0.5) / (side / small) - 0.5
+        for side, small, part in zip(shape, depth_m.shape, window, strict=True)
+    ]
+    mesh = np.meshgrid(*places, indexing="ij")
+    smooth = np.asarray(map_coordinates(log_depth, mesh, order=3, mode="nearest"))
     if links.cut:
         beside = dilate(_at_a_jump(links), RIPPLE_PX) & links.mask
-        # Of each new pixel, the sensor's row and column, in its pixels.
-        places = [(np.arange(n) + 0.5) / f - 0.5 for n, f in zip(shape, finer, strict=True)]
         home = [
             np.clip(np.round(p).astype(int), 0, n - 1)
             for p, n in zip(places, depth_m.shape, strict=True)
