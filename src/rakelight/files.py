@@ -6,12 +6,20 @@ import errno
 import os
 import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryFile
+from typing import TypeVar
 
 from rakelight.errors import InputError, MachineError, OutputExistsError
+
+T = TypeVar("T")
+S = TypeVar("S")
+
+# What packs and unpacks images releases the interpreter; more threads only take more memory.
+_THREADS = 2
 
 # What the path is to blame for, rather than the machine.
 _WRONG_PATH = {
@@ -33,6 +41,12 @@ _REMEDIES: dict[tuple[str, int | None], str] = {
     ("cannot be written", errno.ENOTDIR): "choose another place: one of its folders is a file",
     ("cannot be written", errno.ENAMETOOLONG): "choose a shorter name",
 }
+
+
+def in_threads(function: Callable[[S], T], items: Iterable[S]) -> list[T]:
+    """[function(item) for item in items], a few at a time; the first error is raised."""
+    with ThreadPoolExecutor(_THREADS) as pool:
+        return list(pool.map(function, items))
 
 
 def read_bytes(path: Path, *, source: str = "", max_bytes: int | None = None) -> bytes:

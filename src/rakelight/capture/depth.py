@@ -11,8 +11,9 @@ import numpy as np
 
 from rakelight.capture import validate
 from rakelight.capture.config import CONFIG, CaptureTable
-from rakelight.capture.listing import Images, Root, allocate, in_threads
+from rakelight.capture.listing import Images, Root, allocate
 from rakelight.errors import CaptureError
+from rakelight.files import in_threads
 from rakelight.model import Array, Camera, Floats, RigidTransform
 
 

@@ -30,13 +30,12 @@ from rakelight.capture.listing import (
     Root,
     allocate,
     file_findings,
-    in_threads,
     list_images,
     read_file,
 )
 from rakelight.capture.truth import write_truth
 from rakelight.errors import CaptureError, OutputExistsError, printable
-from rakelight.files import clear_errors, read_bytes, staged_folder, write_bytes
+from rakelight.files import clear_errors, in_threads, read_bytes, staged_folder, write_bytes
 from rakelight.model import (
     Array,
     Capture,

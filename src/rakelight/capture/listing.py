@@ -3,27 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
 from rakelight.capture.headers import Header, read_header
 from rakelight.capture.images import decode_image
 from rakelight.errors import CaptureError, MachineError, printable
-from rakelight.files import clear_errors, read_bytes
+from rakelight.files import clear_errors, in_threads, read_bytes
 from rakelight.memory import require_memory
 from rakelight.model import Array, Finding
 
-T = TypeVar("T")
-S = TypeVar("S")
-
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
 _LARGEST_FILE = 1_000_000_000  # bytes; 100 megapixels of 16-bit colour take 600 MB
-_THREADS = 2  # the decoders release the interpreter; more threads only take more memory
 
 
 @dataclass(frozen=True)
@@ -113,12 +107,6 @@ def _refuse_same_stem(names: Sequence[str], source: str) -> None:
 def read_file(path: Path, source: str) -> bytes:
     """The bytes of an image file; refuses what is too large to be one."""
     return read_bytes(path, source=source, max_bytes=_LARGEST_FILE)
-
-
-def in_threads(function: Callable[[S], T], items: Iterable[S]) -> list[T]:
-    """[function(item) for item in items], a few at a time; the first error is raised."""
-    with ThreadPoolExecutor(_THREADS) as pool:
-        return list(pool.map(function, items))
 
 
 def allocate(shape: tuple[int, ...], dtype: str, source: str) -> Array:

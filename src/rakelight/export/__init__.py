@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import TypeAlias
@@ -31,7 +32,7 @@ from rakelight.export.summary import (
     summarise,
     summary_json,
 )
-from rakelight.files import read_bytes, staged_folder, write_bytes
+from rakelight.files import in_threads, read_bytes, staged_folder, write_bytes
 from rakelight.model import Array, Finding, Floats, Result
 
 __all__ = ["LoadedResult", "Summary", "load_result", "save_result"]
@@ -100,34 +101,29 @@ def _write(
     extra_files: ExtraFiles,
 ) -> None:
     """Write every file of a finite result into the staging folder; result.json last."""
-    written: list[str] = []
-
-    def write(name: str, data: bytes) -> None:
-        write_bytes(staging / name, data)
-        written.append(name)
-
+    surface = result_mesh(result) if mesh != "none" else None
+    if surface is not None and not len(surface.faces):
+        surface, result = None, replace(result, findings=(*result.findings, _NO_MESH))
     values_per_metre = choose_values_per_metre(float(np.nanmax(result.depth)))
-    write("depth.tiff", depth_tiff(result.depth))
-    write("prepared_depth.tiff", depth_tiff(result.prepared_depth))
-    write("depth.png", depth_png(result.depth, values_per_metre))
-    write("normals.tiff", normals_tiff(result.normals))
-    write("normals.png", normals_png(result.normals, normal_map))
-    write("albedo.png", albedo_png(result.albedo))
-    write("confidence.png", confidence_png(result.confidence))
-    write("lights.json", lights_json(result.lights, result.photograph_names))
-    write("preview.png", preview_png(result))
-    if mesh != "none":
-        surface = result_mesh(result)
-        if len(surface.faces):
-            to_bytes = {"ply": mesh_ply, "glb": mesh_glb}[mesh]
-            write(f"mesh.{mesh}", to_bytes(surface, result.normals, result.albedo))
-        else:
-            result = replace(result, findings=(*result.findings, _NO_MESH))
-    for name, content in extra_files.items():
-        write(name, content(result))
+    contents: dict[str, Callable[[], bytes]] = {
+        **{name: partial(content, result) for name, content in extra_files.items()},
+        "depth.tiff": lambda: depth_tiff(result.depth),
+        "prepared_depth.tiff": lambda: depth_tiff(result.prepared_depth),
+        "depth.png": lambda: depth_png(result.depth, values_per_metre),
+        "normals.tiff": lambda: normals_tiff(result.normals),
+        "normals.png": lambda: normals_png(result.normals, normal_map),
+        "albedo.png": lambda: albedo_png(result.albedo),
+        "confidence.png": lambda: confidence_png(result.confidence),
+        "lights.json": lambda: lights_json(result.lights, result.photograph_names),
+        "preview.png": lambda: preview_png(result),
+    }
+    if surface is not None:
+        to_bytes = {"ply": mesh_ply, "glb": mesh_glb}[mesh]
+        contents[f"mesh.{mesh}"] = partial(to_bytes, surface, result.normals, result.albedo)
+    in_threads(lambda name: write_bytes(staging / name, contents[name]()), contents)
     conventions = Conventions(depth_png_values_per_metre=values_per_metre, normal_map=normal_map)
-    summary = summarise(result, conventions, [*written, MARKER])
-    write(MARKER, summary_json(summary))
+    summary = summarise(result, conventions, [*contents, MARKER])
+    write_bytes(staging / MARKER, summary_json(summary))
 
 
 _NO_MESH = Finding(

@@ -32,5 +32,7 @@ def srgb(linear: Floats) -> Floats:
     [0.0, 0.02584, 1.0, 1.0]
     """
     light = np.clip(linear, 0, 1)
-    curve = 1.055 * np.power(light, 1 / 2.4) - 0.055
-    return np.asarray(np.where(light <= 0.0031308, 12.92 * light, curve))
+    code = np.asarray(12.92 * light)
+    bright = light > 0.0031308
+    code[bright] = 1.055 * np.power(light[bright], 1 / 2.4) - 0.055
+    return code

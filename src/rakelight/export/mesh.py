@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 
 from rakelight.export.albedo import srgb
+from rakelight.export.pictures import object_window
 from rakelight.geometry.mesh import Mesh, triangulate
 from rakelight.model import Array, Floats, Result
 
@@ -42,7 +43,10 @@ _PLY_FACE = np.dtype([("count", "u1"), ("indices", "<i4", 3)])
 
 def result_mesh(result: Result) -> Mesh:
     """The triangles of a result's depth map; empty when no pixel has neighbours."""
-    return triangulate(result.depth, result.mask, result.camera)
+    window = object_window(result.mask, margin=0)
+    mesh = triangulate(result.depth[window], result.mask[window], result.camera.cropped(*window))
+    corner = np.array([part.start for part in window], dtype=np.int32)
+    return mesh._replace(pixels=mesh.pixels + corner)
 
 
 def mesh_ply(mesh: Mesh, normals: Floats, albedo: Floats) -> bytes:

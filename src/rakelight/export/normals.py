@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from rakelight.capture.images import encode_png, encode_tiff
+from rakelight.export.finite import all_finite
 from rakelight.model import Array, Floats
 
 NormalMap = Literal["opengl", "directx"]
@@ -38,7 +39,8 @@ def normal_map(normals: Floats, convention: NormalMap = "opengl") -> Array:
     >>> normal_map(upward).tolist(), normal_map(upward, "directx").tolist()
     ([[[128, 255, 128]]], [[[128, 0, 128]]])
     """
-    unit = normals * np.array(_AXES[convention], dtype=normals.dtype)
-    inside = np.isfinite(unit).all(axis=-1, keepdims=True)
-    values = np.rint(np.clip(np.where(inside, unit, 0) * 127.5 + 127.5, 0, 255))
-    return np.where(inside, values, np.array(FLAT)).astype(np.uint8)
+    inside = all_finite(normals)
+    unit = normals[inside] * np.array(_AXES[convention], dtype=normals.dtype)
+    picture = np.full(normals.shape, FLAT, dtype=np.uint8)
+    picture[inside] = np.rint(np.clip(unit * 127.5 + 127.5, 0, 255))
+    return picture

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rakelight.errors import printable
-from rakelight.export.pictures import known_before
+from rakelight.export.pictures import known_before, object_window
 from rakelight.export.plain import plain
 from rakelight.geometry.camera import back_project
 from rakelight.model import Floats, Result
@@ -28,7 +28,9 @@ def title_of(result: Result) -> str:
 
 def middle_m(result: Result) -> Floats:
     """(3,) the mean of the object's points, metres, camera frame."""
-    return np.asarray(np.nanmean(back_project(result.depth, result.camera), axis=(0, 1)))
+    window = object_window(result.mask)
+    points = back_project(result.depth[window], result.camera.cropped(*window))
+    return np.asarray(np.nanmean(points, axis=(0, 1)))
 
 
 def capture_rows(result: Result) -> Rows:

@@ -17,6 +17,7 @@ from markupsafe import Markup
 
 from rakelight.export.albedo import srgb
 from rakelight.export.confidence import confidence_values
+from rakelight.export.finite import all_finite
 from rakelight.export.pictures import known_before, object_window
 from rakelight.geometry.grid import STEEPEST, area_mean
 from rakelight.geometry.normals import normals_from_depth
@@ -125,7 +126,7 @@ def _values(maps: Maps, nearest_m: float, step_m: float) -> Iterator[tuple[str, 
         ("after", maps.after_m, maps.after),
     ):
         yield f"depth-{name}", quantised(depth_m, nearest_m, step_m)
-        inside = np.asarray(np.isfinite(normals).all(axis=-1))
+        inside = all_finite(normals)
         first, second = octahedral(_continued(normals, inside))
         yield f"{name}-a", first
         yield f"{name}-b", second
@@ -183,7 +184,9 @@ def encode(values: Array) -> Markup:
         data = (left & 255).astype(np.uint8).tobytes() + (left >> 8).astype(np.uint8).tobytes()
     else:
         data = left.tobytes()
-    return Markup(b64encode(zlib.compress(data, 6)).decode("ascii"))
+    # What is left repeats itself in runs of zeros only: the search for more would take long.
+    deflate = zlib.compressobj(strategy=zlib.Z_RLE)
+    return Markup(b64encode(deflate.compress(data) + deflate.flush()).decode("ascii"))
 
 
 def _unit(vectors: Floats) -> Floats:
