@@ -224,7 +224,7 @@ def checksum(depth_m: Floats) -> str:
     >>> checksum(np.zeros((1, 2, 2))), checksum(np.ones((1, 2, 2)))
     ('ecbb4b55', 'e8681456')
     """
-    return f"{zlib.crc32(np.ascontiguousarray(depth_m, '<f4').tobytes()):08x}"
+    return f"{zlib.crc32(np.ascontiguousarray(depth_m, '<f4').data):08x}"
 
 
 @dataclass(frozen=True)

@@ -150,8 +150,10 @@ def _png_header(data: bytes, source: str) -> Header:
     if kind != b"IHDR" or length != 13 or colour not in _PNG_CHANNELS:
         raise damaged(source, "no valid PNG header")
     _check_size(width, height, source)
-    orientation = 1
+    orientation, view = 1, memoryview(data)
     for chunk, start, end in _png_chunks(data, source):
+        if zlib.crc32(view[start + 4 : end - 4]) != struct.unpack_from(">I", data, end - 4)[0]:
+            raise damaged(source, f"wrong checksum at byte {start}")
         if chunk == b"eXIf":
             orientation = _exif_orientation(data[start + 8 : end - 4])
     dtype = "uint16" if bits == 16 else "uint8"
@@ -160,15 +162,12 @@ def _png_header(data: bytes, source: str) -> Header:
 
 def _png_chunks(data: bytes, source: str) -> Iterator[tuple[bytes, int, int]]:
     """(kind, start, end) of every chunk up to IEND; length and checksum are part of it."""
-    view, start = memoryview(data), len(PNG_MAGIC)
+    start = len(PNG_MAGIC)
     while start + 12 <= len(data):
         length, kind = struct.unpack_from(">I4s", data, start)
         end = start + 12 + length
         if end > len(data):
             break
-        (checksum,) = struct.unpack_from(">I", data, end - 4)
-        if zlib.crc32(view[start + 4 : end - 4]) != checksum:
-            raise damaged(source, f"wrong checksum at byte {start}")
         yield kind, start, end
         if kind == b"IEND":
             return

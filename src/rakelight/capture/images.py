@@ -71,7 +71,7 @@ def decode_image(data: bytes, source: str = "") -> Array:
         )
     if header.channels == 2:  # decoded as blue, green, red, alpha
         return np.ascontiguousarray(pixels[..., 2:])
-    return _reversed_colours(pixels)
+    return _reversed_colours(pixels, out=pixels)
 
 
 def as_rgb(pixels: Array) -> Array:
@@ -143,14 +143,14 @@ def _check_encodable(
         )
 
 
-def _reversed_colours(pixels: Array) -> Array:
-    """RGB(A) <-> BGR(A), contiguous; grey as it is."""
+def _reversed_colours(pixels: Array, out: Array | None = None) -> Array:
+    """RGB(A) <-> BGR(A), contiguous; grey as it is.  Into `out` where that can be."""
     if pixels.ndim == 2:
         return np.ascontiguousarray(pixels)
     order = [2, 1, 0, 3][: pixels.shape[2]]
     if pixels.dtype in (np.uint8, np.uint16, np.float32):  # the types that cvtColor knows
         code = cv2.COLOR_BGR2RGB if len(order) == 3 else cv2.COLOR_BGRA2RGBA
-        return np.asarray(cv2.cvtColor(np.ascontiguousarray(pixels), code))
+        return np.asarray(cv2.cvtColor(np.ascontiguousarray(pixels), code, out))
     return np.ascontiguousarray(pixels[..., order])
 
 
