@@ -130,3 +130,13 @@ def test_what_a_jump_changes_stays_beside_it():
     cut[:, 20:] *= 2
     apart = (upsample_cut(cut, 2) / upsample(coarse, 2))[:, : 2 * 20 - 2 * 6]
     np.testing.assert_allclose(apart, 1, atol=1e-3)
+
+
+@pytest.mark.parametrize("shape", [SHAPE, (75, 100)])
+def test_a_window_is_a_part_of_the_whole(shape):
+    step = np.exp(log_surface("waves", *np.indices(SHAPE)) + 0.6 * (np.indices(SHAPE)[1] > 12))
+    camera = Camera(SHAPE[1], SHAPE[0], 50.0, 50.0, 19.5, 14.5)
+    links = surface_links(step, np.ones(SHAPE, bool), camera)
+    window = slice(3, 28), slice(20, 39)
+    part = upsample_to(step, shape, links, window)
+    np.testing.assert_array_equal(part, upsample_to(step, shape, links)[window])
