@@ -10,6 +10,7 @@ from rakelight.geometry.grid import (
     gradient_matrices,
     has_gradient,
     mean_gradient,
+    mean_gradient_transposed,
     neighbours,
 )
 
@@ -112,6 +113,17 @@ def test_has_gradient_where_both_axes_have_a_neighbour(mask):
         ]
     ).reshape(mask.shape)
     np.testing.assert_array_equal(has_gradient(mask), expected)
+
+
+def test_the_transposed_mean_gradient_is_its_transpose(mask):
+    rng = np.random.default_rng(1)
+    values, along_u, along_v = rng.normal(size=(3, *mask.shape))
+    u, v = mean_gradient(np.where(mask, values, 0.0), mask)
+    back = mean_gradient_transposed(along_u, along_v, mask)
+    assert (u * along_u + v * along_v).sum() == pytest.approx(
+        (back * values)[mask].sum(), rel=1e-12
+    )
+    assert (back[~mask] == 0).all()
 
 
 def test_gradient_matrices_are_the_mean_gradient(mask):

@@ -173,6 +173,25 @@ def mean_gradient(values: Floats, grid: Grid) -> tuple[Floats, Floats]:
     return gradients[0], gradients[1]
 
 
+def mean_gradient_transposed(along_u: Floats, along_v: Floats, grid: Grid) -> Floats:
+    """(H, W) the transpose of `mean_gradient`: what derivatives with the gradient mean for values.
+
+    >>> mask = np.ones((1, 3), bool)
+    >>> mean_gradient_transposed(np.array([[0.0, 1.0, 0.0]]), np.zeros((1, 3)), mask).tolist()
+    [[-0.5, 0.0, 0.5]]
+    """
+    links = Links.of(grid)
+    total = np.zeros(links.mask.shape)
+    for axis, image in ((1, along_u), (0, along_v)):
+        here, there = pair_slices(axis)
+        forward, backward = neighbours(links, axis)
+        share = image / np.maximum(forward.astype(np.float64) + backward, 1)
+        flow = np.where(forward, share, 0.0)[here] + np.where(backward, share, 0.0)[there]
+        total[there] += flow
+        total[here] -= flow
+    return total
+
+
 def has_gradient(grid: Grid) -> Mask:
     """(H, W) True where a pixel has a neighbour along both axes, so that it has a normal."""
     along = [np.logical_or(*neighbours(grid, axis)) for axis in (0, 1)]

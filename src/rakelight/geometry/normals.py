@@ -27,8 +27,20 @@ def normals_from_gradient(p_u: Floats, p_v: Floats, camera: Camera) -> tuple[Flo
     """
     x, y = pixel_rays(camera)
     m = np.stack([camera.fx * p_u, camera.fy * p_v, -(1 + x * p_u + y * p_v)], axis=-1)
-    length = np.linalg.norm(m, axis=-1)
+    length = normal_lengths(p_u, p_v, camera)
     return m / length[..., None], length
+
+
+def normal_lengths(p_u: Floats, p_v: Floats, camera: Camera) -> Floats:
+    """|m| (H, W) before it is normalised, from the gradient of log depth.
+
+    >>> camera = Camera(1, 1, fx=3.0, fy=10.0, cx=0.0, cy=0.0)
+    >>> normal_lengths(np.full((1, 1), 0.25), np.zeros((1, 1)), camera).tolist()
+    [[1.25]]
+    """
+    x, y = pixel_rays(camera)
+    squares = (camera.fx * p_u) ** 2 + (camera.fy * p_v) ** 2 + (1 + x * p_u + y * p_v) ** 2
+    return np.asarray(np.sqrt(squares))
 
 
 def normal_derivatives(normals: Floats, length: Floats, camera: Camera) -> tuple[Floats, Floats]:

@@ -21,8 +21,14 @@ from scipy.sparse import diags_array
 
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.cells import Cells, cell_sums
-from rakelight.geometry.grid import Links, gradient_matrices, neighbours, pair_slices
-from rakelight.geometry.normals import normals_from_gradient
+from rakelight.geometry.grid import (
+    Links,
+    gradient_matrices,
+    mean_gradient_transposed,
+    neighbours,
+    pair_slices,
+)
+from rakelight.geometry.normals import normal_lengths
 from rakelight.methods.levels import Level
 from rakelight.model import Floats, Mask
 from rakelight.shading.photographs import Explanation, Lamps, Surface
@@ -38,6 +44,8 @@ NOISIEST = 0.01
 # Levenberg-Marquardt: a refused step is tried again with so many times the damping.
 STRONGER, WEAKEST, STRONGEST, TRIES = 8.0, 1e-6, 1e2, 3
 LONGEST_STRIDE = 64.0
+# A step is solved for to this fraction: the next one starts from what it missed.
+STEP_TOLERANCE = 1e-2
 # A bas-relief transform is tried where the sensor's misfit would fall by this much of the energy.
 LEAST_GAIN = 3e-4
 # Steps of the lights after it, and pixels that are enough for their curvature.
@@ -49,7 +57,7 @@ class Fit:
     """Log depth (h, w) and lamps at one level, and how they explain the photographs.
 
     scales : (h, w) of the Cauchy losses; noise : deviation of a value; energy : of everything
-    stiffness : (h, w, 2) weight of the fourth differences along u and v
+    stiffness : (h, w, 2) weight of the fourth differences along u and v, which are waves
     near : whether the lamps' distances are fitted too
     depth_damping, joint_damping, lights_damping : of the next step of each kind
     """
@@ -62,6 +70,7 @@ class Fit:
     noise: float
     energy: float
     stiffness: Floats
+    waves: tuple[Floats, ...] = ()
     near: bool = False
     depth_damping: float = 1e-3
     joint_damping: float = 1e-3
@@ -69,11 +78,15 @@ class Fit:
 
 
 def first_fit(level: Level, log_depth: Floats, lamps: Lamps, near: bool = False) -> Fit:
-    """The photographs explained by a depth and lamps by least squares, for `rescaled`."""
+    """The photographs explained by a depth and lamps; the loss takes its scale from that.
+
+    Twice, with what `descend` does: pixels beside a jump that least squares bends come right.
+    """
     surface = level.surface(log_depth)
     plain = level.photographs.explain(surface, lamps)
     nothing = np.zeros((*level.mask.shape, 2))
-    return Fit(log_depth, lamps, surface, plain, nothing[..., 0], 0.0, 0.0, nothing, near)
+    start = Fit(log_depth, lamps, surface, plain, nothing[..., 0], 0.0, 0.0, nothing, near=near)
+    return rescaled(level, start)
 
 
 def rescaled(level: Level, fit: Fit, noisiest: float = NOISIEST) -> Fit:
@@ -91,12 +104,12 @@ def moved(level: Level, fit: Fit, log_depth: Floats, lamps: Lamps, turning: bool
     explanation = level.photographs.explain(
         surface, lamps, scale=fit.scales, start=fit.explanation.albedo, turning=turning
     )
-    waves = ripples(level, log_depth)
+    waves = tuple(ripples(level, log_depth))
     bending = sum(float((fit.stiffness[..., k] * wave**2).sum()) for k, wave in enumerate(waves))
     energy = explanation.energy + bending + fit.noise**2 * level.sensor_misfit(log_depth)
     return replace(
         fit, log_depth=log_depth, lamps=lamps, surface=surface, explanation=explanation,
-        energy=energy,
+        energy=energy, waves=waves,
     )  # fmt: skip
 
 
@@ -146,13 +159,24 @@ def _reach(level: Level) -> list[tuple[int, Mask, Mask]]:
 
 def depth_system(level: Level, fit: Fit, tensor: Floats) -> DepthSystem:
     """The normal equations of a correction of log depth, with `tensor` (h, w, 3) for a matrix."""
-    weighted = [
-        fit.stiffness[..., k] * wave for k, wave in enumerate(ripples(level, fit.log_depth))
-    ]
     sensor = level.sensor_terms(fit.log_depth, fit.noise**2)
     return assemble(
         level.mask, tensor, fit.explanation.vector, pair_weights=level.pairs, **sensor,
-    ).plus(-ripples_transposed(level, weighted))  # fmt: skip
+    ).plus(-smoothing_force(level, fit))  # fmt: skip
+
+
+def smoothing_force(level: Level, fit: Fit) -> Floats:
+    """(h, w) half the derivatives of the fourth differences' energy with log depth."""
+    return ripples_transposed(level, [fit.stiffness[..., k] * fit.waves[k] for k in (0, 1)])
+
+
+def depth_force(level: Level, fit: Fit) -> Floats:
+    """(h, w) minus half the energy's derivatives with log depth: `depth_system`'s right side."""
+    sensor = level.sensor_terms(fit.log_depth, fit.noise**2)
+    along = fit.explanation.vector
+    shading = mean_gradient_transposed(along[..., 0], along[..., 1], level.grid)
+    data = sensor["data_weight"] * sensor["data_target"] + sensor.get("extra_rhs", 0.0)
+    return np.asarray(shading + data - smoothing_force(level, fit))
 
 
 def damped_tensor(level: Level, fit: Fit, damping: float) -> Floats:
@@ -162,13 +186,15 @@ def damped_tensor(level: Level, fit: Fit, damping: float) -> Floats:
     its normal sets the measure.
     """
     camera = level.photographs.camera
-    gradient, tensor = fit.surface.gradient, fit.explanation.tensor
-    _, length = normals_from_gradient(gradient[..., 0], gradient[..., 1], camera)
+    gradient, tensor = fit.surface.gradient, fit.explanation.tensor.copy()
+    length = normal_lengths(gradient[..., 0], gradient[..., 1], camera)
     turn = camera.fx * camera.fy / length**2
     active = level.photographs.active
     knowledge = np.median((tensor[..., 0] + tensor[..., 2])[active] / turn[active])
     hold = damping * knowledge * turn * active
-    return np.asarray(tensor + hold[..., None] * [1.0, 0.0, 1.0])
+    tensor[..., 0] += hold
+    tensor[..., 2] += hold
+    return tensor
 
 
 def depth_step(level: Level, fit: Fit) -> Fit:
@@ -176,7 +202,7 @@ def depth_step(level: Level, fit: Fit) -> Fit:
     damping = fit.depth_damping
     for _ in range(TRIES):
         system = depth_system(level, fit, damped_tensor(level, fit, damping))
-        step = solve(system, tolerance=1e-3).value
+        step = solve(system, tolerance=STEP_TOLERANCE).value
         tried = moved(level, fit, fit.log_depth + step, fit.lamps, turning=True)
         if tried.energy < fit.energy:
             return replace(tried, depth_damping=max(damping / STRONGER, WEAKEST))
@@ -185,7 +211,7 @@ def depth_step(level: Level, fit: Fit) -> Fit:
 
 
 def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
-    """One Gauss-Newton step of lights and depth together, damped until the energy falls.
+    """One Gauss-Newton step of lights and depth together; refused, it makes the next one shorter.
 
     Above `most_cells` pixels the depth moves in cells, linearly between their centres, which is
     where the bas-relief valley lies; the depth step that follows sees to the detail.
@@ -199,26 +225,25 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     grid = Links.of(level.grid if cell == 1 else cells.inside)
     along = gradient_matrices(grid)
     columns = sum(matrix.T @ coupling[cells.inside][:, k] / cell for k, matrix in enumerate(along))
-    residual = cells.gather(depth_system(level, fit, fit.explanation.tensor).rhs)
-    for _ in range(TRIES):
-        tensor = damped_tensor(level, fit, damping)
-        matrix = field_matrix(
-            grid, along, cell_sums(tensor, cell) / cell**2,
-            cell_sums(weight, cell), level.pairs if cell == 1 else None,
-            STIFFNESS if cell == 1 else CELL_STIFFNESS,
-        )  # fmt: skip
-        joint = border(matrix, residual[cells.inside], columns, hessian, slope)
-        correction, lights = joint.step(damping)
-        field = np.zeros(cells.inside.shape)
-        field[cells.inside] = correction
-        tried = moved(
-            level, fit, fit.log_depth + cells.spread(field),
-            fit.lamps.moved(lights.reshape(*fit.lamps.ambient.shape, -1)),
-        )  # fmt: skip
-        if tried.energy < fit.energy:
-            return replace(tried, joint_damping=max(damping / STRONGER, WEAKEST))
-        damping *= STRONGER
-    return replace(fit, joint_damping=min(damping, STRONGEST))
+    residual = cells.gather(depth_force(level, fit))
+    tensor = damped_tensor(level, fit, damping)
+    matrix = field_matrix(
+        grid, along, cell_sums(tensor, cell) / cell**2,
+        cell_sums(weight, cell), level.pairs if cell == 1 else None,
+        STIFFNESS if cell == 1 else CELL_STIFFNESS,
+    )  # fmt: skip
+    correction, lights = border(matrix, residual[cells.inside], columns, hessian, slope).step(
+        damping
+    )
+    field = np.zeros(cells.inside.shape)
+    field[cells.inside] = correction
+    tried = moved(
+        level, fit, fit.log_depth + cells.spread(field),
+        fit.lamps.moved(lights.reshape(*fit.lamps.ambient.shape, -1)),
+    )  # fmt: skip
+    if tried.energy < fit.energy:
+        return replace(tried, joint_damping=max(damping / STRONGER, WEAKEST))
+    return replace(fit, joint_damping=min(damping * STRONGER, STRONGEST))
 
 
 def relief_step(level: Level, fit: Fit) -> Fit:

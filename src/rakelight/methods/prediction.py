@@ -10,6 +10,8 @@ A relief that is wrong shades differently under every lamp, and then no albedo f
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from rakelight.geometry.camera import back_project
@@ -36,15 +38,16 @@ def prediction_errors(
         return ()
     chosen = np.flatnonzero(prepared.mask)
     chosen = chosen[:: max(1, -(-len(chosen) // MOST_PIXELS))]
-    among = np.searchsorted(np.flatnonzero(prepared.mask), chosen)
     points = back_project(depth_m, prepared.camera)
     middle = points[prepared.mask].mean(axis=0)
     shading = shadings(
         normals.reshape(-1, 3)[chosen], points.reshape(-1, 3)[chosen], middle, lights
     )
-    seen = [prepared.pixels(i) for i in range(len(prepared))]
-    images = np.stack([image[among] for image, _ in seen])
-    good = np.stack([usable[among] for _, usable in seen])
+    few = np.zeros_like(prepared.mask)
+    few.flat[chosen] = True
+    sample = replace(prepared, mask=few)
+    seen = [sample.pixels(i) for i in range(len(prepared))]
+    images, good = (np.stack(part) for part in zip(*seen, strict=True))
     return leave_one_out(images, good, shading)
 
 
