@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rakelight.geometry.grid import Links
-from rakelight.methods.fine_relief import believed, blurred, fine_relief, off_line, without_relief
+from rakelight.methods.fine_relief import believed, fine_relief, off_line, without_relief
 
 SHAPE = (96, 120)
 LINKS = Links.of(np.ones(SHAPE, bool))
@@ -76,9 +76,3 @@ def test_only_relief_is_taken_from_an_intensity():
 def test_part_off_the_line_is_none_for_one_direction_and_most_for_noise():
     assert off_line(loops([1.0, 0.3, 0.5]) - NOISE, LINKS).max() < 1e-6
     assert off_line(NOISE, LINKS).min() > 0.3
-
-
-def test_blurring_leaves_a_constant_on_the_mask():
-    mask = np.hypot(ROW - 40, COLUMN - 60) < 30
-    constant = blurred(np.where(mask, 2.0, np.nan), 4.0, mask)
-    np.testing.assert_allclose(constant[mask], 2.0)

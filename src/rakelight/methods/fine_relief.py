@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from rakelight.geometry.blur import blurred
 from rakelight.geometry.grid import Links, differences, neighbours
 from rakelight.model import Floats, Mask
 
@@ -101,19 +102,6 @@ def change(image: Floats, links: Links) -> Floats:
         for side in neighbours(links, axis):
             count += side
     return np.asarray(squares / np.maximum(count, 1))
-
-
-def blurred(image: Floats, sigma_px: float, mask: Mask) -> Floats:
-    """Gaussian mean of an image (h, w) or (h, w, C) over the mask around each pixel."""
-    from scipy.ndimage import gaussian_filter
-
-    def blur(values: Floats) -> Floats:
-        return np.asarray(gaussian_filter(values, sigma_px, axes=(0, 1), mode="constant"))
-
-    inside, weight = mask, np.maximum(blur(1.0 * mask), 1e-6)
-    if image.ndim == 3:
-        inside, weight = inside[..., None], weight[..., None]
-    return np.asarray(blur(np.where(inside, image, 0.0)) / weight)
 
 
 def logarithm(colour: Floats) -> Floats:
