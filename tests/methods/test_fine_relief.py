@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from rakelight.geometry.grid import Links
-from rakelight.methods.fine_relief import believed, fine_relief, off_line, without_relief
+from rakelight.methods.fine_relief import (
+    believed,
+    fine_relief,
+    from_afar,
+    off_line,
+    without_relief,
+)
 
 SHAPE = (96, 120)
 LINKS = Links.of(np.ones(SHAPE, bool))
@@ -36,6 +42,12 @@ def test_yarn_is_relief_though_its_folds_are_of_another_colour(colour):
     assert believed(photograph, relief, LINKS, doubt=26.0).min() > 0.9
 
 
+def test_noise_of_a_channel_that_the_paint_hardly_reflects_is_no_second_paint():
+    photograph = loops([1.0, 0.0, 0.0]) * [1.0, 0.05, 0.1]
+    photograph[..., 2] += 0.5 * np.random.default_rng(1).random(SHAPE) ** 4
+    assert fine_relief(photograph, LINKS).min() > 0.9
+
+
 def test_leaves_of_paint_are_not():
     photograph = leaves([[0.6, 0.5, 0.6], [1.3, 1.3, 1.0], [0.9, 1.1, 1.4]])
     relief = fine_relief(photograph, LINKS)
@@ -62,13 +74,37 @@ def test_a_stain_on_yarn_is_not_relief():
     assert relief[:, :40].min() > 0.9
 
 
+def test_yarn_is_relief_beside_yarn_of_another_paint_too():
+    left = COLUMN < 60
+    white = loops([1.0, 1.0, 1.0])
+    photograph = np.where(left[..., None], white * [1.0, 0.05, 0.1], white)
+    beside = (slice(20, -20), slice(50, 70))
+    assert fine_relief(photograph, LINKS)[beside].max() < 0.5
+    assert fine_relief(photograph, LINKS, [left, ~left])[beside].min() > 0.9
+
+
+def test_what_is_of_no_paint_is_no_relief():
+    left = COLUMN < 60
+    relief = fine_relief(loops([1.0, 1.0, 1.0]), LINKS, [left])
+    assert relief[:, :60].min() > 0.9
+    assert (relief[:, 60:] == 0).all()
+
+
+def test_from_afar_each_paint_keeps_its_brightness():
+    left = COLUMN < 60
+    intensity = np.where(left, 1.0, 3.0)
+    np.testing.assert_allclose(from_afar(intensity, [left, ~left]), intensity)
+    assert from_afar(intensity, [LINKS.mask])[40, 59] > 1.5
+    np.testing.assert_array_equal(from_afar(intensity, []), intensity)
+
+
 def test_doubt_0_believes_everything():
     assert (believed(leaves([[0.6, 0.5, 0.6]]), np.zeros(SHAPE), LINKS, doubt=0.0) == 1).all()
 
 
 def test_only_relief_is_taken_from_an_intensity():
     intensity, half = loops([1.0, 1.0, 1.0]).mean(axis=-1), 1.0 * (COLUMN < 60)
-    plain = without_relief(intensity, half, LINKS.mask)
+    plain = without_relief(intensity, half, [LINKS.mask])
     np.testing.assert_array_equal(plain[:, 60:], intensity[:, 60:])
     assert plain[:, :60].std() < 0.1 * intensity[:, :60].std()
 

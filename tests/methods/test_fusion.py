@@ -12,7 +12,8 @@ from rakelight.geometry.normals import surface_normals
 from rakelight.methods import fusion_like as fusion
 from rakelight.methods import rgbd_fusion as rgbd
 from rakelight.methods.fine_relief import fine_relief
-from rakelight.methods.lagged_depth import Depth, View
+from rakelight.methods.hollows import SKY
+from rakelight.methods.lagged_depth import Depth, View, laplacian
 from rakelight.metrics import evaluate
 from rakelight.model import silent
 from rakelight.paper.scenes import paper_scene
@@ -128,6 +129,53 @@ def test_saturated_pixels_say_nothing(method, prepared):
     assert (blind.confidence == 0).all()
 
 
+def knitted(prepared, height_px, wave, lining=None):
+    """The object as red yarn under light from all sides: green and blue are black but for noise."""
+    rng = np.random.default_rng(0)
+    red = 0.6 * (1 + SKY * wave * height_px)
+    photograph = np.stack([red, 0 * red, 0 * red], axis=-1) + 0.02 * rng.normal(
+        size=(*red.shape, 3)
+    )
+    if lining is not None:
+        photograph[lining] = 0.8
+    values = np.round(255 * np.clip(photograph, 0, 1)).astype(np.uint8)
+    return replace(prepared, photographs=values[None], encoding="linear")
+
+
+def loops(shape, period_px):
+    """Heights (h, w) in pixels, and their wave number."""
+    row, column = 2 * np.pi / period_px * np.indices(shape)
+    return 0.5 * np.sin(row) * np.cos(column), 2**0.5 * 2 * np.pi / period_px
+
+
+def test_loops_of_clipped_yarn_under_light_from_all_sides_stand_out(method, prepared):
+    run, options = method
+    height, wave = loops(prepared.mask.shape, 8.0)
+    yarn = knitted(prepared, height, wave)
+    seen = View.of(prepared).seen
+    with_sky, as_published = (
+        -prepared.camera.fx * (run(yarn, each, silent).log_depth - np.log(prepared.depth_m))[seen]
+        for each in (options(), options(smooth=False))
+    )
+    found = np.corrcoef(with_sky, height[seen])[0, 1]
+    assert found > 0.7
+    assert found > 0.3 + np.corrcoef(as_published, height[seen])[0, 1]
+    assert 0.5 < (with_sky * height[seen]).mean() / (height[seen] ** 2).mean() < 1.5
+
+
+def test_a_lining_that_shows_between_loops_is_no_hill(method, prepared):
+    run, options = method
+    height, wave = loops(prepared.mask.shape, 8.0)
+    row, column = np.indices(height.shape)
+    lining = (row % 24 < 2) & (column % 24 < 2) & View.of(prepared).seen
+    plain, lined = (
+        run(knitted(prepared, height, wave, gaps), options(), silent).log_depth
+        for gaps in (None, lining)
+    )
+    raised = prepared.camera.fx * (plain - lined)[lining]
+    assert abs(raised.mean()) < 0.15
+
+
 @pytest.mark.parametrize(
     "wrong", [{"lambda_rho": -1.0}, {"sigma_c": 0.0}, {"sigma_d": np.inf}, {"lambda_z1": 0.0}]
 )
@@ -145,7 +193,8 @@ def depth(prepared):
     light = np.array([0.1, -0.2, -0.5, 0.3])
     albedo = 0.3 + 0.5 * view.intensity
     believed = view.believed(5.0)
-    return Depth(view, light, albedo, view.intensity, 1e-4, 1e-2, believed, 1e-6)
+    expected = 1e-2 * np.sin(np.indices(view.mask.shape).sum(axis=0))
+    return Depth(view, light, albedo, view.intensity, 1e-4, 1e-2, believed, 1e-6, expected)
 
 
 def photographed(view, colour):
@@ -239,6 +288,40 @@ def test_detail_within_a_sensor_pixel_is_not_held(depth):
     )
 
 
+def test_what_hollows_explain_is_not_explained_by_slopes(prepared):
+    height, wave = loops(prepared.mask.shape, 8.0)
+    view = View.of(knitted(prepared, height, wave))
+    light, rho = np.array([0.0, 0.0, 0.0, 1.0]), np.ones(view.mask.shape)
+    depth = fusion.depth_energy(view, light, rho, view.intensity, fusion.Options(), 0.1)
+    np.testing.assert_allclose(depth.aim, view.intensity - view.contrast())
+    assert depth.aim[view.seen].std() < 0.4 * view.intensity[view.seen].std()
+    published = fusion.Options(smooth=False)
+    depth = fusion.depth_energy(view, light, rho, view.intensity, published, 0.1)
+    np.testing.assert_array_equal(depth.aim, view.intensity)
+    assert (depth.expected == 0).all()
+
+
+def test_a_hollow_may_be_black_but_no_ridge_is_lit_from_more_than_all_sides(prepared):
+    height, wave = loops(prepared.mask.shape, 8.0)
+    view = View.of(knitted(prepared, height, wave))
+    row, column = np.argwhere(view.seen)[np.count_nonzero(view.seen) // 2]
+    found = []
+    for gain in (0.3, 1.0, 1.7):
+        intensity = view.intensity.copy()
+        intensity[row, column] = gain
+        found.append(replace(view, intensity=intensity).contrast()[row, column])
+    assert found[0] < -0.6
+    assert found[2] < 2 * np.abs(view.contrast()[view.seen]).mean() + 0.02
+
+
+def test_smoothness_is_of_what_differs_from_the_hollows(depth):
+    alone = replace(depth, lambda_z1=1e-9, believed=0 * depth.believed, accuracy=1e-9)
+    moved = alone.step(depth.view.prior).value - depth.view.prior
+    inner = depth.view.seen
+    change, wanted = (laplacian(each, depth.view.mask)[inner] for each in (moved, depth.expected))
+    np.testing.assert_allclose(change, wanted, atol=0.05 * np.abs(wanted).max())
+
+
 def test_no_normal_is_taken_across_a_step(prepared):
     # In log depth, a factor leaves everything but the step as it was.
     middle = prepared.mask.shape[1] // 2
@@ -274,7 +357,7 @@ def test_ambient_is_the_minimiser(prepared):
 
 
 def test_paint_of_another_intensity_is_not_linked(prepared):
-    view = View.of(prepared)
+    view = replace(View.of(prepared), relief=np.zeros(prepared.mask.shape))
     color = view.intensity[..., None]
     linked = view.edges(1.0, 1.0, tau=0.05)[0]
     free = edge_weights(color, np.exp(view.prior), view.mask, sigma_c=1.0, sigma_d=1.0)[0]

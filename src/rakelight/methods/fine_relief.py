@@ -9,9 +9,14 @@ paint, unless it is the shading of fine relief, such as yarn:
 - all its colours lie on one line, from the dark to the bright of one paint;
 - it has no strokes as sharp as drawn ones;
 - it is the rule on the object, not the exception.
+
+Where an object has several paints, each is looked at by itself: their borders are no relief, but
+the yarn beside them is.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -31,10 +36,11 @@ LASTING, OFF_LINE, SHARP = 0.2, 0.13, 0.22
 RULE, SUREST = 0.28, 10.0
 
 
-def fine_relief(colour: Floats, links: Links) -> Floats:
+def fine_relief(colour: Floats, links: Links, areas: Sequence[Mask] = ()) -> Floats:
     """How surely the changes of a photograph (h, w, 3) are fine relief in one paint, (h, w) 0..1.
 
     colour : linear light, the object's typical one about 1, clipped values as they are
+    areas : (h, w) each, of one paint, looked at by themselves; the whole unless given
 
     >>> rng, mask = np.random.default_rng(0), np.ones((40, 40), bool)
     >>> yarn = 1 + 0.4 * np.sin(np.arange(40))[:, None, None] * [1.0, 0.8, 0.9]
@@ -45,18 +51,33 @@ def fine_relief(colour: Floats, links: Links) -> Floats:
     0.0
     """
     mask = links.mask
-    near, afar = (blurred(colour, px, mask) for px in (NEAR_PX, AFAR_PX))
+    likely = np.zeros(mask.shape)
+    for area in areas or (mask,):
+        likely += np.where(area, 1 / (1 + evidence_against(colour, within(links, area))), 0.0)
+    rule = float(likely[mask].mean()) if mask.any() else 0.0
+    odds = min((rule / RULE) ** 8, SUREST) * likely / np.maximum(1 - likely, 1e-12)
+    return np.where(mask, odds / (1 + odds), 0.0)
+
+
+def evidence_against(colour: Floats, links: Links) -> Floats:
+    """(h, w) >= 0, what speaks against fine relief in an area of one paint; 1 is even odds."""
+    near, afar = (blurred(colour, px, links.mask) for px in (NEAR_PX, AFAR_PX))
     rough, left = (
-        blurred(change(logarithm(each), links), TEXTURE_PX, mask) for each in (near, afar)
+        blurred(change(logarithm(each), links), TEXTURE_PX, links.mask) for each in (near, afar)
     )
     lasting = np.sqrt(left / np.maximum(rough, 1e-12))
-    sharp = np.sqrt(
-        blurred(change(logarithm(near.mean(axis=-1, keepdims=True)), links), TEXTURE_PX, mask)
-    )
-    against = (lasting / LASTING) ** 8 + (off_line(near, links) / OFF_LINE) ** 4
-    against += (sharp / SHARP) ** 8
-    rule = float((1 / (1 + against))[mask].mean())
-    return np.where(mask, 1 / (1 + against / min((rule / RULE) ** 8, SUREST)), 0.0)
+    dark = logarithm(near.mean(axis=-1, keepdims=True))
+    sharp = np.sqrt(blurred(change(dark, links), TEXTURE_PX, links.mask))
+    # What a channel that the paint hardly reflects does is mostly noise; see `paints`.
+    paint = near[links.mask].mean(axis=0) if links.mask.any() else np.ones(3)
+    against = (lasting / LASTING) ** 8 + (off_line(near * paint, links) / OFF_LINE) ** 4
+    return np.asarray(against + (sharp / SHARP) ** 8)
+
+
+def within(links: Links, area: Mask) -> Links:
+    """The links of `links` inside an area (h, w)."""
+    inside = Links.of(links.mask & area)
+    return Links(inside.mask, links.right & inside.right, links.down & inside.down)
 
 
 def believed(colour: Floats, relief: Floats, links: Links, doubt: float) -> Floats:
@@ -73,9 +94,17 @@ def believed(colour: Floats, relief: Floats, links: Links, doubt: float) -> Floa
     return np.asarray(1 - (1 - relief) * (1 - 1 / (1 + doubt**2 * painted)))
 
 
-def without_relief(intensity: Floats, relief: Floats, mask: Mask) -> Floats:
+def without_relief(intensity: Floats, relief: Floats, areas: Sequence[Mask]) -> Floats:
     """An intensity (h, w) with its fine relief taken away: what it is from afar."""
-    return np.asarray(intensity - relief * (intensity - blurred(intensity, AFAR_PX, mask)))
+    return np.asarray(intensity - relief * (intensity - from_afar(intensity, areas)))
+
+
+def from_afar(intensity: Floats, areas: Sequence[Mask]) -> Floats:
+    """An intensity (h, w) averaged over `AFAR_PX` within each of the areas (h, w) of one paint."""
+    seen = intensity.copy()
+    for area in areas:
+        seen[area] = blurred(intensity, AFAR_PX, area)[area]
+    return seen
 
 
 def off_line(colour: Floats, links: Links) -> Floats:

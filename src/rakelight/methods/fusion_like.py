@@ -1,6 +1,6 @@
 """Fusion-like refinement of one photograph (the paper's 3.2): a baseline with five parameters.
 
-The intensity I, the mean of the channels in linear light, is explained inside the mask by
+The intensity I, the `brightness` of the channels in linear light, is explained inside the mask by
 
     I = rho (l . n + phi)
 
@@ -16,7 +16,8 @@ units of the pixel's footprint z / f on the surface, so that the weights have no
 depth p that makes it f (p - p0).  The published energy has laplace z; but the prepared depth is
 smooth already, and to flatten its rims and noses costs more than any weight of it gains.  Beyond
 the paper, c = 1 / (1 + (doubt * change of colour)^2): where the colour changes, so does the paint;
-but fine relief, such as yarn, is told from paint and believed (`fine_relief`).
+but fine relief, such as yarn, is told from paint and believed (`fine_relief`); what phi says of it,
+which l . n + phi leaves out, is the change that smoothness expects (`hollows`).
 
 One photograph does not tell paint from relief: this is a baseline to compare with.
 """
@@ -28,6 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rakelight.methods.estimate import Estimate, brightest, first_only, require_ranges
+from rakelight.methods.hollows import hollows
 from rakelight.methods.lagged_depth import Depth, Fit, View
 from rakelight.model import MAD_TO_SIGMA, Finding, Floats, Lights, ProgressCallback
 from rakelight.prepare import Prepared
@@ -68,7 +70,7 @@ class Options:
     doubt : not of the paper.  Where the colour changes by 1 / doubt (relative) per pixel, shading
         counts half, for paint changes there too, unless it is fine relief.  Raised, the depth
         stays wherever it is painted; 0 believes the shading everywhere.
-    smooth : False leaves lambda_z2 and the doubt out: the paper's "not smooth".
+    smooth : False leaves lambda_z2, the doubt and the hollows out: the paper's "not smooth".
     max_iterations : rounds of the fixed point; more than it needs do no harm.
     tolerance : the rounds end when the energy falls by less than this part of it in one.
     """
@@ -105,10 +107,16 @@ def fusion_like(prepared: Prepared, options: Options, progress: ProgressCallback
 def depth_energy(
     view: View, light: Floats, rho: Floats, aim: Floats, options: Options, accuracy: float
 ) -> Depth:
-    """The energy of the depth; without smoothness, as published, nothing is doubted either."""
+    """The energy of the depth; without smoothness, it is as published: no doubt, no hollows."""
     strength, doubt = (options.lambda_z2, options.doubt) if options.smooth else (0.0, 0.0)
     believed = view.believed(doubt)
-    return Depth(view, light, rho, aim, options.lambda_z1, strength, believed, accuracy)
+    expected: Floats = np.zeros(view.mask.shape)
+    if strength:
+        normals, _ = view.normals(view.prior)
+        height, explained = hollows(view.contrast(), light, normals, view.mask)
+        expected = -height / view.camera.fx
+        aim = aim - explained * rho * shading(view, light)
+    return Depth(view, light, rho, aim, options.lambda_z1, strength, believed, accuracy, expected)
 
 
 def harmonics(view: View) -> Floats:

@@ -1,11 +1,12 @@
 """The depth whose shading explains one photograph, the length of the normals lagged.
 
-    minimise  sum c (rho S - I)^2 + f^2 (lambda_z1 (K dp)^2 + lambda_z2 (L dp)^2),   S = l . n + phi
+    minimise  sum c (rho S - I)^2 + f^2 (lambda_z1 (K dp)^2 + lambda_z2 (L (dp - q))^2)
 
-over log depth p, the photograph being believed by c, 0..1; dp = p - p0 is the change of the
-prepared one, L the Laplacian and K the mean over a sensor's pixel, where that is larger.  f dp is
-the change in units of the pixel's footprint z / f on the surface, so that the weights have no
-unit.  With |m| fixed, S is linear in the gradient of p, and a step is one linear solve.
+over log depth p, S = l . n + phi, the photograph being believed by c, 0..1; dp = p - p0 is the
+change of the prepared one, L the Laplacian and K the mean over a sensor's pixel, where that is
+larger; q is the fine relief that light from all sides shows (`hollows`).  f dp is the change in
+units of the pixel's footprint z / f on the surface, so that the weights have no unit.  With |m|
+fixed, S is linear in the gradient of p, and a step is one linear solve.
 """
 
 from __future__ import annotations
@@ -24,34 +25,45 @@ from rakelight.geometry.grid import (
 )
 from rakelight.geometry.normals import gradient_directions, normals_from_gradient
 from rakelight.methods.estimate import scatter
-from rakelight.methods.fine_relief import DARKEST, believed, fine_relief, without_relief
+from rakelight.methods.fine_relief import (
+    DARKEST,
+    believed,
+    fine_relief,
+    from_afar,
+    without_relief,
+)
 from rakelight.methods.levels import NEARLY_ONE
-from rakelight.model import Camera, Floats, Mask, Progress, ProgressCallback
+from rakelight.methods.paints import brightness, paints
+from rakelight.model import MAD_TO_SIGMA, Camera, Floats, Mask, Progress, ProgressCallback
 from rakelight.prepare import Prepared
 from rakelight.shading.piecewise import EdgeWeights, edge_weights
 from rakelight.solve import Solution, assemble, solve
 
 # A step with lagged |m| can overshoot; then a part of it is taken.
 SHARES = (1.0, 0.5, 0.25, 0.125)
+# Ridges are so many standard deviations brighter than their surroundings, at most.
+BRIGHTEST = 1.5
 
 
 @dataclass(frozen=True)
 class View:
     """The first photograph on the prepared window, (h, w) each.
 
-    exposure : (3,) the linear light that the rest is in units of: of the object's typical pixel
-    colour : (h, w, 3), clipped values as they are; intensity : its mean
+    exposure : the linear light that colours are in units of: of the object's typical pixel
+    colour : (h, w, 3), clipped values as they are; intensity : its `brightness`
+    areas : (h, w) each, where the object's `paints` are
     usable : (h, w, 3); seen : whether any channel is usable and nothing is mixed into the pixel
     relief : how surely what changes here is fine relief rather than paint, 0..1
     averaging : K, means over the sensor's pixels; None where those are about as small
     prior : prepared log depth; links : which neighbours are on one surface
     """
 
-    exposure: Floats
+    exposure: float
 
     colour: Floats
     usable: Mask
     intensity: Floats
+    areas: tuple[Mask, ...]
     seen: Mask
     relief: Floats
     prior: Floats
@@ -71,20 +83,18 @@ class View:
         links = surface_links(prepared.depth_m, prepared.mask, prepared.camera)
         usable = scatter(1.0 * good, prepared.mask) > 0
         seen = usable.any(axis=-1) & surrounded(links)
-        # Whatever a lamp's colour, a grey object then is grey; and its commonest paint is about 1.
-        exposure = (values * good).sum(axis=0) / np.maximum(good.sum(axis=0), 1)
-        exposure = np.where(exposure > 0, exposure, 1.0)
-        if seen.any():
-            typical = float(np.median((values / exposure).mean(axis=-1)[seen[prepared.mask]]))
-            exposure = exposure * max(typical, DARKEST)
+        told = values.mean(axis=-1)[seen[prepared.mask]]
+        exposure = max(float(np.median(told)), np.finfo(float).tiny) if told.size else 1.0
         colour = scatter(values / exposure, prepared.mask)
+        areas = tuple(paints(colour, prepared.mask))
         return cls(
             exposure,
             colour,
             usable,
-            colour.mean(axis=-1),
+            brightness(colour, usable, prepared.mask),
+            areas,
             seen,
-            fine_relief(colour, links),
+            fine_relief(colour, links, areas),
             np.log(np.where(prepared.mask, prepared.depth_m, 1.0)),
             prepared.sensor.averaging(prepared.mask) if prepared.factor > NEARLY_ONE else None,
             links,
@@ -97,9 +107,21 @@ class View:
 
     def edges(self, sigma_c: float, sigma_d: float, tau: float) -> EdgeWeights:
         """How surely neighbours are of one paint."""
-        color = without_relief(self.intensity, self.relief, self.mask)[..., None]
+        color = without_relief(self.intensity, self.relief, self.areas)[..., None]
         depth_m = np.exp(self.prior)
         return edge_weights(color, depth_m, self.mask, sigma_c=sigma_c, sigma_d=sigma_d, tau=tau)
+
+    def contrast(self) -> Floats:
+        """(h, w) of fine relief with its surroundings, relative; 0 where that says nothing.
+
+        Hollows may be black, but no ridge is lit from more than all sides: what is much brighter
+        than usual is a highlight or a lining.
+        """
+        plain = np.maximum(from_afar(self.intensity, self.areas), DARKEST)
+        found = np.where(self.seen, self.intensity / plain - 1, 0.0)
+        sure = self.seen & (self.relief > 0.5)
+        usual = MAD_TO_SIGMA * float(np.median(np.abs(found[sure]))) if sure.any() else 0.0
+        return np.asarray(self.relief * np.minimum(found, BRIGHTEST * usual))
 
     def believed(self, doubt: float) -> Floats:
         """How far shading is believed, (h, w) 0..1: see `fine_relief.believed`."""
@@ -124,10 +146,10 @@ class Fit:
 
 @dataclass(frozen=True)
 class Depth:
-    """The depth's energy  sum c (rho S - I)^2 + f^2 (lambda_z1 (K dp)^2 + lambda_z2 (L dp)^2).
+    """The energy  sum c (rho S - I)^2 + f^2 (lambda_z1 (K dp)^2 + lambda_z2 (L (dp - q))^2).
 
     dp = p - p0; L is the Laplacian; aim : (h, w) the intensity that rho S is to have
-    believed : (h, w) c, how far it is believed, 0..1
+    believed : (h, w) c, how far it is believed, 0..1; expected : (h, w) q, log metres
     accuracy : to which a step is solved, relative to what the prepared depth leaves unexplained
     """
 
@@ -139,6 +161,7 @@ class Depth:
     lambda_z2: float
     believed: Floats
     accuracy: float
+    expected: Floats
 
     @property
     def held(self) -> Floats:
@@ -166,7 +189,7 @@ class Depth:
             pair_weights=links.pair_weights() if links.cut else None,
             **data_terms(self.view.averaging, self.held, prior),
             laplacian_weight=self.lambda_z2 * squared if self.lambda_z2 else None,
-            laplacian_target=laplacian(prior, links.mask),
+            laplacian_target=laplacian(prior + self.expected, links.mask),
         )
         # In terms of the change, which is small, a rough accuracy will do.
         change = replace(system, rhs=system.rhs - system.apply(prior), target=np.zeros(prior.shape))
@@ -185,7 +208,7 @@ class Depth:
             residual = residual + slope * (forward + backward) / np.maximum(1.0 * ahead + behind, 1)
             bent += (slope * both) ** 2 / 4
         moved = log_depth - view.prior
-        curved = laplacian(moved, view.mask)
+        curved = laplacian(moved - self.expected, view.mask)
         held = data_misfit(view.averaging, self.held, moved, view.mask)
         smooth = self.lambda_z2 * view.camera.fx * view.camera.fy * curved**2
         return held + float((residual**2 + bent + smooth)[view.mask].sum())

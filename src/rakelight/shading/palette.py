@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rakelight.model import Floats
+from rakelight.model import Array, Floats
 
 # An albedo is a colour of the paint if it is as near as this, logarithmic.
 SAME_COLOR = 0.25
@@ -19,6 +19,18 @@ def nearest_colors(albedo: Floats) -> tuple[Floats, Floats]:
     >>> colors, alike = nearest_colors(np.repeat([[0.0] * 3, [-1.0] * 3, [-0.5] * 3], [9, 9, 1], 0))
     >>> colors[[0, 9], 0].round(2).tolist(), bool(alike[0] > 0.9)
     ([0.0, -1.0], True)
+    """
+    table, label = commonest_colors(albedo)
+    apart = ((albedo - table[label]) ** 2).sum(axis=1)
+    return table[label], np.asarray(1 / (1 + apart / SAME_COLOR**2) ** 2)
+
+
+def commonest_colors(albedo: Floats) -> tuple[Floats, Array]:
+    """The commonest colours (K, 3) of colours (P, 3), the first the commonest, and which is each's.
+
+    >>> colors, label = commonest_colors(np.repeat([[0.0] * 3, [-1.0] * 3], [9, 4], 0))
+    >>> colors[:, 0].round(2).tolist(), label[[0, 12]].tolist()
+    ([0.0, -1.0], [0, 1])
     """
     some = albedo[:: max(1, len(albedo) // 1500)].astype(np.float32)
     modes = some[:: max(1, len(some) // 200)]
@@ -40,5 +52,4 @@ def nearest_colors(albedo: Floats) -> tuple[Floats, Floats]:
     for k in range(len(table)):
         if (label == k).any():
             table[k] = np.median(albedo[label == k], axis=0)
-    apart = ((albedo - table[label]) ** 2).sum(axis=1)
-    return table[label], np.asarray(1 / (1 + apart / SAME_COLOR**2) ** 2)
+    return table, label

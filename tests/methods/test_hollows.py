@@ -1,0 +1,103 @@
+"""What light from all sides says of fine relief, against the visible sky of whole surfaces."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import map_coordinates
+
+from rakelight.geometry.blur import blurred
+from rakelight.methods.fine_relief import AFAR_PX
+from rakelight.methods.hollows import hollows
+
+SIDE = 72
+ALL = np.ones((SIDE, SIDE), bool)
+ROW, COLUMN = np.mgrid[:SIDE, :SIDE]
+FACING = np.tile([0.0, 0.0, -1.0], (SIDE, SIDE, 1))
+FROM_ALL_SIDES = np.array([0.0, 0.0, 0.0, 1.0])
+AZIMUTHS, ELEVATIONS = 12, 24
+
+
+def relief(kind, period_px, slope):
+    """A periodic height (h, w) in pixels with that root mean square slope."""
+    if kind == "waves":
+        wave = 2 * np.pi / period_px
+        height = np.cos(wave * (ROW + COLUMN) / 2**0.5) * np.cos(wave * (ROW - COLUMN) / 2**0.5)
+    else:
+        frequency = np.hypot(np.fft.fftfreq(SIDE)[:, None], np.fft.fftfreq(SIDE))
+        ring = np.exp(-((frequency * period_px - 1) ** 2) / 0.08)
+        noise = np.random.default_rng(0).normal(size=(SIDE, SIDE))
+        height = np.fft.ifft2(np.fft.fft2(noise) * ring).real
+    return height * slope / np.hypot(*gradient(height)).std()
+
+
+def gradient(height):
+    return [(np.roll(height, -1, axis) - np.roll(height, 1, axis)) / 2 for axis in (0, 1)]
+
+
+def sky(height, reach):
+    """Light (h, w) from an even sky of radiance 1 / pi over a height, what stands before it out."""
+    down, right = gradient(height)
+    length = np.sqrt(1 + down**2 + right**2)
+    light = np.zeros(height.shape)
+    elevations = (np.arange(ELEVATIONS) + 0.5) * np.pi / 2 / ELEVATIONS
+    for azimuth in np.arange(AZIMUTHS) * 2 * np.pi / AZIMUTHS:
+        horizon = np.zeros(height.shape)
+        for far in np.arange(1, reach):
+            place = [ROW + far * np.sin(azimuth), COLUMN + far * np.cos(azimuth)]
+            there = map_coordinates(height, place, order=1, mode="grid-wrap")
+            horizon = np.maximum(horizon, np.arctan((there - height) / far))
+        for elevation in elevations:
+            across = -(right * np.cos(azimuth) + down * np.sin(azimuth)) * np.cos(elevation)
+            cosine = np.maximum(across + np.sin(elevation), 0) / length
+            light += np.where(elevation > horizon, cosine * np.cos(elevation), 0.0)
+    return light * 2 / AZIMUTHS * np.pi / 2 / ELEVATIONS
+
+
+@pytest.mark.parametrize("kind", ["waves", "random"])
+@pytest.mark.parametrize("period_px", [6, 9, 12])
+@pytest.mark.parametrize("slope", [0.6, 1.2])
+def test_the_hollows_of_a_relief_are_found_under_the_sky(kind, period_px, slope):
+    height = relief(kind, period_px, slope)
+    light = sky(height, 1.5 * period_px)
+    contrast = light / blurred(light, AFAR_PX, ALL) - 1
+    found, explained = hollows(contrast, FROM_ALL_SIDES, FACING, ALL)
+    np.testing.assert_allclose(explained, contrast)
+    inner = (slice(12, -12), slice(12, -12))
+    # The best height that the light tells, in least squares, is about the one found.
+    scale = (found * height)[inner].sum() / (found**2)[inner].sum()
+    assert 0.6 < scale < 1.7
+    assert np.corrcoef(found[inner].ravel(), height[inner].ravel())[0, 1] > 0.5
+
+
+def test_an_open_slope_has_no_hollows():
+    lean = sky(0.0 * ROW, 3)
+    np.testing.assert_allclose(lean, 1.0, atol=0.01)
+
+
+def test_the_height_of_a_wave_goes_with_its_length():
+    tall = [
+        hollows(0.1 * np.cos(ROW * 2 * np.pi / px), FROM_ALL_SIDES, FACING, ALL)[0][20:-20].std()
+        for px in (8, 16)
+    ]
+    assert tall[1] / tall[0] == pytest.approx(2, rel=0.15)
+
+
+def test_light_from_one_side_explains_what_it_can():
+    contrast = 0.1 * np.cos(ROW * 2 * np.pi / 8)
+    strong, weak = np.array([0.0, -0.6, -0.6, 0.4]), np.array([0.0, -0.05, -0.3, 0.7])
+    shares = [hollows(contrast, light, FACING, ALL)[1].std() / 0.0707 for light in (strong, weak)]
+    assert shares[0] < 0.05
+    assert 0.85 < shares[1] < 1
+
+
+def test_light_along_the_view_is_no_light_from_the_side():
+    contrast = 0.1 * np.cos(ROW * 2 * np.pi / 8)
+    _, explained = hollows(contrast, np.array([0.0, 0.0, -0.5, 0.5]), FACING, ALL)
+    np.testing.assert_allclose(explained, contrast)
+
+
+@pytest.mark.parametrize("ambient", [0.0, -0.2])
+def test_without_light_from_all_sides_there_are_no_hollows(ambient):
+    light = np.array([0.0, 0.0, -1.0, ambient])
+    height, explained = hollows(0.1 * np.cos(ROW), light, FACING, ALL)
+    assert (height == 0).all()
+    assert (explained == 0).all()
