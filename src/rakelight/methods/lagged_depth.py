@@ -120,7 +120,9 @@ class View:
         plain = np.maximum(from_afar(self.intensity, self.areas), DARKEST)
         found = np.where(self.seen, self.intensity / plain - 1, 0.0)
         sure = self.seen & (self.relief > 0.5)
-        usual = MAD_TO_SIGMA * float(np.median(np.abs(found[sure]))) if sure.any() else 0.0
+        if not sure.any():
+            return np.zeros(self.mask.shape)
+        usual = MAD_TO_SIGMA * float(np.median(np.abs(found[sure])))
         return np.asarray(self.relief * np.minimum(found, BRIGHTEST * usual))
 
     def believed(self, doubt: float) -> Floats:
