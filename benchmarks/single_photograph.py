@@ -3,8 +3,9 @@
     python benchmarks/single_photograph.py ../shared/captures/android -o docs/android.png
     python benchmarks/single_photograph.py ../shared/captures/monkey -o docs/monkey.png
 
-From left to right: the photograph, the prepared depth and fusion-like as it comes, each surface as
-clay under one raking lamp; twice as large as they are.
+From left to right: the photograph, the prepared depth and fusion-like as it comes, as clay under a
+raking lamp at the upper left, and fusion-like under one at the upper right, where copied shading
+would not look like relief; twice as large as they are.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 
 from rakelight.capture import load_capture
 from rakelight.capture.images import encode_png
-from rakelight.export.pictures import shaded, side_by_side
+from rakelight.export.pictures import RAKING, shaded, side_by_side
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods import refine
 from rakelight.model import Array, Capture
@@ -34,7 +35,11 @@ def strip(capture: Capture) -> Array:
     photograph = np.round(255 * np.clip(grey, 0, 1) ** (1 / 2.2)).astype(np.uint8)
     before = surface_normals(prepared.depth_m, prepared.mask, prepared.camera)
     after = result.normals[prepared.rows, prepared.columns]
-    surfaces = [shaded(normals, prepared.mask) for normals in (before, after)]
+    other = (-RAKING[0], *RAKING[1:])
+    surfaces = [
+        shaded(normals, prepared.mask, lamp)
+        for normals, lamp in ((before, RAKING), (after, RAKING), (after, other))
+    ]
     picture = side_by_side(photograph, *surfaces)
     return np.repeat(np.repeat(picture, TIMES, axis=0), TIMES, axis=1)
 
