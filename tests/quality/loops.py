@@ -2,11 +2,11 @@
 
     python tests/quality/loops.py
 
-Contrast is the brightness' root mean square at the loops' size, between averages over 0.8 and 2.5
-pixels, relative; noise is how much of it white noise would make that explains all of the finest
-differences, so at most.  Height is what fusion-like adds to the prepared depth at the same size,
-and follows is its correlation with the brightness.  Clipped pixels and those within 3 of a border
-are left out.
+Period is that of the brightness' strongest wave.  Contrast is its root mean square at the loops'
+size, between averages over 0.8 and 2.5 pixels, relative; noise is how much of it white noise would
+make that explains all of the finest differences.  Height is what fusion-like adds to the prepared
+depth at the same size, and follows is its correlation with the brightness.  Clipped pixels and
+those within 3 of a border are left out.
 """
 
 from pathlib import Path
@@ -47,6 +47,7 @@ class Loops(NamedTuple):
     """Of one part: the clipped share, relative contrasts, height in mm, a correlation."""
 
     clipped: float
+    period_px: float
     contrast: float
     noise: float
     height_mm: float
@@ -71,6 +72,7 @@ def loops(capture):
         part = box & told
         found[name] = Loops(
             1 - np.count_nonzero(part) / np.count_nonzero(box),
+            period_px(photograph * part),
             float(photograph[part].std()),
             finest(bright, part) * passed(),
             float(height_mm[part].std()),
@@ -82,6 +84,14 @@ def loops(capture):
 def band(image, mask):
     """What of an image (h, w) is of the loops' size."""
     return blurred(image, SMALL_PX, mask) - blurred(image, LARGE_PX, mask)
+
+
+def period_px(image):
+    """Of the strongest wave between 3 and 15 pixels long."""
+    power = np.abs(np.fft.fft2(image)) ** 2
+    frequency = np.hypot(*np.meshgrid(*(np.fft.fftfreq(n) for n in image.shape), indexing="ij"))
+    power[(frequency < 1 / 15) | (frequency > 1 / 3)] = 0
+    return float(1 / frequency.flat[power.argmax()])
 
 
 def finest(image, part):
@@ -100,10 +110,10 @@ def passed():
 def main():
     """Print the table."""
     found = loops(load_capture(MONKEY))
-    print("| part | clipped | contrast | noise | height, mm | follows |")  # noqa: T201
-    print("| --- | --- | --- | --- | --- | --- |")  # noqa: T201
+    print("| part | clipped | period, px | contrast | noise | height, mm | follows |")  # noqa: T201
+    print("| --- | --- | --- | --- | --- | --- | --- |")  # noqa: T201
     for name, of in found.items():
-        light = f"{of.clipped:.0%} | {of.contrast:.3f} | {of.noise:.3f}"
+        light = f"{of.clipped:.0%} | {of.period_px:.1f} | {of.contrast:.3f} | {of.noise:.3f}"
         print(f"| {name} | {light} | {of.height_mm:.2f} | {of.follows:.2f} |")  # noqa: T201
 
 
