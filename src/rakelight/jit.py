@@ -36,14 +36,18 @@ def helper(function: Function, *, any_order: bool = False) -> Function:
 
 
 @contextmanager
-def threads_for(pixels: int) -> Iterator[None]:
-    """Kernels called inside use one core unless there are enough pixels to share."""
-    from numba import get_num_threads, set_num_threads
+def threads_for(pixels: int, rows: int = 0) -> Iterator[None]:
+    """Kernels called inside use one core unless there are enough pixels to share.
+
+    rows : that a core takes at a time, for rows of unequal work; 0 shares them out at once
+    """
+    from numba import get_num_threads, parallel_chunksize, set_num_threads
 
     before = get_num_threads()
     set_num_threads(before if pixels >= WORTH_SHARING else 1)
     try:
-        yield
+        with parallel_chunksize(rows):
+            yield
     finally:
         set_num_threads(before)
 

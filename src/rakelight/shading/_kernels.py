@@ -22,8 +22,8 @@ ALBEDO_ROUNDS = 2
 BINS = 1024
 # Residuals are counted in bins up to this value; white is 1.
 WIDEST = 0.5
-# The logarithm of a product is the sum of losses; so many are finite below 1e9 scales each.
-LOGARITHM = 8
+# The logarithm of a product is the sum of losses; so many are finite below 5e4 scales each.
+LOGARITHM = 32
 # Rows of a matrix product that are gathered first.
 STACK = 128
 
@@ -45,20 +45,22 @@ def geometry(gu, gv, x, y, fx, fy, n, du, dv, lagged):
 
 
 @helper
-def shade(vectors, ambients, closeness, n, point, near, dot, s):
+def shade(vectors, nearness, n, point, near, dot, s):
     """Fill s (3, N) with one channel's lights at the point and dot (N) with s . n.
 
-    vectors (3, N), ambients (N) and closeness (N) of the channel's lights
+    The light vector that a lamp sends to X, metres from the object's middle: with q the vector at
+    the middle, u = q/|q| and k = closeness, 1/metre, the lamp stands at u/k and
+    s = |q| (u - k X) / |u - k X|^3, which is q itself for k = 0.
+    vectors (3, N) : q; nearness (N) : |q| k
     """
     for i in range(dot.size):
         v0, v1, v2 = vectors[0, i], vectors[1, i], vectors[2, i]
         gain = 1.0
-        if near:  # as in `light_at`, without the slopes
+        if near:
             size2 = v0 * v0 + v1 * v1 + v2 * v2
-            away = closeness[i] * (np.sqrt(size2) + 1e-12)
-            v0 -= away * point[0]
-            v1 -= away * point[1]
-            v2 -= away * point[2]
+            v0 -= nearness[i] * point[0]
+            v1 -= nearness[i] * point[1]
+            v2 -= nearness[i] * point[2]
             gain = size2 / (v0 * v0 + v1 * v1 + v2 * v2 + 1e-300)
             gain *= np.sqrt(gain)
         s[0, i], s[1, i], s[2, i] = gain * v0, gain * v1, gain * v2
@@ -70,7 +72,7 @@ def turn(vectors, n, point, s, dot, pull, out):
     """Add to out (5, N) what changes of lights' vectors and closeness do where s (3, N) arrive.
 
     pull (N) : what the shading's change counts.  With e = s/|s| and Df = 1/r^3 (I - 3 e e^T), both
-    as in `light_at`:  d/dq = Df n + u (s . n / |q| - u . Df n),  d/dk = -|q| X . Df n
+    as in `shade`:  d/dq = Df n + u (s . n / |q| - u . Df n),  d/dk = -|q| X . Df n
     """
     for i in range(pull.size):
         q0, q1, q2 = vectors[0, i], vectors[1, i], vectors[2, i]
@@ -112,21 +114,21 @@ def fit_albedo(a, value, good, sharp, rho, w):
 
 @kernel
 def explain(
-    photos, table, low, high, active, gradient, points, camera, vectors, ambients, closeness,
+    photos, table, low, high, active, gradient, points, camera, vectors, ambients, nearness,
     scales, lagged, project, albedo, tensor, vector, sums, histogram, misfit, turning, slope,
 ):  # fmt: skip
     """Albedo, depth terms, energy and residuals of every active pixel; see `Photographs.explain`.
 
-    vectors (C, 3, N), ambients (C, N), closeness (N) of the lights
+    vectors (C, 3, N), ambients (C, N), nearness (C, N) of the lights: as in `Lamps.arrays`
     sums (h, 3): energy, squared residuals, count; histogram (h, BINS) of absolute residuals in one
-    channel of each pixel; misfit (h, w): each pixel's mean absolute residual.  When `turning`,
-    slope (h, C, 5, N) gets the first derivatives of half the energy with each light's vector,
-    closeness, ambient.
+    channel of every other pixel; misfit (h, w): each pixel's mean absolute residual.  When
+    `turning`, slope (h, C, 5, N) gets the first derivatives of half the energy with each light's
+    vector, closeness, ambient.
     """
     height, width = active.shape
     channels, _, count = vectors.shape
     fx, fy, cx, cy = camera
-    near = closeness.max() > 0.0
+    near = nearness.max() > 0.0
     for row in prange(height):
         n, du, dv, point = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
         a, w, value, good = np.empty(count), np.empty(count), np.empty(count), np.empty(count)
@@ -154,7 +156,7 @@ def explain(
             for c in range(3):
                 light_c = min(c, channels - 1)
                 if c < channels:
-                    shade(vectors[c], ambients[c], closeness, n, point, near, dot, s)
+                    shade(vectors[c], nearness[c], n, point, near, dot, s)
                     for i in range(count):
                         a[i] = max(dot[i], 0.0) + ambients[c, i]
                 for i in range(count):
@@ -180,7 +182,7 @@ def explain(
                     bv -= lit * sv * r
                     tu += lit * su * a[i]
                     tv += lit * sv * a[i]
-                if c == (row + column) % 3:
+                if 2 * c == (row + column) % 6:
                     for i in range(count):
                         if good[i] > 0.0:
                             histogram[row, min(int(abs(away[i]) * (BINS / WIDEST)), BINS - 1)] += 1
@@ -189,6 +191,9 @@ def explain(
                         few = 1.0
                         for i in range(start, min(start + LOGARITHM, count)):
                             few *= 1.0 + sharp * away[i] * away[i]
+                        if few > 1e150:
+                            energy += scale * scale * np.log(few)
+                            few = 1.0
                         product *= few
                         if product > 1e150:
                             energy += scale * scale * np.log(product)
@@ -233,7 +238,7 @@ def take_products(hessian, rows):
 
 @kernel
 def light_terms(
-    photos, table, low, high, active, gradient, points, camera, vectors, ambients, closeness,
+    photos, table, low, high, active, gradient, points, camera, vectors, ambients, nearness,
     scales, albedo, parameters, project, hessian, slope, cross, cell,
 ):  # fmt: skip
     """Second and first derivatives of half the energy with respect to the lights.
@@ -248,7 +253,7 @@ def light_terms(
     height, width = active.shape
     channels, _, count = vectors.shape
     fx, fy, cx, cy = camera
-    near = closeness.max() > 0.0
+    near = nearness.max() > 0.0
     blocks = hessian.shape[0]
     for block in prange(blocks):
         n, du, dv, point = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
@@ -286,7 +291,7 @@ def light_terms(
                 for c in range(3):
                     light_c = min(c, channels - 1)
                     if c < channels:
-                        shade(vectors[c], ambients[c], closeness, n, point, near, dot, s)
+                        shade(vectors[c], nearness[c], n, point, near, dot, s)
                         for i in range(count):
                             a[i] = max(dot[i], 0.0) + ambients[c, i]
                             lit[i] = 1.0 if dot[i] > 0.0 else 0.0

@@ -17,6 +17,8 @@ from rakelight.model import MAD_TO_SIGMA, Array, Camera, Floats, Lights, Mask
 
 # Rows are summed in this many blocks, however many cores there are: the same numbers everywhere.
 BLOCKS = 16
+# Rows that a core explains at a time.
+ROWS = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,12 +41,13 @@ class Lamps:
 
     @property
     def arrays(self) -> tuple[Floats, Floats, Floats]:
-        """Vector (C, 3, N), ambient (C, N) and closeness (N) as kernels take them."""
-        vector, ambient, closeness = (
+        """Vector q (C, 3, N), ambient (C, N) and |q| closeness (C, N) as kernels take them."""
+        nearness = np.linalg.norm(self.vector, axis=-1) * self.closeness[:, None]
+        vector, ambient, nearness = (
             np.ascontiguousarray(each.T, dtype=np.float64)
-            for each in (self.vector.swapaxes(1, 2), self.ambient, self.closeness)
+            for each in (self.vector.swapaxes(1, 2), self.ambient, nearness)
         )
-        return vector, ambient, closeness
+        return vector, ambient, nearness
 
     def moved(self, step: Floats) -> Lamps:
         """The lamps after a step (N, C, 4 or 5): vector, [closeness,] ambient."""
@@ -88,8 +91,8 @@ class Explanation:
     tensor, vector : M (h, w, 3: uu, uv, vv) and b (h, w, 2); moving the gradient of log depth by d
         changes the energy by about  d^T M d - 2 b . d
     misfit : (h, w) mean absolute residual of each pixel
-    spread : robust standard deviation of a value, from the median of one channel of each pixel;
-        rms : root mean square
+    spread, rms : standard deviation of a value, from the median in one channel of every other
+        pixel; root mean square
     light_slope : (N, C, 5) half the energy's derivatives with the lights' vector, closeness and
         ambient, the albedo following; None unless asked for
     """
@@ -183,7 +186,7 @@ class Photographs:
         histogram = np.zeros((height, _kernels.BINS), dtype=np.int64)
         misfit = np.zeros((height, width))
         slope = np.zeros((height if turning else 0, lamps.ambient.shape[1], 5, len(self)))
-        with threads_for(len(self) * self.mask.size):
+        with threads_for(len(self) * self.mask.size, ROWS):
             _kernels.explain(
                 self.values, self.table, self.low, self.high, self.active, surface.gradient,
                 surface.points, self._optics, *lamps.arrays, self._scales(scale), lagged, project,
