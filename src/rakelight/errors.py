@@ -13,6 +13,8 @@ The library raises these and nothing else for bad input; it never prints and nev
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 
 class RakelightError(Exception):
     """A failure that a person can act on.
@@ -104,3 +106,13 @@ def fsencode_safe(path: str) -> str:
     'caf\\xe9'
     """
     return path.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+
+
+def listed(names: Sequence[str], chosen: Iterable[bool]) -> str:
+    """The chosen names, safe for a terminal; the first few of many.
+
+    >>> listed(["0.png", "1.png", "2.png"], [True, False, True])
+    '0.png, 2.png'
+    """
+    these = [printable(name) for name, taken in zip(names, chosen, strict=True) if taken]
+    return ", ".join(these[:4]) + (f" and {len(these) - 4} more" if len(these) > 4 else "")

@@ -13,6 +13,7 @@ from PIL import Image
 from rakelight.capture import load_capture, write_capture
 from rakelight.capture.images import decode_image, encode_png, encode_tiff
 from rakelight.export import load_result
+from rakelight.synthetic import make_shape
 
 ALTERNATING = ("--method", "multi-light-alternating")
 IMAGES = ["rgb/002.png", "depth/000.png", "mask.png"]
@@ -179,6 +180,48 @@ def test_9_intrinsics_of_another_resolution(capture, refine_refused):
 def test_10_intrinsics(capture, refine_refused, old, new, words):
     edit_config(capture, old, new)
     refine_refused("capture.toml", *words)
+
+
+# --- 8, 31: what was shifted ---
+
+
+@pytest.fixture
+def larger(capture):
+    """The capture of small_scene, in 192 x 144 pixels: outlines and texture can be compared."""
+    shutil.rmtree(capture)
+    scene, _ = small_scene(camera=make_shape("sphere").camera.scaled(0.4))
+    write_capture(scene, capture, depth_scale=10_000)
+    return capture
+
+
+def shift(path, right, down):
+    path.write_bytes(encode_png(np.roll(pixels(path), (down, right), axis=(0, 1))))
+
+
+def test_8_31_what_lies_on_each_other_is_not_doubted(larger, run, tmp_path):
+    assert not {"depth-misaligned", "camera-moved"} & set(refined(run, larger, tmp_path / "out"))
+
+
+def test_8_depth_shifted_against_the_photographs(larger, run, tmp_path, refine_refused):
+    shift(larger / "depth" / "000.png", 3, -2)
+    said = refined(run, larger, tmp_path / "out")["depth-misaligned"]
+    assert said.endswith(
+        "not registered to the photographs: shifted by about 7 pixels (6 right, 4 up)"
+    )
+    shutil.rmtree(tmp_path / "out")
+    shift(larger / "depth" / "000.png", 9, 2)
+    words = ("not registered", "seen shifted by about 24 pixels (24 right, 0 ", "[depth_to_color]")
+    refine_refused("", *words)
+
+
+def test_31_the_camera_moved(larger, run, tmp_path):
+    for name in ("003.png", "004.png"):
+        shift(larger / "rgb" / name, -2, 1)
+    said = refined(run, larger, tmp_path / "out")["camera-moved"]
+    assert "003.png, 004.png shifted by 2." in said
+    # Without them, as the remedy says, nothing is left to say.
+    kept = refined(run, larger, tmp_path / "kept", "--photographs", "0-2", "--scale", "1")
+    assert "camera-moved" not in kept
 
 
 # --- 11, 12, 14: photographs ---

@@ -31,6 +31,8 @@ from rakelight.model import (
     silent,
 )
 from rakelight.prepare import Prepared, Scale, prepare
+from rakelight.prepare.misaligned import misaligned
+from rakelight.prepare.motion import motion
 
 # Method name -> module; the module's function and class are `module` and `Options`.
 METHODS = {
@@ -112,8 +114,8 @@ def refine(
     progress : called with a `Progress` at every step
 
     Returns a `Result` at the output resolution: metres and unit vectors in the camera frame.
-    Raises MethodError when the method does not fit, InputError for a bad scale, MachineError
-    when there is too little memory to begin with.
+    Raises MethodError when the method does not fit, InputError for a bad scale, CaptureError when
+    the depth is plainly that of another place, MachineError when there is too little memory.
     """
     began = perf_counter()
     chosen = load_method(choose_method(capture) if method == "auto" else method)
@@ -134,6 +136,7 @@ def refine(
         source=capture.source,
         remedy="close other programs, choose a smaller --scale, or crop to the object",
     )
+    checked = (*motion(capture), *misaligned(capture))
     prepared_at = perf_counter()
     estimate = _too_thin(prepared) or chosen.run(prepared, options, progress)
     refined_at = perf_counter()
@@ -160,7 +163,7 @@ def refine(
             "refine": refined_at - prepared_at,
             **estimate.timings_s,
         },
-        findings=prepared.findings + estimate.findings + bounded + _convergence(estimate),
+        findings=prepared.findings + checked + estimate.findings + bounded + _convergence(estimate),
         source=capture.source,
         photograph_names=capture.names,
         capture=_figures(capture),

@@ -8,7 +8,7 @@ from math import ceil
 
 import numpy as np
 
-from rakelight.errors import InputError, MethodError, printable
+from rakelight.errors import InputError, MethodError, listed, printable
 from rakelight.model import Camera, Finding, Floats, Lights, Mask
 from rakelight.prepare import Prepared
 
@@ -148,7 +148,7 @@ def lamp_findings(lights: Lights, names: tuple[str, ...]) -> tuple[Finding, ...]
             Finding(
                 "warning",
                 "dark-photographs",
-                f"the lamp does not reach the object in {_listed(named, dark)}",
+                f"the lamp does not reach the object in {listed(named, dark)}",
                 "take these again, or leave them out",
             )
         )
@@ -163,13 +163,13 @@ def lamp_findings(lights: Lights, names: tuple[str, ...]) -> tuple[Finding, ...]
         if widest < LEAST_SPREAD_DEG:
             message = (
                 f"the lamp is in nearly one place, within {widest:.1f} degrees, in "
-                f"{_listed(named, ~dark)}: mostly the depth is kept"
+                f"{listed(named, ~dark)}: mostly the depth is kept"
             )
             code = "one-lamp-position"
         elif thickness < np.sin(np.radians(LEAST_THICKNESS_DEG)):
             message = (
                 f"the lamp moves in one plane, within {np.degrees(np.arcsin(thickness)):.1f} "
-                f"degrees, in {_listed(named, ~dark)}: slopes across it are the depth's"
+                f"degrees, in {listed(named, ~dark)}: slopes across it are the depth's"
             )
             code = "lamps-in-one-plane"
         else:
@@ -186,12 +186,6 @@ def first_only(prepared: Prepared, method: str) -> tuple[Finding, ...]:
     which = f" ({printable(prepared.names[0])})" if prepared.names else ""
     message = f"{method} uses the first of {len(prepared)} photographs{which}"
     return (Finding("note", "first-photograph", message, "use multi-light for all"),)
-
-
-def _listed(names: tuple[str, ...], chosen: Mask) -> str:
-    """The chosen names, the first few of many."""
-    these = [printable(name) for name, taken in zip(names, chosen, strict=True) if taken]
-    return ", ".join(these[:4]) + (f" and {len(these) - 4} more" if len(these) > 4 else "")
 
 
 def brightest(albedo: Floats) -> float:

@@ -1,0 +1,164 @@
+"""Whether the depth map lies on the photographs: the object's outline in both.
+
+The mask is drawn on the photographs; the depth map ends, or jumps, where the object does.  Of a
+registered depth map the outline lies on the mask's, or all around it a little outside or inside.
+Of one that is shifted it lies outside on one side and inside on the other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from rakelight.errors import CaptureError
+from rakelight.model import Capture, Finding, Floats, Mask
+from rakelight.prepare.motion import in_words
+from rakelight.prepare.sensor import Grid, sensed
+from rakelight.prepare.surfaces import surfaces
+
+# Depth pixels: a shift is at least this, and this much more than the outline lies off all around.
+LEAST_PX, LEAST_BEYOND_PX = 2.0, 1.5
+# It is so many standard errors, and explains this part of how far the outlines are apart.
+ERRORS, EXPLAINED = 5.0, 0.55
+# Outlines are right to about this; along them, so many pixels share an error.
+OUTLINE_PX, COHERENT_PX = 0.5, 10.0
+# Shifted by so much of the object's width, and so many pixels, the depth is of another place.
+FARTHEST, FARTHEST_PX, SURELY_EXPLAINED = 0.1, 5.0, 0.8
+# An outline of fewer pixels says nothing; the depth goes on so far beyond the image.
+FEWEST, AROUND_PX = 40, 40
+
+REMEDY = "give the depth camera's own [depth_intrinsics] and [depth_to_color]"
+
+
+@dataclass(frozen=True, slots=True)
+class Displacement:
+    """How the object's outline in the depth lies on that of its mask, in depth pixels.
+
+    shift : (2,) right and down; error : its standard error
+    beyond : how far it lies outside all around
+    spread, unshifted_spread : what is left of the distances, and what would be without a shift
+    """
+
+    shift: Floats
+    error: float
+    beyond: float
+    spread: float
+    unshifted_spread: float
+
+    @property
+    def length(self) -> float:
+        """Of the shift."""
+        return float(np.hypot(*self.shift))
+
+    @property
+    def explained(self) -> float:
+        """Which part of the distances between the outlines is the shift's."""
+        return 1 - self.spread / self.unshifted_spread
+
+    @property
+    def plain(self) -> bool:
+        """Whether the shift is one beyond doubt."""
+        least = max(LEAST_PX, abs(self.beyond) + LEAST_BEYOND_PX, ERRORS * self.error)
+        return self.length >= least and self.explained >= EXPLAINED
+
+
+def misaligned(capture: Capture) -> tuple[Finding, ...]:
+    """A warning where the depth map is shifted against the photographs, with the pixels.
+
+    Raises CaptureError where that is beyond doubt and more than a tenth of the object's width.
+    """
+    seen, factor = seen_by_sensor(capture)
+    size = seen.shape[::-1]
+    share = cv2.resize(capture.mask.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    found = displacement(share >= 0.5, seen)
+    if found is None or not found.plain:
+        return ()
+    what = "the depth map is not registered to the photographs"
+    shift = f"shifted by about {in_words(factor * found.shift, 0)}"
+    limit_px = max(FARTHEST_PX, FARTHEST * float(np.sqrt(share.sum())))
+    if found.length > limit_px and found.explained > SURELY_EXPLAINED:
+        limit = f"less than {int(factor * limit_px)} pixels"
+        raise CaptureError(what, source=capture.source, seen=shift, needed=limit, remedy=REMEDY)
+    can_register = len(capture.photographs) > 1 and not capture.register
+    remedy = f"register = true in capture.toml, or {REMEDY}" if can_register else REMEDY
+    return (Finding("warning", "depth-misaligned", f"{what}: {shift}", remedy),)
+
+
+def seen_by_sensor(capture: Capture) -> tuple[Mask, float]:
+    """(hs, ws) where the depth shows the object, holes filled, and photograph pixels per pixel.
+
+    These are the surfaces that lie in the mask for the most part, and the one most seen there.
+    """
+    from scipy.ndimage import binary_fill_holes
+
+    depth, _ = sensed(replace(capture, depth_m=capture.depth_m[:1]))
+    grid = Grid(depth.shape, capture.camera.shape)
+    number, count = surfaces(depth, capture.camera.resized(*depth.shape[::-1]))
+    known = number >= 0
+    inside = np.bincount(number[known & grid.touched(capture.mask)], minlength=count)
+    own = inside >= 0.5 * np.bincount(number[known], minlength=count)
+    own[inside == inside.max(initial=0)] = True
+    return np.asarray(binary_fill_holes(known & np.append(own, False)[number])), grid.factor
+
+
+def displacement(mask: Mask, seen: Mask) -> Displacement | None:
+    """How the outline of `seen` (h, w) lies on the mask's; None where they cannot be compared.
+
+    Robust least squares over the mask's outline: the signed distances from there to that of
+    `seen` are the same all around once the mask is shifted.
+
+    >>> mask = np.zeros((60, 80), dtype=bool)
+    >>> mask[20:40, 20:50] = True
+    >>> displacement(mask, np.roll(mask, (3, 5), axis=(0, 1))).shift.round(1).tolist()
+    [5.0, 3.0]
+    """
+    from scipy.ndimage import map_coordinates
+    from scipy.optimize import least_squares
+
+    outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    at = np.concatenate([np.empty((0, 2)), *(line[:, 0] for line in outlines)])
+    # Where the image ends is no outline.
+    at = at[((at > 1) & (at < np.array(mask.shape[::-1]) - 2)).all(axis=1)]
+    if len(at) < FEWEST or not seen.any() or seen.all():
+        return None
+    inward = _signed_distance(np.pad(seen, AROUND_PX, mode="edge"))
+
+    def distances(shift: Floats) -> Floats:
+        where = (at + shift + AROUND_PX).T[::-1]
+        return np.asarray(map_coordinates(inward, where, order=1, mode="nearest"))
+
+    def slopes(x: Floats) -> Floats:
+        steps = 0.5 * np.eye(2)
+        along = [distances(x[:2] + step) - distances(x[:2] - step) for step in steps]
+        return np.stack([*along, -np.ones(len(at))], axis=-1)
+
+    def left(x: Floats) -> Floats:
+        return np.asarray(distances(x[:2]) - x[2])
+
+    # Thin parts are found again from where the whole lies only.
+    whole = np.array([np.mean(np.nonzero(part), axis=1)[::-1] for part in (mask, seen)])
+    starts = np.zeros(3), np.append(whole[1] - whole[0], 0.0)
+    fits = [least_squares(left, start, slopes, loss="soft_l1") for start in starts]
+    x = min(fits, key=lambda fit: fit.cost).x
+    spread = _spread(left(x))
+    sound = slopes(x)[np.abs(left(x)) < 3 * spread]
+    variance = COHERENT_PX * spread**2 * np.linalg.pinv(sound.T @ sound).diagonal()
+    error = float(np.sqrt(variance[:2].max()))
+    return Displacement(x[:2], error, float(x[2]), spread, _spread(distances(np.zeros(2))))
+
+
+def _spread(distances: Floats) -> float:
+    """Standard deviation without outliers, not below what an outline is known to."""
+    off = np.abs(distances - np.median(distances))
+    return max(float(np.quantile(off, 0.68)), OUTLINE_PX)
+
+
+def _signed_distance(mask: Mask) -> Floats:
+    """(h, w) pixels to the mask's border, positive inside."""
+    inside, outside = (
+        cv2.distanceTransform(side.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        for side in (mask, ~mask)
+    )
+    return np.asarray(np.where(mask, inside - 0.5, 0.5 - outside))

@@ -1,0 +1,126 @@
+"""Whether the camera stood still: how far each photograph lies beside the others.
+
+Lamps change what a surface looks like, so photographs are compared by the detail that light leaves
+alone: logarithms without their low frequencies, of equal contrast everywhere.  Corners of one
+photograph are followed into each of the others and back (Shi & Tomasi 1994, Lucas & Kanade 1981).
+Those of paint, seams and background agree about a motion; those of shading and shadows do not.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from rakelight.errors import listed
+from rakelight.geometry.grid import bounding_window
+from rakelight.model import Array, Capture, Finding, Floats
+
+# The object and so much around it, a share of its width, for what stands behind it.
+MARGIN = 0.1
+# Photographs are compared at so many pixels along the window's longer side, or few more.
+SIDE_PX = 400
+# Detail is what is smaller than this; below so much of the bright parts there is only noise.
+DETAIL_PX, FLOOR, FLAT = 25, 0.05, 0.02
+CORNERS, CORNER_QUALITY, APART_PX = 200, 0.02, 5
+WINDOW_PX, LEVELS = 15, 3
+# A corner is followed when the way back ends so near, and agrees with the median so near, pixels.
+BACK_PX, SAME_PX = 0.2, 0.5
+# A shift is known from so many corners of which this share agree.
+FEWEST, AGREEING = 30, 0.6
+# Of so many of the photographs, or nothing is said.
+MOST = 0.65
+# Light alone moves corners by less than this, pixels and median deviations of the corners.
+MOVED_PX, MOVED_DEVIATIONS = 0.6, 3.0
+
+
+def motion(capture: Capture) -> tuple[Finding, ...]:
+    """A warning where photographs lie beside the others, with the pixels and their names.
+
+    Nothing is said unless the shifts of most photographs are known: a bare surface without
+    texture shows nothing but what the lamps make of it.
+    """
+    shifts, moved = stood_still(capture)
+    if not moved.any():
+        return ()
+    names = capture.names or tuple(f"photograph {i}" for i in range(len(moved)))
+    farthest = shifts[np.argmax(np.where(moved, np.hypot(*shifts.T), 0))]
+    message = (
+        f"the camera moved between the photographs: {listed(names, moved)} "
+        f"shifted by {in_words(farthest, 1)} at most"
+    )
+    remedy = "fix the camera and take these again, or leave them out"
+    return (Finding("warning", "camera-moved", message, remedy),)
+
+
+def in_words(shift_px: Floats, digits: int) -> str:
+    """A shift (2,), pixels right and down, for people.
+
+    >>> in_words(np.array([3.0, -4.0]), 0)
+    '5 pixels (3 right, 4 up)'
+    """
+    words = ("right", "left"), ("down", "up")
+    parts = (
+        f"{abs(x):.{digits}f} {word[int(x < 0)]}" for x, word in zip(shift_px, words, strict=True)
+    )
+    return f"{np.hypot(*shift_px):.{digits}f} pixels ({', '.join(parts)})"
+
+
+def stood_still(capture: Capture) -> tuple[Floats, Array]:
+    """(N, 2) shift of every photograph, pixels right and down, and (N,) which of them moved.
+
+    Shifts are those beside the position in which most photographs are; NaN = not known.
+    """
+    count = len(capture.photographs)
+    window = bounding_window(capture.mask, round(MARGIN * np.sqrt(capture.mask.sum())))
+    step = max(round(max(capture.mask[window].shape) / SIDE_PX), 1)
+    pictures = [detail(each[window], step) for each in capture.photographs]
+    brightness = [float(each[window][::4, ::4].mean()) for each in capture.photographs]
+    shifts, spread = _followed(pictures, int(np.argsort(brightness)[count // 2]))
+    if np.isfinite(spread).mean() < MOST:
+        return np.full((count, 2), np.nan), np.zeros(count, dtype=bool)
+    apart = np.hypot(*(shifts[:, None] - shifts).transpose(2, 0, 1))
+    most = apart[np.argmax((apart < MOVED_PX).sum(axis=1))] < MOVED_PX
+    shifts -= np.median(shifts[most], axis=0)
+    return step * shifts, np.hypot(*shifts.T) > np.fmax(MOVED_PX, MOVED_DEVIATIONS * spread)
+
+
+def detail(photograph: Array, step: int) -> Array:
+    """(h, w) uint8 the detail of a photograph (H, W, 3), `step` times smaller."""
+    size = photograph.shape[1] // step, photograph.shape[0] // step
+    small = cv2.resize(photograph, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+    grey = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY)
+    floor = max(FLOOR * float(np.quantile(grey[::4, ::4], 0.95)), 1.0)
+    log = np.log(grey + floor)
+    fine = log - cv2.blur(log, (DETAIL_PX, DETAIL_PX))
+    contrast = np.sqrt(cv2.blur(fine**2, (2 * DETAIL_PX, 2 * DETAIL_PX)))
+    return np.asarray(np.clip(128 + 50 * fine / np.maximum(contrast, FLAT), 0, 255), np.uint8)
+
+
+def _followed(pictures: list[Array], reference: int) -> tuple[Floats, Floats]:
+    """(N, 2) shifts from the reference and (N,) the corners' median deviation; NaN = not known."""
+    shifts, spread = np.full((len(pictures), 2), np.nan), np.full(len(pictures), np.nan)
+    first = pictures[reference]
+    corners: Array | None = cv2.goodFeaturesToTrack(first, CORNERS, CORNER_QUALITY, APART_PX)
+    if corners is None:
+        return shifts, spread
+
+    def follow(source: Array, target: Array, points: Array) -> tuple[Array, Array]:
+        there, found, _ = cv2.calcOpticalFlowPyrLK(
+            source, target, points, np.empty_like(points),
+            winSize=(WINDOW_PX, WINDOW_PX), maxLevel=LEVELS,
+        )  # fmt: skip
+        return np.asarray(there), np.asarray(found).ravel() > 0
+
+    for i, picture in enumerate(pictures):
+        there, found = follow(first, picture, corners)
+        back, also = follow(picture, first, there)
+        sound = found & also
+        sound &= np.abs(back - corners).max(axis=(1, 2)) < BACK_PX
+        if sound.sum() < FEWEST:
+            continue
+        flow = (there - corners)[sound, 0]
+        middle = np.median(flow, axis=0)
+        off = np.abs(flow - middle)
+        if (off.max(axis=1) < SAME_PX).mean() >= AGREEING:
+            shifts[i], spread[i] = middle, np.median(off, axis=0).max()
+    return shifts, spread
