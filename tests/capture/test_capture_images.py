@@ -105,6 +105,11 @@ def test_every_cut_and_every_flipped_bit_of_a_png_is_seen():
         assert refusal(bytes(flipped))
 
 
+def test_damaged_deflate_of_a_tiff_is_seen():
+    data = encode_tiff(RANDOM.normal(size=(40, 50)).astype(np.float32))
+    assert "contradict themselves" in refusal(data[:3000] + bytes(20) + data[3020:])
+
+
 @pytest.mark.parametrize("data", [tiff(RGB8), encode_tiff(RGB8.astype(np.float32)), jpeg(RGB8)])
 def test_cut_tiff_and_jpeg_are_seen(data, capfd):
     for length in range(len(data) - 2):

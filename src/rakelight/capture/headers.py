@@ -16,6 +16,7 @@ from rakelight.errors import CaptureError
 
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 MAX_PIXELS = 100_000_000
+_PIECE = 1 << 20  # bytes that are inflated at a time
 
 _OTHER_FORMATS = (
     (b"II+\0", "a BigTIFF"),
@@ -43,6 +44,7 @@ _TIFF_DTYPES = {  # by bits and sample format
 }
 _TIFF_INTEGERS = {1: "B", 3: "H", 4: "I"}
 _WIDTH, _HEIGHT, _BITS, _PHOTOMETRIC, _ORIENTATION = 256, 257, 258, 262, 274
+_COMPRESSION, _DEFLATE = 259, (8, 32946)
 _CHANNELS, _SAMPLE_FORMAT, _TILE_WIDTH, _TILE_HEIGHT = 277, 339, 322, 323
 _BLOCK_TAGS = ((273, 279), (324, 325))  # offsets and byte counts of strips, of tiles
 
@@ -110,6 +112,27 @@ def without_extras(data: bytes) -> bytes:
     kept = (b"IHDR", b"PLTE", b"IDAT", b"IEND")
     chunks = (data[start:end] for kind, start, end in _png_chunks(data, "") if kind in kept)
     return PNG_MAGIC + b"".join(chunks)
+
+
+def _inflated(data: bytes | bytearray, size: int, source: str) -> Iterator[bytes]:
+    """What a whole zlib stream holds, in pieces; CaptureError where it is not sound, or longer.
+
+    >>> b"".join(_inflated(zlib.compress(b"abc"), 3, "0.png"))
+    b'abc'
+    """
+    stream = zlib.decompressobj()
+    try:
+        for start in range(0, len(data), _PIECE):
+            left, full = data[start : start + _PIECE], False
+            while (left or full) and size >= 0 and not stream.eof:
+                piece = stream.decompress(left, _PIECE)
+                left, full = stream.unconsumed_tail, len(piece) == _PIECE
+                size -= len(piece)
+                yield piece
+    except zlib.error as error:
+        raise damaged(source, "its compressed pixels contradict themselves") from error
+    if size < 0 or not stream.eof:
+        raise damaged(source, "its compressed pixels have another size than the image")
 
 
 def without_orientation(data: bytes) -> bytes:
@@ -239,6 +262,11 @@ def _tiff_header(data: bytes, source: str) -> Header:
             needed="grey or RGB without alpha, 8, 16 or 32 bit",
             remedy="export it as PNG, or as plain RGB or grey TIFF",
         )
+    if first(_COMPRESSION, 1) in _DEFLATE and _TILE_WIDTH not in tags:
+        # OpenCV leaves out, without a word, what it cannot inflate.
+        left = width * height * channels * bits // 8
+        for at, count in zip(*(tags.get(tag, ((), 0))[0] for tag in _BLOCK_TAGS[0]), strict=False):
+            left -= sum(map(len, _inflated(data[at : at + count], left, source)))
     return Header("TIFF", width, height, channels, dtype, first(_ORIENTATION, 1))
 
 
