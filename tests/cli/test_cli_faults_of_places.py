@@ -245,6 +245,17 @@ def test_22_too_little_memory_is_told_before_the_start(
     refine_refused(about, "too little memory", f"needed {needed_mb} MB", "Fix: ", code=3)
 
 
+@pytest.mark.parametrize(
+    ("options", "needed_mb"),
+    [((), "3"), (("--lights", "100000"), "2,940"), (("--depth-frames", "1000000"), "3,459")],
+)
+def test_22_synth_tells_too_little_memory(refused, tmp_path, monkeypatch, options, needed_mb):
+    monkeypatch.setattr("rakelight.memory.free_memory", lambda: 1e6)
+    words = ("too little memory", f"needed {needed_mb}", "fewer --lights or --depth-frames")
+    command = ("synth", tmp_path / "made", "--size", "0.1", *options)
+    refused(*command, about="the scene", words=words, code=3)
+
+
 # --- 26, 27: interrupted, killed, twice at once ---
 
 WHILE_REFINING = "rakelight.methods.surface_normals"

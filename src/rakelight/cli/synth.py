@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from rakelight.cli.options import F, count_photographs, output_options
 from rakelight.errors import InputError, printable
@@ -53,6 +54,7 @@ _SCENE: tuple[tuple[tuple[str, ...], Any, Any, str], ...] = (
     (("--holes", "hole_fraction"), float, 0.0, "Share of the depth that is missing, 0..1."),
     (("--seed",), int, 0, "Of everything random."),
 )  # fmt: skip
+_OF_THE_MOVING_LAMP = {"photographs": "--lights", "tilt_deg": "--cone"}
 SHAPE, ALBEDO = "vase", "pattern"
 _OPTION_OF = {
     **{names[-1].lstrip("-").replace("-", "_"): names[0] for names, *_ in _SCENE},
@@ -88,6 +90,21 @@ def _one_of(name: str, value: object, file_option: str, file: Path | None) -> No
             seen=f"{value} and {file}",
             needed=f"{name} or {file_option}",
         )
+
+
+def _one_photograph(lighting: str) -> None:
+    """Raise InputError where there is no moving lamp and something was said about it."""
+    context = click.get_current_context()
+    for name, option in _OF_THE_MOVING_LAMP.items():
+        given = context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+        if given and lighting in ("rgb-leds", "ambient"):
+            raise InputError(
+                "only a moving lamp has that",
+                source=option,
+                seen=f"--lighting {lighting}, which is one photograph",
+                needed="--lighting moving-lamp",
+                remedy=f"leave {option} away, or the lighting",
+            )
 
 
 @contextmanager
@@ -150,6 +167,7 @@ def command(
 
     _one_of("--shape", shape, "--shape-file", shape_file)
     _one_of("--albedo", albedo, "--texture", texture)
+    _one_photograph(settings["lighting"])
     if not 0 < size <= 16:
         raise InputError("not a size", source="--size", seen=str(size), needed="above 0, up to 16")
     settings["depth_to_color"] = _beside(settings["depth_to_color"])

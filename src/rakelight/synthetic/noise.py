@@ -10,6 +10,8 @@ import numpy as np
 from rakelight.errors import InputError
 from rakelight.model import Floats
 
+LARGEST = 10_000.0  # of any property of a sensor: 10 m of noise, 10,000 pixels
+
 
 @dataclass(frozen=True, slots=True)
 class DepthNoise:
@@ -37,12 +39,12 @@ class DepthNoise:
     def __post_init__(self) -> None:
         for item in fields(self):
             value = getattr(self, item.name)
-            if value is not None and not (np.isfinite(value) and value >= 0):
+            if value is not None and not 0 <= value <= LARGEST:
                 raise InputError(
                     "not a possible property of a depth sensor",
                     source=item.name,
                     seen=f"{value}",
-                    needed="a number of at least 0",
+                    needed=f"0 to {LARGEST:g}",
                 )
         for name, blind, needed in (
             ("hole_fraction", self.hole_fraction >= 1, "below 1"),

@@ -15,6 +15,7 @@ import numpy as np
 from rakelight.errors import InputError
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.grid import area_mean
+from rakelight.memory import require_memory
 from rakelight.model import (
     Array,
     Camera,
@@ -133,19 +134,20 @@ class SceneOptions:
             ),
             (
                 "depth_factor",
-                self.depth_factor >= 1
+                1 <= self.depth_factor <= 100
                 and (self.depth_to_color is not None or self.depth_factor % 1 == 0),
-                "at least 1, and whole without depth_to_color",
+                "1 to 100, and whole without depth_to_color",
+            ),
+            *all_of("at least 0", lambda value: value >= 0, "seed"),
+            *all_of("0 to 10", lambda value: 0 <= value <= 10, "exposure_spread"),
+            *all_of(
+                "0 to a million",
+                lambda value: value is None or 0 <= value <= 1e6,
+                *("ambient", "specular", "specular_exponent", "image_noise"),
             ),
             *all_of(
-                "at least 0",
-                lambda value: value is None or 0 <= value < np.inf,
-                *("ambient", "exposure_spread", "specular", "specular_exponent"),
-                *("image_noise", "seed"),
-            ),
-            *all_of(
-                "above 0",
-                lambda value: value is None or 0 < value < np.inf,
+                "above 0, at most a million",
+                lambda value: value is None or 0 < value <= 1e6,
                 *("lamp_distance_m", "exposure", "peak"),
             ),
         ]
@@ -163,7 +165,7 @@ def render_scene(
     visible points; near coloured lamps, which `Lights` cannot hold, are None.
 
     Raises InputError when the camera does not see the object, or its size is not a multiple of
-    depth_factor.
+    depth_factor, MachineError when there is too little memory.
 
     >>> options = SceneOptions(camera=make_shape("sphere").camera.scaled(0.1), photographs=4)
     >>> capture, truth = render_scene(make_shape("sphere"), make_albedo("white"), options)
@@ -174,6 +176,7 @@ def render_scene(
     camera = options.camera or shape.camera
     if options.depth_to_color is None:
         _check_camera(camera, int(options.depth_factor))
+    _require_memory(camera, options)
     surface = shape.render(camera)
     fine_camera = camera.scaled(options.supersampling)
     fine = shape.render(fine_camera) if options.supersampling > 1 else surface
@@ -233,6 +236,9 @@ def demo_scene(seed: int = 0) -> tuple[Capture, Truth]:
     return render_scene(make_shape("vase"), make_albedo("pattern"), options)
 
 
+# Bytes per pixel that rendering needs at the least: measured, rounded down.
+_BYTES_PER_RAY, _BYTES_PER_PHOTOGRAPH, _BYTES_PER_FRAME = 350, 17, 8
+
 # The parts of a scene draw from streams of their own: more lamps do not change the depth noise.
 LAMP_STREAM, EXPOSURE_STREAM, IMAGE_STREAM, DEPTH_STREAM = range(4)
 
@@ -245,6 +251,18 @@ def _check_camera(camera: Camera, depth_factor: int) -> None:
             seen=f"{depth_factor} for {camera.width} x {camera.height}",
             needed="a divisor of both sides",
         )
+
+
+def _require_memory(camera: Camera, options: SceneOptions) -> None:
+    photographs = 1 if options.lighting != "moving-lamp" else options.photographs
+    rays, frames = options.supersampling**2, options.depth_frames / options.depth_factor**2
+    require_memory(
+        camera.width
+        * camera.height
+        * (_BYTES_PER_RAY * rays + _BYTES_PER_PHOTOGRAPH * photographs + _BYTES_PER_FRAME * frames),
+        source="the scene",
+        remedy="fewer --lights or --depth-frames, or a smaller --size",
+    )
 
 
 # ---- lamps
@@ -350,7 +368,8 @@ def _photograph(
     points = back_project(fine.depth, camera).reshape(-1, 3)[hit]
     normals = fine.normals.reshape(-1, 3)[hit]
     rho = paint.reshape(-1, 3)[hit]
-    images = []
+    size = (side // options.supersampling for side in camera.shape)
+    images = np.empty((len(lamps.toward), *size, 3), np.float32)
     for i, channels in enumerate(lamps.toward):
         shading, shine = np.empty_like(rho), np.zeros_like(rho)
         for c in range(len(channels)):
@@ -366,8 +385,8 @@ def _photograph(
                 shine[:, seen_by] = _highlight(normals, points, s, lit > 0, options)[:, None]
         light = np.zeros((camera.height * camera.width, 3), np.float32)
         light[hit] = rho * (shading + lamps.gain[i] * lamps.ambient) + shine
-        images.append(area_mean(light.reshape(*camera.shape, 3), options.supersampling))
-    return np.stack(images).astype(np.float32)
+        images[i] = area_mean(light.reshape(*camera.shape, 3), options.supersampling)
+    return images
 
 
 def _highlight(
