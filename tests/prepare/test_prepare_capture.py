@@ -227,6 +227,14 @@ def test_a_part_without_any_depth_is_left_out():
     (warning,) = prepared.findings
     assert (warning.severity, warning.code) == ("warning", "holes-left-out")
     assert f"{280 / (280 + 256):.1%} of the object" in warning.message
+    assert warning.message.endswith("(280 pixels at (40, 30))")
+
+
+def test_a_mask_thinner_than_the_scales_pixels_is_refused():
+    mask = np.zeros(CAMERA.shape, bool)
+    mask[5, 4:20] = True
+    with pytest.raises(CaptureError, match=r"seen 16 pixels.*a block of 2 x 2.*leave --scale"):
+        prepare(make_capture(2, mask=mask), 1)
 
 
 # ---- what is refused

@@ -1,6 +1,7 @@
 """Depth maps as shapes: faithful to the samples, exact normals, and refused when damaged."""
 
 import io
+import re
 import zipfile
 from contextlib import suppress
 
@@ -100,11 +101,21 @@ def test_flat_walls_continue_flat_beyond_their_rim():
         ({"depth_mm": np.ones((9, 9)), "mask": np.ones((8, 9), bool)}, "different size"),
         ({"depth_mm": np.full((9, 9), np.nan)}, "too little depth"),
         ({"depth_mm": np.ones((2, 9))}, "too little depth"),
+        ({"depth_mm": np.full((9, 9), 1e30)}, "bad.npz: too little depth.*between 0 and 1000 m"),
     ],
 )
 def test_refused_arrays(tmp_path, arrays, words):
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError) as refused:
         shape_from_file(save_npz(tmp_path / "bad.npz", **arrays))
+    assert re.search(words, str(refused.value))
+
+
+@pytest.mark.parametrize("name", ["../evil.npy", "/evil.npy", "folder\\evil.npy"])
+def test_archives_with_paths_are_refused(npz, name):
+    with zipfile.ZipFile(npz, "a") as archive:
+        archive.writestr(name, b"")
+    with pytest.raises(InputError, match="an archive with paths in it"):
+        shape_from_file(npz)
 
 
 def test_pickles_are_refused(tmp_path):

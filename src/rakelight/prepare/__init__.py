@@ -91,6 +91,14 @@ def prepare(capture: Capture, scale: Scale = "auto") -> Prepared:
     shrink = _shrink(colour, scale)
     camera = capture.camera.scaled(1 / shrink)
     mask = capture.mask if shrink == 1 else area_mean(capture.mask, shrink) == 1
+    if capture.mask.any() and not mask.any():
+        raise CaptureError(
+            "the mask holds no whole pixel of this scale",
+            source=capture.source,
+            seen=f"{np.count_nonzero(capture.mask)} pixels of the photographs",
+            needed=f"a block of {shrink} x {shrink}",
+            remedy="check the mask, or leave --scale away",
+        )
     photographs, encoding = capture.photographs, capture.encoding
     if shrink > 1:
         photographs, encoding = _shrunk(capture, shrink), "linear"

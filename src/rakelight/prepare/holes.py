@@ -11,6 +11,7 @@ from rakelight.prepare.linear import usable
 # Photographs know slopes.  Over so many depth pixels (16 mm for 1 mm pixels) a slope that is off
 # by 2 degrees adds up to half a millimetre, the noise of a good sensor; further it is a guess.
 REACH_PX = 16
+LISTED = 4  # parts that a message names
 
 
 def within_reach(measured: Mask, mask: Mask) -> Mask:
@@ -44,14 +45,14 @@ def unseen(photographs: Array, unmeasured: Mask, margin: int) -> Mask:
 def hole_findings(mask: Mask, seen: Mask, measured: Mask) -> tuple[Finding, ...]:
     """What to say of holes: those that were left out, those that the photographs carry."""
     findings = []
-    left_out = np.count_nonzero(mask & ~seen)
-    if left_out:
+    left_out = mask & ~seen
+    if left_out.any():
         findings.append(
             Finding(
                 "warning",
                 "holes-left-out",
-                f"{left_out / np.count_nonzero(mask):.1%} of the object left out: no depth within "
-                f"{REACH_PX} depth pixels, or seen by no camera",
+                f"{left_out.sum() / mask.sum():.1%} of the object left out: no depth within "
+                f"{REACH_PX} depth pixels, or seen by no camera ({_places(left_out)})",
                 "let the sensor see these parts (other distance or angle, matt spray), or leave "
                 "them out of mask.png",
             )
@@ -67,3 +68,20 @@ def hole_findings(mask: Mask, seen: Mask, measured: Mask) -> tuple[Finding, ...]
             )
         )
     return tuple(findings)
+
+
+def _places(mask: Mask) -> str:
+    """Where the parts of a mask (h, w) lie, the largest of many, column and row.
+
+    >>> _places(np.array([[1, 1, 0, 0, 1]], bool))
+    '2 pixels at (0, 0), 1 at (4, 0)'
+    """
+    from scipy.ndimage import find_objects, label
+
+    parts, count = label(mask, np.ones((3, 3)))
+    sizes = np.bincount(parts.ravel())[1:]
+    corners = [(columns.start, rows.start) for rows, columns in find_objects(parts)]
+    first, *others = np.argsort(-sizes, kind="stable")[:LISTED]
+    words = [f"{sizes[first]} pixels at {corners[first]}"]
+    words += [f"{sizes[i]} at {corners[i]}" for i in others]
+    return ", ".join(words) + (f" and {count - LISTED} more" if count > LISTED else "")

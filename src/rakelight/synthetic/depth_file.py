@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 MAX_SIDE = 16384
 MAX_BYTES = 1 << 30
+FARTHEST_M = 1000
 
 
 def shape_from_file(
@@ -35,7 +36,7 @@ def shape_from_file(
     """A depth map as a shape: cubic splines through log depth.
 
     path : .npz with `depth_mm` (H, W) millimetres and, if any, `mask` (H, W); or .tif/.tiff with
-        (H, W) floating-point metres.  NaN and values that are not positive are outside.
+        (H, W) floating-point metres.  What is not between 0 and 1000 m is outside
     camera : that saw it; None for one with the principal point in the middle and `focal_px`
         (the default stands for 0.4 mm per pixel at 1.5 m)
 
@@ -61,7 +62,11 @@ def shape_from_file(
             seen=f"{depth_m.shape}",
             needed=f"{seen_by.shape}",
         )
-    return shape_from_depth(Path(path).stem, depth_m, seen_by)
+    try:
+        return shape_from_depth(Path(path).stem, depth_m, seen_by)
+    except InputError as error:
+        error.source = source
+        raise
 
 
 def shape_from_depth(name: str, depth_m: Floats, camera: Camera) -> Shape:
@@ -70,13 +75,14 @@ def shape_from_depth(name: str, depth_m: Floats, camera: Camera) -> Shape:
     Its view is cropped to the object, with sides that are multiples of 4 and a margin.  Raises
     InputError when there is too little depth for a surface.
     """
-    mask = np.isfinite(depth_m) & (np.nan_to_num(depth_m) > 0)
+    with np.errstate(invalid="ignore"):
+        mask = (depth_m > 0) & (depth_m < FARTHEST_M)
     if min(depth_m.shape) < 4 or not _whole_cells(mask).any():
         raise InputError(
             "too little depth for a surface",
             source=name,
             seen=f"{np.count_nonzero(mask)} pixels of {depth_m.shape}",
-            needed="a connected area of positive, finite depth",
+            needed=f"a connected area of depth between 0 and {FARTHEST_M} m",
         )
     rows, columns = bounding_window(mask)
     view = _with_margin(camera.cropped(rows, columns))
@@ -148,6 +154,7 @@ def _render_depth(spline: Spline, mask: Mask, seen_by: Camera, camera: Camera) -
 def _depth_from_npz(data: bytes, source: str) -> Floats:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            _check_names(archive, source)
             depth_mm = _npz_array(archive, "depth_mm", source)
             has_mask = "mask.npy" in archive.namelist()
             mask = _npz_array(archive, "mask", source) != 0 if has_mask else np.isfinite(depth_mm)
@@ -161,6 +168,14 @@ def _depth_from_npz(data: bytes, source: str) -> Floats:
             needed=f"{depth_mm.shape}",
         )
     return np.where(mask, depth_mm / 1000, np.nan)
+
+
+def _check_names(archive: zipfile.ZipFile, source: str) -> None:
+    for name in archive.namelist():
+        if any(sign in name for sign in ("/", "\\", "..")):
+            raise InputError(
+                "an archive with paths in it", source=source, seen=name, needed="arrays only"
+            )
 
 
 def _npz_array(archive: zipfile.ZipFile, key: str, source: str) -> Floats:
