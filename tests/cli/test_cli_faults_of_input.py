@@ -1,4 +1,4 @@
-"""faults.md 1-7, 9-12, 14, 17, 19, 20: `rakelight refine` on captures that are wrong."""
+"""faults.md 1-12, 14, 17, 19, 20, 31: `rakelight refine` on captures that are wrong."""
 
 import io
 import json
