@@ -8,7 +8,7 @@ import pytest
 from moved_captures import still_scene, with_photographs_moved
 
 from rakelight.capture import load_capture
-from rakelight.prepare.motion import motion, stood_still
+from rakelight.prepare.motion import detail, motion, stood_still
 
 MITTEN = Path(__file__).parents[3] / "shared" / "captures" / "mitten"
 
@@ -73,6 +73,14 @@ def test_nothing_is_said_of_a_surface_without_texture():
     shifts, moved = stood_still(with_photographs_moved(bare, [2], 3.0, 0.0))
     assert np.isnan(shifts).all()
     assert not moved.any()
+
+
+def test_black_beside_texture_has_no_detail():
+    photograph = np.zeros((112, 110, 3), np.uint8)
+    photograph[8:59, 13:67] = np.random.default_rng(0).integers(0, 255, (51, 54, 3))
+    picture = detail(photograph, 1)
+    assert (picture[-10:] == 128).all()
+    assert picture[8:59, 13:67].std() > 20
 
 
 def test_black_photographs_and_tiny_ones_say_nothing(still):

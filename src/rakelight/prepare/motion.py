@@ -92,8 +92,9 @@ def detail(photograph: Array, step: int) -> Array:
     floor = max(FLOOR * float(np.quantile(grey[::4, ::4], 0.95)), 1.0)
     log = np.log(grey + floor)
     fine = log - cv2.blur(log, (DETAIL_PX, DETAIL_PX))
-    contrast = np.sqrt(cv2.blur(fine**2, (2 * DETAIL_PX, 2 * DETAIL_PX)))
-    return np.asarray(np.clip(128 + 50 * fine / np.maximum(contrast, FLAT), 0, 255), np.uint8)
+    power = cv2.blur(fine**2, (2 * DETAIL_PX, 2 * DETAIL_PX))
+    contrast = np.sqrt(np.maximum(power, FLAT**2))  # running sums may end below zero
+    return np.asarray(np.clip(128 + 50 * fine / contrast, 0, 255), np.uint8)
 
 
 def _followed(pictures: list[Array], reference: int) -> tuple[Floats, Floats]:
