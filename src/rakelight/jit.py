@@ -52,6 +52,18 @@ def threads_for(pixels: int, rows: int = 0) -> Iterator[None]:
         set_num_threads(before)
 
 
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Dense products inside use one core.
+
+    They are small here, and the threads of a BLAS, which wait awake, would keep the kernels' off.
+    """
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1, user_api="blas"):
+        yield
+
+
 def share(columns: int) -> int:
     """How many columns each thread takes: all that there are, split evenly, but 64 or more."""
     from numba import get_num_threads

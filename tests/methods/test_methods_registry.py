@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import rakelight
 from rakelight.capture import load_capture, load_truth, write_capture
@@ -213,3 +214,17 @@ def test_from_capture_folder_to_result_folder(scene, tmp_path):
     np.testing.assert_allclose(loaded.confidence, result.confidence, atol=0.5 / 255)
     assert loaded.summary.method == result.method
     assert loaded.summary.camera == result.camera
+
+
+def test_methods_run_on_one_blas_thread_and_leave_the_number_as_it_was(capture):
+    def threads():
+        return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+    seen = []
+    with threadpool_limits(2, user_api="blas"):
+        before = threads()
+        refine(capture, progress=lambda step: seen.append((step.stage, threads())))
+        assert threads() == before
+    assert [found for stage, found in seen if stage != "prepare"] == [{1}] * (len(seen) - 1)
+    assert len(seen) > 1
+    assert before == {2}

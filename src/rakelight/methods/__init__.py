@@ -17,6 +17,7 @@ import numpy as np
 from rakelight.errors import CaptureError, MethodError
 from rakelight.geometry.grid import has_gradient
 from rakelight.geometry.normals import surface_normals
+from rakelight.jit import one_blas_thread
 from rakelight.memory import require_memory
 from rakelight.methods.estimate import Estimate
 from rakelight.methods.prediction import prediction_errors
@@ -127,7 +128,8 @@ def refine(
             needed=f"{chosen.options.__module__}.{chosen.options.__qualname__}",
         )
     if capture.register:
-        capture = _registered(capture, chosen, options, progress)
+        with one_blas_thread():
+            capture = _registered(capture, chosen, options, progress)
     registered_at = perf_counter()
     progress(Progress("prepare"))
     prepared = prepare(capture, scale)
@@ -138,7 +140,8 @@ def refine(
     )
     checked = (*motion(capture), *misaligned(capture))
     prepared_at = perf_counter()
-    estimate = _too_thin(prepared) or chosen.run(prepared, options, progress)
+    with one_blas_thread():
+        estimate = _too_thin(prepared) or chosen.run(prepared, options, progress)
     refined_at = perf_counter()
 
     depth_m = np.exp(estimate.log_depth)
