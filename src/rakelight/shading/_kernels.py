@@ -258,19 +258,9 @@ def light_terms(
     for block in prange(blocks):
         n, du, dv, point = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
         a, value, good = np.empty(count), np.empty(count), np.empty(count)
-        s, dot, lit, turns = (
-            np.empty((3, count)),
-            np.empty(count),
-            np.empty(count),
-            np.empty((5, count)),
-        )
-        w, wa, wr, ju, jv = (
-            np.empty(count),
-            np.empty(count),
-            np.empty(count),
-            np.empty(count),
-            np.empty(count),
-        )
+        s, dot, lit = np.empty((3, count)), np.empty(count), np.empty(count)
+        w, wa, wr = np.empty(count), np.empty(count), np.empty(count)
+        ju, jv, turns = np.empty(count), np.empty(count), np.empty((5, count))
         u, own = np.empty(parameters * count), np.zeros((channels, parameters, parameters, count))
         stack, stacked = np.empty((channels, STACK, u.size)), np.zeros(channels, np.int64)
         # Whole rows of cells to each block, so that no two blocks write to one cell.
