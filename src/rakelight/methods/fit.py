@@ -232,9 +232,8 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
         cell_sums(weight, cell), level.pairs if cell == 1 else None,
         STIFFNESS if cell == 1 else CELL_STIFFNESS,
     )  # fmt: skip
-    correction, lights = border(matrix, residual[cells.inside], columns, hessian, slope).step(
-        damping
-    )
+    joint = border(matrix, residual[cells.inside], columns, hessian, slope)
+    correction, lights = joint.step(damping)
     field = np.zeros(cells.inside.shape)
     field[cells.inside] = correction
     tried = moved(

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from rakelight.geometry.averaging import LEAST_SHARE, Averaging, data_misfit, data_terms
+from rakelight.geometry.averaging import Averaging, data_misfit, data_terms
+from rakelight.geometry.blur import blurred
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.cells import cell_sums, spread
 from rakelight.geometry.grid import (
@@ -212,13 +213,9 @@ def unbiased_depth(prepared: Prepared) -> Floats:
 
     What it is off the measurements, averaged over `BIAS_PX`, is added.
     """
-    from scipy.ndimage import gaussian_filter
-
     prior = np.log(prepared.depth_m)
     miss, seen = sensor_error(prepared, prior)
-    sigma = BIAS_PX / prepared.factor
-    share = gaussian_filter(1.0 * seen, sigma, mode="constant")
-    miss = gaussian_filter(miss, sigma, mode="constant") / np.maximum(share, LEAST_SHARE)
+    miss = blurred(miss, BIAS_PX / prepared.factor, seen)
     return np.asarray(prior + prepared.sensor.spread(miss, prior.shape))
 
 
