@@ -32,12 +32,14 @@ from rakelight.export.pictures import object_window, side_by_side
 from rakelight.geometry.camera import pixel_rays
 from rakelight.geometry.normals import normals_from_depth, surface_normals
 from rakelight.methods import refine
-from rakelight.methods.fit import toward_sensor
+from rakelight.methods.bas_relief import best_relief
 from rakelight.methods.levels import finest_level
+from rakelight.methods.weights import deserved_steadiness
 from rakelight.metrics import color_errors, depth_error_map_mm, evaluate, normal_error_map_deg
 from rakelight.model import Array, Camera, Capture, Lights, Mask, Result, Truth
 from rakelight.paper.scenes import PAPER_OPTIONS, paper_object
 from rakelight.prepare import prepare
+from rakelight.shading.photographs import Lamps
 from rakelight.solve import assemble, solve
 from rakelight.synthetic import (
     DepthNoise,
@@ -135,7 +137,8 @@ def limits(arguments: argparse.Namespace) -> Iterator[str]:
         ("the true depth", true),
         ("fitted to the true normals", fitted_to_normals(truth, camera, mask)),
         ("the same, those near jumps left out", fitted_to_normals(truth, camera, kept)),
-        ("the true one, bas-relief from the sensor", relief_from_sensor(capture, truth)),
+        ("the true one, bas-relief from the sensor", true_but_relief(capture, truth, steady=False)),
+        ("the same, and from the lamps' brightness", true_but_relief(capture, truth, steady=True)),
     ):
         normals = normals_from_depth(depth, mask, camera)
         whole, off = (evaluate(depth, normals, truth, where) for where in (mask, kept))
@@ -149,15 +152,19 @@ def limits(arguments: argparse.Namespace) -> Iterator[str]:
     yield f"\nnear the jumps: {share:.1%} of the object"
 
 
-def relief_from_sensor(capture: Capture, truth: Truth) -> Array:
+def true_but_relief(capture: Capture, truth: Truth, *, steady: bool) -> Array:
     """The true depth (H, W), but for the four numbers that photographs leave to the sensor.
 
     A distant lamp's photographs are the same for all surfaces that a bas-relief transform relates.
+    steady : whether the true lamps' brightness has its say
     """
+    assert truth.lights is not None
     prepared = prepare(capture)
     level = finest_level(prepared, unbiased=True)
     true = np.where(prepared.mask, truth.depth[prepared.rows, prepared.columns], prepared.depth_m)
-    log_depth, _ = toward_sensor(level, np.log(true))
+    lamps = Lamps.distant(truth.lights.direction, truth.lights.ambient)
+    weight = deserved_steadiness(level, np.log(true), prepared) if steady else 0.0
+    log_depth, _ = best_relief(level, np.log(true), lamps, weight)
     return prepared.embed(np.exp(log_depth), np.nan)
 
 

@@ -146,6 +146,8 @@ def refine(
 
     depth_m = np.exp(estimate.log_depth)
     normals = surface_normals(depth_m, prepared.mask, prepared.camera)
+    if (fine := estimate.normals) is not None:
+        normals = np.where(np.isfinite(fine), fine, normals)
     albedo, bounded = bounded_albedo(prepared, depth_m, normals, estimate)
     return Result(
         depth=prepared.embed(depth_m, np.nan),

@@ -30,6 +30,7 @@ class Estimate:
     log_depth : (h, w) log metres; albedo : (h, w, 3) linear; confidence : (h, w) 0..1
     energy : one value per iterate, the start's first; comparable, so under one loss
     steps : how many times the depth was moved, when more often than `energy` says
+    normals : (h, w, 3) where finer ones are known than the depth map's, NaN elsewhere
     timings_s : seconds of parts of the work, such as "solve"
     """
 
@@ -41,6 +42,7 @@ class Estimate:
     steps: int = 0
     converged: bool = False
     findings: tuple[Finding, ...] = ()
+    normals: Floats | None = None
     timings_s: Mapping[str, float] = field(default_factory=dict)
 
     @property

@@ -5,6 +5,7 @@ The energy of log depth p and lights s, albedo eliminated (variable projection):
     E = sum loss(rho_c (max(0, s_i . n) + phi_i) - I_ic)    n from the mean gradient G p, (3)
         + beta sum M_uu (p_uuuu / 8)^2 + M_vv (p_vvvv / 8)^2    against a checkerboard
         + sigma^2 sum w (K (p - p_0))^2                     the sensor's depth
+        + sigma^2 W (N - 1) log(spread of |s_i|)^2          lamps of one brightness
 
 The mean gradient does not see a checkerboard; fourth differences do, and see little else.  The
 matrix of a step is that of one-sided differences, which sees both.
@@ -19,7 +20,6 @@ from typing import Any
 import numpy as np
 from scipy.sparse import diags_array
 
-from rakelight.geometry.camera import back_project
 from rakelight.geometry.cells import Cells, cell_sums
 from rakelight.geometry.grid import (
     Links,
@@ -29,6 +29,8 @@ from rakelight.geometry.grid import (
     pair_slices,
 )
 from rakelight.geometry.normals import normal_lengths
+from rakelight.methods.bas_relief import best_relief
+from rakelight.methods.brightness import unlikeness, unlikeness_terms
 from rakelight.methods.levels import Level
 from rakelight.model import Floats, Mask
 from rakelight.shading.photographs import Explanation, Lamps, Surface
@@ -59,6 +61,7 @@ class Fit:
     scales : (h, w) of the Cauchy losses; noise : deviation of a value; energy : of everything
     stiffness : (h, w, 2) weight of the fourth differences along u and v, which are waves
     near : whether the lamps' distances are fitted too
+    steadiness : weight W of `unlikeness`, how alike the lamps' brightness is
     depth_damping, joint_damping, lights_damping : of the next step of each kind
     """
 
@@ -72,6 +75,7 @@ class Fit:
     stiffness: Floats
     waves: tuple[Floats, ...] = ()
     near: bool = False
+    steadiness: float = 0.0
     depth_damping: float = 1e-3
     joint_damping: float = 1e-3
     lights_damping: float = 1e-2
@@ -106,7 +110,8 @@ def moved(level: Level, fit: Fit, log_depth: Floats, lamps: Lamps, turning: bool
     )
     waves = tuple(ripples(level, log_depth))
     bending = sum(float((fit.stiffness[..., k] * wave**2).sum()) for k, wave in enumerate(waves))
-    energy = explanation.energy + bending + fit.noise**2 * level.sensor_misfit(log_depth)
+    known = level.sensor_misfit(log_depth) + fit.steadiness * unlikeness(lamps.vector)
+    energy = explanation.energy + bending + fit.noise**2 * known
     return replace(
         fit, log_depth=log_depth, lamps=lamps, surface=surface, explanation=explanation,
         energy=energy, waves=waves,
@@ -253,34 +258,17 @@ def relief_step(level: Level, fit: Fit) -> Fit:
     """
     if fit.near:
         return fit
-    log_depth, turn = toward_sensor(level, fit.log_depth)
+    log_depth, turn = best_relief(level, fit.log_depth, fit.lamps, fit.steadiness)
+    lamps = replace(fit.lamps, vector=fit.lamps.vector @ turn.T)
     gain = level.sensor_misfit(fit.log_depth) - level.sensor_misfit(log_depth)
+    gain += fit.steadiness * (unlikeness(fit.lamps.vector) - unlikeness(lamps.vector))
     if not fit.noise**2 * gain > LEAST_GAIN * fit.energy:
         return fit
-    lamps = replace(fit.lamps, vector=fit.lamps.vector @ turn.T)
     tried = moved(level, fit, log_depth, lamps, turning=True)
     for _ in range(SETTLE):
         tried = lights_step(level, tried)
     better = tried if tried.energy < fit.energy else fit
     return replace(better, lights_damping=tried.lights_damping)
-
-
-def toward_sensor(level: Level, log_depth: Floats) -> tuple[Floats, Floats]:
-    """(h, w) log depth after the bas-relief transform nearest to the sensor's, and (3, 3) lights'.
-
-    Planes stay planes where  1/z' = a/z + g . (x, y, 1):  normals become (a + g X^T) n at a point
-    X, and lights (a + X g^T)^-1 s, with an albedo to match, leave the photographs nearly the same
-    (Belhumeur, Kriegman and Yuille 1999).  Unchanged where that would turn the surface around.
-    """
-    nearer, aim = np.exp(-log_depth), level.sensed(np.exp(-level.aim))
-    rays = back_project(np.ones(level.mask.shape), level.photographs.camera)
-    columns = [level.sensed(each) for each in (nearer, *np.moveaxis(rays, -1, 0))]
-    root = np.sqrt(level.sensor_weight) / aim
-    a, *g = np.linalg.lstsq(np.stack(columns, axis=-1) * root[:, None], aim * root, rcond=None)[0]
-    inverse = np.where(level.mask, a * nearer + rays @ g, nearer)
-    if a <= 0 or inverse.min() <= 0:
-        return log_depth, np.eye(3)
-    return -np.log(inverse), np.linalg.inv(a * np.eye(3) + np.outer(level.middle_m, g))
 
 
 def lights_step(level: Level, fit: Fit) -> Fit:
@@ -311,7 +299,9 @@ def light_curvature(level: Level, fit: Fit, most: int, cell: int = 0) -> tuple[F
         cell=cell, active=some,
     )  # fmt: skip
     hessian = share * hessian
-    return hessian + gauge(fit, hessian), share * coupling
+    _, alike = unlikeness_terms(fit.lamps, 5 if fit.near else 4)
+    held = gauge(fit, hessian) + fit.noise**2 * fit.steadiness * alike
+    return hessian + held, share * coupling
 
 
 def light_slope(level: Level, fit: Fit) -> Floats:
@@ -321,7 +311,9 @@ def light_slope(level: Level, fit: Fit) -> Floats:
         slope = level.photographs.explain(
             fit.surface, fit.lamps, scale=fit.scales, start=fit.explanation.albedo, turning=True
         ).light_slope
-    return np.delete(np.asarray(slope), () if fit.near else 3, axis=-1).ravel()
+    slope = np.delete(np.asarray(slope), () if fit.near else 3, axis=-1)
+    alike, _ = unlikeness_terms(fit.lamps, slope.shape[-1])
+    return np.asarray(slope.ravel() + fit.noise**2 * fit.steadiness * alike)
 
 
 def field_matrix(

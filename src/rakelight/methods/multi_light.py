@@ -15,8 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from rakelight.geometry.grid import pair_slices
-from rakelight.geometry.normals import normals_from_gradient
+from rakelight.geometry.normals import normal_lengths, normals_from_gradient
 from rakelight.methods.estimate import (
     Estimate,
     brightest,
@@ -25,6 +24,7 @@ from rakelight.methods.estimate import (
     require_options,
     require_photographs,
 )
+from rakelight.methods.fine_normals import fine_normals
 from rakelight.methods.fit import (
     NOISIEST,
     Fit,
@@ -36,7 +36,8 @@ from rakelight.methods.fit import (
     rescaled,
     stride,
 )
-from rakelight.methods.levels import Level, finest_level, pyramid, sensor_error
+from rakelight.methods.levels import Level, finest_level, pyramid
+from rakelight.methods.weights import deserved_steadiness, deserved_trust
 from rakelight.model import Finding, Floats, Progress, ProgressCallback
 from rakelight.prepare import Prepared
 from rakelight.shading.lighting import estimate_light
@@ -46,9 +47,6 @@ from rakelight.solve.robust import MEAN_ABSOLUTE_TO_SIGMA
 # The depth's weight, in white noise's, until its errors are known; the more the fewer pixels the
 # sensor has for what the photographs, together, get wrong.
 FIRST_TRUST = 10.0
-# So many pixels share an error of the photographs' explanation, whatever the depth's errors do.
-COHERENT_PIXELS = 25.0
-LEAST_TRUST, MOST_TRUST = 0.3, 300.0
 # A coarse level explains averaged photographs, and only roughly: the depth holds it the more.
 COARSER = 2.0
 # Steps at a level that is not the last; its end is not worth waiting for.
@@ -59,8 +57,6 @@ SETTLED = 0.95
 WORTH_IT = 0.03
 # Largest quartile distance of the lamps' inverse distances, as a fraction of their median.
 MOST_VARIED = 0.5
-# A lamp is at least this far from the object, as a fraction of the camera's distance.
-NEAREST = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +124,9 @@ def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback
         trust = deserved_trust(descent.fit, prepared)
     # Jumps that the sensor blurred, or its noise hid, are steep by now.
     level = levels[0].trusting(trust / first_trust).cut(descent.fit.log_depth)
-    again = descend(level, descent.fit, options, progress, "refine, weighed", noisiest=1.0)
+    weight = deserved_steadiness(level, descent.fit.log_depth, prepared)
+    fit = replace(descent.fit, steadiness=weight)
+    again = descend(level, fit, options, progress, "refine, weighed", noisiest=1.0)
     descent = replace(again, steps=descent.steps + again.steps)
     return finished(prepared, level, descent, trust)
 
@@ -202,13 +200,13 @@ def freer_lamps(
 
 
 def sound(level: Level, lamps: Lamps) -> bool:
-    """Whether distances, if any, are those of lamps in a hand: alike, and not in the picture.
+    """Whether distances, if any, are those of lamps in a hand: alike, and outside the object.
 
     Where they only make up for another fault of the model they come out at random, or tiny.
     """
     low, middle, high = np.quantile(lamps.closeness, [0.25, 0.5, 0.75])
-    away = NEAREST * float(np.linalg.norm(level.middle_m))
-    return bool(high - low <= MOST_VARIED * middle and middle * away <= 1)
+    radius = float(np.linalg.norm(level.points[level.mask], axis=-1).max())
+    return bool(high - low <= MOST_VARIED * middle and middle * radius <= 1)
 
 
 def near(fit: Fit) -> Fit:
@@ -228,30 +226,6 @@ def coloured(fit: Fit) -> Fit:
 def stage(index: int) -> str:
     """What the progress says of a level."""
     return f"refine 1/{2**index}" if index else "refine"
-
-
-def deserved_trust(fit: Fit, prepared: Prepared) -> float:
-    """The weight of the depth, as a multiple of white noise's, from the errors of both sides.
-
-    Depth errors e that hang together over r^2 = <e^2> / <|de|^2> of the sensor's pixels say r^2
-    times less than independent ones (medians, so that depth jumps do not count).  Photographs err
-    together too, `COHERENT_PIXELS` where the model holds, the more the heavier their residuals'
-    tails are: shadows, highlights and edges are no white noise.
-    """
-    error, seen = sensor_error(prepared, fit.log_depth)
-    steps = np.concatenate(
-        [
-            np.diff(error, axis=axis)[seen[here] & seen[there]]
-            for axis, (here, there) in ((axis, pair_slices(axis)) for axis in (1, 0))
-        ]
-    )
-    if not steps.size:
-        return MOST_TRUST  # of depth pixels side by side there are none
-    error = error[seen] - np.median(error[seen])
-    together = np.median(error**2) / max(float(np.median(steps**2)), 1e-30)
-    tails = fit.explanation.rms / max(fit.explanation.spread, 1e-30)
-    trust = COHERENT_PIXELS * tails / max(float(together), 1e-30)
-    return float(np.clip(trust, LEAST_TRUST, MOST_TRUST))
 
 
 def first_lamps(level: Level) -> Lamps:
@@ -277,7 +251,8 @@ def first_lamps(level: Level) -> Lamps:
 def finished(prepared: Prepared, level: Level, descent: Descent, trust: float) -> Estimate:
     """The estimate of the finest level, the albedo's 99th percentile set to 1."""
     fit, active = descent.fit, level.photographs.active
-    albedo = fit.explanation.albedo
+    normals, explanation = fine_normals(level, fit)
+    albedo = explanation.albedo
     gain = brightest(albedo[active])
     lights = fit.lamps.brighter(gain).as_lights(level.middle_m)
     weighed = Finding("note", "depth-trust", f"depth trusted {trust:.3g} times as white noise")
@@ -286,6 +261,7 @@ def finished(prepared: Prepared, level: Level, descent: Descent, trust: float) -
         albedo=albedo / gain,
         confidence=np.where(active, confidence(level, fit), 0.0),
         lights=lights,
+        normals=normals,
         energy=tuple(each.energy for each in descent.fits),
         steps=descent.steps,
         converged=descent.converged,
@@ -296,12 +272,15 @@ def finished(prepared: Prepared, level: Level, descent: Descent, trust: float) -
 def confidence(level: Level, fit: Fit) -> Floats:
     """(h, w) how well the photographs settle each normal; see `photometric_confidence`.
 
-    A pixel's own residuals count where they are larger than the photographs' noise, and what is
-    not known of a normal is averaged with its neighbours', which share its errors.
+    Noise averages over the photographs.  Residuals of a pixel beyond it are the model's errors,
+    shadows and highlights, which the photographs share.  What is not known of a normal is averaged
+    with its neighbours', which share its errors.
     """
     gradient, photographs = fit.surface.gradient, level.photographs
-    _, length = normals_from_gradient(gradient[..., 0], gradient[..., 1], photographs.camera)
-    noise = np.maximum(fit.noise, MEAN_ABSOLUTE_TO_SIGMA * fit.explanation.misfit)
+    length = normal_lengths(gradient[..., 0], gradient[..., 1], photographs.camera)
+    misfit = MEAN_ABSOLUTE_TO_SIGMA * fit.explanation.misfit
+    shared = np.maximum(misfit**2 - fit.noise**2, 0.0)
+    noise = np.sqrt(fit.noise**2 + len(photographs) * shared)
     return photometric_confidence(
         fit.explanation.tensor, noise, length, photographs.camera, photographs.active
     )

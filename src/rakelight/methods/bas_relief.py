@@ -1,0 +1,58 @@
+"""The bas-relief transform that a surface and its lamps need, from what else is known.
+
+Photographs under distant lamps leave four numbers of a surface open.  The sensor's depth tells
+them, but for its errors over the whole object; the lamps' brightness tells three where it is alike.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import minimize
+
+from rakelight.geometry.camera import back_project
+from rakelight.methods.brightness import unlikeness
+from rakelight.methods.levels import Level
+from rakelight.model import Floats
+from rakelight.shading.photographs import Lamps
+
+
+def best_relief(
+    level: Level, log_depth: Floats, lamps: Lamps, steadiness: float = 0.0
+) -> tuple[Floats, Floats]:
+    """(h, w) log depth after the bas-relief transform nearest to the sensor's, and (3, 3) lights'.
+
+    Planes stay planes where  1/z' = a/z + g . (x, y, 1):  normals become (a + g X^T) n at a point
+    X, and lights (a + X g^T)^-1 s, with an albedo to match, leave the photographs nearly the same
+    (Belhumeur, Kriegman and Yuille 1999).  With `steadiness` the lamps' brightness has a say.
+    Unchanged where that would turn the surface around.
+    """
+    nearer, aim = np.exp(-log_depth), level.sensed(np.exp(-level.aim))
+    rays = back_project(np.ones(level.mask.shape), level.photographs.camera)
+    columns = [level.sensed(each) for each in (nearer, *np.moveaxis(rays, -1, 0))]
+    root = np.sqrt(level.sensor_weight) / aim
+    weighed = np.stack(columns, axis=-1) * root[:, None]
+    left, size, axes = np.linalg.svd(weighed, full_matrices=False)
+    told = size > 1e-12 * size[0]
+    # Away from the nearest by `solved @ off`, the sensor's misfit is |off|^2 more.
+    solved = axes[told].T / size[told]
+    nearest = solved @ (left[:, told].T @ (aim * root))
+
+    def turned(relief: Floats) -> Floats:
+        a, *g = relief
+        return np.linalg.inv(a * np.eye(3) + np.outer(level.middle_m, g))
+
+    relief = nearest
+    if steadiness:
+
+        def cost(off: Floats) -> float:
+            vectors = lamps.vector @ turned(nearest + solved @ off).T
+            return float(off @ off) / steadiness + unlikeness(vectors)
+
+        as_it_is = size[told] * (axes[told] @ ([1.0, 0.0, 0.0, 0.0] - nearest))
+        starts = (np.zeros(len(solved.T)), as_it_is)
+        off = min((minimize(cost, start) for start in starts), key=lambda found: found.fun).x
+        relief = nearest + solved @ off
+    inverse = np.where(level.mask, relief[0] * nearer + rays @ relief[1:], nearer)
+    if not (relief[0] > 0 and inverse.min() > 0):
+        return log_depth, np.eye(3)
+    return -np.log(inverse), turned(relief)

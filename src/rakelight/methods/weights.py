@@ -1,0 +1,63 @@
+"""What the sensor's depth counts, from how its errors and the photographs' hang together."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rakelight.geometry.cells import cell_sums
+from rakelight.geometry.grid import pair_slices
+from rakelight.methods.fit import Fit
+from rakelight.methods.levels import Level, sensor_error
+from rakelight.model import MAD_TO_SIGMA, Floats
+from rakelight.prepare import Prepared
+
+# So many pixels share an error of the photographs' explanation, whatever the depth's errors do.
+COHERENT_PIXELS = 25.0
+LEAST_TRUST, MOST_TRUST = 0.3, 300.0
+# Errors are summed over blocks of pixels as long as there are so many.
+FEWEST_BLOCKS = 16
+# They are cut at so many standard deviations: beyond lie depth jumps.
+FARTHEST = 4.0
+
+
+def deserved_trust(fit: Fit, prepared: Prepared) -> float:
+    """The weight of the depth, as a multiple of white noise's, from the errors of both sides.
+
+    Depth errors e that hang together over r^2 = <e^2> / <|de|^2> of the sensor's pixels say r^2
+    times less than independent ones (medians, so that depth jumps do not count).  Photographs err
+    together too, `COHERENT_PIXELS` where the model holds, the more the heavier their residuals'
+    tails are: shadows, highlights and edges are no white noise.
+    """
+    error, seen = sensor_error(prepared, fit.log_depth)
+    steps = np.concatenate(
+        [
+            np.diff(error, axis=axis)[seen[here] & seen[there]]
+            for axis, (here, there) in ((axis, pair_slices(axis)) for axis in (1, 0))
+        ]
+    )
+    if not steps.size:
+        return MOST_TRUST  # of depth pixels side by side there are none
+    error = error[seen] - np.median(error[seen])
+    together = np.median(error**2) / max(float(np.median(steps**2)), 1e-30)
+    tails = fit.explanation.rms / max(fit.explanation.spread, 1e-30)
+    trust = COHERENT_PIXELS * tails / max(float(together), 1e-30)
+    return float(np.clip(trust, LEAST_TRUST, MOST_TRUST))
+
+
+def deserved_steadiness(level: Level, log_depth: Floats, prepared: Prepared) -> float:
+    """What lamps of one brightness count beside the sensor's depth, whose weight is the level's.
+
+    The sensor's error of the whole shape is that of independent pixels of a larger variance: the
+    largest, over blocks of all sizes, of  (sum of a block)^2 / pixels.
+    """
+    error, seen = sensor_error(prepared, log_depth)
+    if not seen.any():
+        return 0.0
+    error = np.where(seen, error - np.median(error[seen]), 0.0)
+    deviation = MAD_TO_SIGMA * float(np.median(np.abs(error[seen])))
+    error = np.clip(error, -FARTHEST * deviation, FARTHEST * deviation)
+    count, block, variance = np.count_nonzero(seen), 1, deviation**2
+    while count >= FEWEST_BLOCKS * block**2:
+        variance = max(variance, float((cell_sums(error, block) ** 2).sum()) / count)
+        block *= 2
+    return float(np.median(level.sensor_weight)) * variance

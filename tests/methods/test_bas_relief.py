@@ -1,0 +1,94 @@
+"""The bas-relief transform that a surface and its lamps need."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from rakelight.geometry.normals import normals_from_gradient
+from rakelight.methods.bas_relief import best_relief
+from rakelight.methods.levels import finest_level
+from rakelight.prepare import prepare
+from rakelight.shading.photographs import Lamps
+from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
+
+TURN = np.linalg.inv(0.9 * np.eye(3) + np.outer([0.0, 0.0, 1.0], [0.1, -0.05, 0.15]))
+
+
+@cache
+def make_level():
+    shape = make_shape("head")
+    options = SceneOptions(camera=shape.camera.scaled(0.15), photographs=6)
+    return finest_level(prepare(render_scene(shape, make_albedo("simple"), options)[0]))
+
+
+def alike(count=8):
+    """Distant lamps of one brightness, at different slants."""
+    around, slant = 2.4 * np.arange(count), np.radians(np.linspace(10, 45, count))
+    level = np.sin(slant)
+    vector = np.stack([level * np.cos(around), level * np.sin(around), -np.cos(slant)], axis=-1)
+    return Lamps.distant(vector[:, None], np.zeros((count, 1)))
+
+
+def spread(lamps, turn):
+    return np.log(np.linalg.norm(lamps.vector @ turn.T, axis=-1)).std()
+
+
+def test_lamps_that_can_be_alike_set_what_a_vague_sensor_leaves_open():
+    level, lamps = make_level().trusting(1e-8), alike()
+    turned = Lamps.distant(lamps.vector @ TURN.T, lamps.ambient)
+    assert spread(turned, np.eye(3)) > 0.02
+    _, found = best_relief(level, level.prior, turned, steadiness=1.0)
+    assert spread(turned, found) < 2e-3
+    # Back where they were, but for the brightness of all, which nothing tells.
+    back = turned.vector[:, 0] @ found.T
+    cosine = (back * lamps.vector[:, 0]).sum(axis=1) / np.linalg.norm(back, axis=1)
+    assert np.degrees(np.arccos(cosine)).max() < 1
+
+
+def test_a_sensor_that_knows_is_believed():
+    level, turned = (
+        make_level().trusting(1e8),
+        Lamps.distant(alike().vector @ TURN.T, alike().ambient),
+    )
+    log_depth, found = best_relief(level, level.prior, turned, steadiness=1.0)
+    np.testing.assert_allclose(found, np.eye(3), atol=1e-4)
+    np.testing.assert_allclose(log_depth, level.prior, atol=1e-5)
+
+
+def test_lamps_of_any_brightness_hardly_move_the_surface():
+    level, rng = make_level(), np.random.default_rng(0)
+    gain = np.exp(0.4 * rng.normal(size=8))[:, None, None]
+    differing = Lamps.distant(alike().vector * gain, alike().ambient)
+    moved, _ = best_relief(level, level.prior, differing, steadiness=100.0)
+    turned = Lamps.distant(alike().vector @ TURN.T, alike().ambient)
+    pulled, _ = best_relief(level, level.prior, turned, steadiness=100.0)
+    size = [np.std((each - level.prior)[level.mask]) for each in (moved, pulled)]
+    assert size[0] < 0.3 * size[1]
+
+
+@pytest.mark.parametrize("steadiness", [0.0, 1.0])
+def test_photographs_are_as_they_were_but_for_the_albedo(steadiness):
+    level = make_level().trusting(1e-8 if steadiness else 1.0)
+    turned = Lamps.distant(alike().vector @ TURN.T, alike().ambient)
+    log_depth, turn = best_relief(level, level.prior + 0.01, turned, steadiness)
+    shadings = []
+    for depth, vector in ((level.prior + 0.01, turned.vector), (log_depth, turned.vector @ turn.T)):
+        gradient = level.surface(depth).gradient
+        normals, _ = normals_from_gradient(
+            gradient[..., 0], gradient[..., 1], level.photographs.camera
+        )
+        shadings.append(normals[level.photographs.active] @ vector[:, 0].T)
+    lit = (np.stack(shadings) > 0.2).all(axis=(0, 2))
+    ratio = shadings[1][lit] / shadings[0][lit]
+    off = ratio / ratio.mean(axis=1, keepdims=True) - 1
+    assert lit.mean() > 0.2
+    assert np.abs(off).mean() < 0.01
+
+
+def test_a_flat_surface_is_no_error():
+    level = make_level()
+    flat = np.full_like(level.prior, level.prior[level.mask].mean())
+    log_depth, turn = best_relief(level, flat, alike(), steadiness=1.0)
+    assert np.isfinite(log_depth).all()
+    assert np.isfinite(turn).all()

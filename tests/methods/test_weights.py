@@ -1,0 +1,67 @@
+"""What the lamps' brightness counts beside the sensor's depth."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from rakelight.methods.levels import finest_level
+from rakelight.methods.weights import deserved_steadiness
+from rakelight.prepare import prepare
+from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
+
+NOISE = 0.003
+
+
+@cache
+def scene():
+    shape = make_shape("vase")
+    options = SceneOptions(camera=shape.camera.scaled(0.4), photographs=6)
+    prepared = prepare(render_scene(shape, make_albedo("simple"), options)[0])
+    level = finest_level(prepared)
+    # A sensor without errors of its own.
+    sensor = replace(prepared.sensor, depth_m=np.exp(level.prior))
+    prepared = replace(prepared, sensor=sensor)
+    return prepared, replace(level, prior_weight=np.where(level.mask, NOISE**-2, 0.0))
+
+
+def steadiness(error):
+    """Where the sensor is off a surface by `error` (h, w), which its weight takes for white."""
+    prepared, level = scene()
+    return deserved_steadiness(level, level.prior - error, prepared)
+
+
+def white(shape, seed=0):
+    return NOISE * np.random.default_rng(seed).normal(size=shape)
+
+
+def test_beside_white_noise_lamps_count_as_they_are():
+    _, level = scene()
+    assert 0.9 < steadiness(white(level.mask.shape)) < 1.6
+
+
+def test_beside_errors_that_hang_together_they_count_by_the_area_of_those():
+    _, level = scene()
+    blur = 3.0
+    error = gaussian_filter(white(level.mask.shape), blur)
+    error *= NOISE / error.std()
+    # Errors under a Gaussian of white noise share 4 pi sigma^2 pixels; blocks of 16 cut them off.
+    area = 4 * np.pi * blur**2
+    assert 0.4 * area < steadiness(error) < 1.1 * area
+
+
+def test_an_offset_is_no_error_and_a_jump_hardly_one():
+    _, level = scene()
+    error = white(level.mask.shape)
+    jump = error.copy()
+    jump[10:13, 40:44] += 1.0
+    assert steadiness(error + 0.1) == pytest.approx(steadiness(error))
+    assert steadiness(jump) < 1.5 * steadiness(error)
+
+
+def test_a_sensor_that_saw_nothing_says_nothing():
+    prepared, level = scene()
+    sensor = replace(prepared.sensor, depth_m=np.full_like(prepared.sensor.depth_m, np.nan))
+    assert deserved_steadiness(level, level.prior, replace(prepared, sensor=sensor)) == 0
