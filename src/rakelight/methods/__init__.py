@@ -7,6 +7,7 @@ beside it, in a file of its own.  To add one, write the file and its line in `ME
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from importlib import import_module
 from time import perf_counter
@@ -132,13 +133,16 @@ def refine(
             capture = _registered(capture, chosen, options, progress)
     registered_at = perf_counter()
     progress(Progress("prepare"))
-    prepared = prepare(capture, scale)
-    require_memory(
-        prepared.mask.size * _BYTES_PER_PIXEL.get(chosen.name, _BYTES_PER_PIXEL_OF_OTHERS),
-        source=capture.source,
-        remedy="close other programs, choose a smaller --scale, or crop to the object",
-    )
-    checked = (*motion(capture), *misaligned(capture))
+    # They run no compiled kernel, of which two at a time may not.
+    with ThreadPoolExecutor(1) as beside:
+        checks = beside.submit(lambda: (*motion(capture), *misaligned(capture)))
+        prepared = prepare(capture, scale)
+        require_memory(
+            prepared.mask.size * _BYTES_PER_PIXEL.get(chosen.name, _BYTES_PER_PIXEL_OF_OTHERS),
+            source=capture.source,
+            remedy="close other programs, choose a smaller --scale, or crop to the object",
+        )
+        checked = checks.result()
     prepared_at = perf_counter()
     with one_blas_thread():
         estimate = _too_thin(prepared) or chosen.run(prepared, options, progress)

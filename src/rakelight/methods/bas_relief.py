@@ -7,7 +7,6 @@ them, but for its errors over the whole object; the lamps' brightness tells thre
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import minimize
 
 from rakelight.geometry.camera import back_project
 from rakelight.methods.brightness import unlikeness
@@ -43,6 +42,7 @@ def best_relief(
 
     relief = nearest
     if steadiness:
+        from scipy.optimize import minimize
 
         def cost(off: Floats) -> float:
             vectors = lamps.vector @ turned(nearest + solved @ off).T

@@ -31,6 +31,7 @@ from rakelight.methods.fit import (
     depth_step,
     first_fit,
     joint_step,
+    lights_step,
     moved,
     relief_step,
     rescaled,
@@ -55,6 +56,8 @@ ON_THE_WAY = 3
 SETTLED = 0.95
 # Lamps get more freedom where that lowers the energy by more than this fraction.
 WORTH_IT = 0.03
+# They are tried where a first step promises this part of it.
+LIKELY = 0.5
 # Largest quartile distance of the lamps' inverse distances, as a fraction of their median.
 MOST_VARIED = 0.5
 
@@ -188,8 +191,12 @@ def freer_lamps(
     ):
         if wanted not in ("auto", free):
             continue
-        before = descent.fit
-        tried = descend(level, change(before), options, progress, f"try {free} lamps")
+        before, freer = descent.fit, change(descent.fit)
+        # A step of the lights alone shows most of what there is to gain.
+        first = lights_step(level, moved(level, freer, before.log_depth, freer.lamps))
+        if wanted == "auto" and before.energy - first.energy < LIKELY * WORTH_IT * before.energy:
+            continue
+        tried = descend(level, freer, options, progress, f"try {free} lamps")
         # Both under the loss of the simpler lamps.
         alike = replace(before, near=tried.fit.near)
         after = moved(level, alike, tried.fit.log_depth, tried.fit.lamps)
