@@ -54,8 +54,9 @@ COARSER = 2.0
 ON_THE_WAY = 3
 # The loss is settled when the noise falls by less than this factor from one step to the next.
 SETTLED = 0.95
-# Lamps get more freedom where that lowers the energy by more than this fraction.
-WORTH_IT = 0.03
+# Lamps get more freedom where that lowers the energy by more than this fraction over their number:
+# the fewer photographs, the more of anything it explains.
+WORTH_IT = 0.5
 # They are tried where a first step promises this part of it.
 LIKELY = 0.5
 # Largest quartile distance of the lamps' inverse distances, as a fraction of their median.
@@ -192,16 +193,17 @@ def freer_lamps(
         if wanted not in ("auto", free):
             continue
         before, freer = descent.fit, change(descent.fit)
+        enough = WORTH_IT / len(level.photographs) * before.energy
         # A step of the lights alone shows most of what there is to gain.
         first = lights_step(level, moved(level, freer, before.log_depth, freer.lamps))
-        if wanted == "auto" and before.energy - first.energy < LIKELY * WORTH_IT * before.energy:
+        if wanted == "auto" and before.energy - first.energy < LIKELY * enough:
             continue
         tried = descend(level, freer, options, progress, f"try {free} lamps")
-        # Both under the loss of the simpler lamps.
+        # All under the loss of the simpler lamps.
         alike = replace(before, near=tried.fit.near)
         after = moved(level, alike, tried.fit.log_depth, tried.fit.lamps)
-        better = after.energy < (1 - WORTH_IT) * before.energy and sound(level, after.lamps)
-        if wanted == free or better:
+        gain = before.energy - min(first.energy, after.energy)
+        if wanted == free or (gain > enough and sound(level, after.lamps)):
             descent = tried
     return descent
 
