@@ -270,7 +270,8 @@ class Result:
     """A refined depth map and all that was estimated with it, at the output resolution.
 
     depth : (H, W) float32 metres along the optical axis, NaN outside the object
-    normals : (H, W, 3) float32 unit vectors, camera frame, facing the camera, NaN outside
+    normals : (H, W, 3) float32 unit vectors, camera frame, facing the camera, NaN outside; those of
+        the depth map, or finer ones where the method tells them
     albedo : (H, W, 3) float32 linear, 0 outside; scaled so that its 99th percentile is 1
     confidence : (H, W) float32 in 0..1, how much the photographs determine each pixel; halved
         where the sensor has no depth

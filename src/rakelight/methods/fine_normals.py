@@ -28,6 +28,8 @@ from rakelight.solve.robust import MEAN_ABSOLUTE_TO_SIGMA
 
 # Over so many pixels the depth map's error is told from noise.
 LOCAL_PX = 3.0
+# Residuals beyond the noise count so many times: part of them, all photographs share.
+SHARED = 2.0
 TINY = 1e-30
 
 
@@ -68,9 +70,10 @@ def gradient_step(level: Level, fit: Fit, explained: Callable[[Floats], Explanat
     knowledge = np.where(active, uu + vv, 0.0) / turn
     least = 1e-6 * float(np.median(knowledge[active])) * turn
     free = np.where(active[..., None], _solved(uu + least, uv, vv + least, u, v), 0.0)
-    # What no normal explains is noise: where paints meet and the photographs do not quite align.
+    # What no normal explains is noise, and worse: highlights, paints whose edges do not align.
     left = explained(free).misfit
-    noise = np.maximum(fit.noise, MEAN_ABSOLUTE_TO_SIGMA * left) ** 2
+    beyond = np.maximum((MEAN_ABSOLUTE_TO_SIGMA * left) ** 2 - fit.noise**2, 0.0)
+    noise = fit.noise**2 + SHARED * beyond
     told = blurred(u * free[..., 0] + v * free[..., 1] - 2 * noise, LOCAL_PX, active)
     # A variance of the normal, radians squared: b has  M M tau^2 + M sigma^2.
     variance = np.maximum(told, 0) / np.maximum(blurred(knowledge, LOCAL_PX, active), TINY)

@@ -60,4 +60,4 @@ def deserved_steadiness(level: Level, log_depth: Floats, prepared: Prepared) -> 
     while count >= FEWEST_BLOCKS * block**2:
         variance = max(variance, float((cell_sums(error, block) ** 2).sum()) / count)
         block *= 2
-    return float(np.median(level.sensor_weight)) * variance
+    return float(np.median(level.sensor_weight) * variance)
