@@ -197,3 +197,29 @@ def test_reading_a_capture_compiles_nothing():
     assert "numpy" in loaded
     assert not loaded & (HEAVY - {"cv2"})
     assert not loaded_by("import rakelight; rakelight.refine") & {"numba", "trimesh"}
+
+
+def reached(names):
+    """The files whose code those of these names can call, late imports included."""
+    files, waiting = set(), {PACKAGE / name for name in names}
+    while waiting:
+        path = waiting.pop()
+        files.add(path)
+        for full in imported(path):
+            parts = full.split(".")
+            for end in range(len(parts), 1, -1):
+                module = PACKAGE.joinpath(*parts[1:end])
+                found = [module.with_suffix(".py"), module / "__init__.py"]
+                found = [file for file in found if parts[0] == "rakelight" and file.is_file()]
+                if found:
+                    waiting |= set(found) - files
+                    break
+    return {name_of(path) for path in files}
+
+
+def test_what_is_checked_beside_the_preparation_runs_no_kernel():
+    # Two compiled kernels at a time would end the process where numba has its own thread pool.
+    files = reached(["prepare/motion.py", "prepare/misaligned.py"])
+    assert "prepare/sensor.py" in files
+    assert not {name for name in files if room_of(name) in ("solve", "shading", "jit")}
+    assert "solve/multigrid.py" in reached(["prepare/inpaint.py"])

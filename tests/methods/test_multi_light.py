@@ -10,9 +10,12 @@ from rakelight.errors import InputError, MethodError
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.normals import normals_from_depth, surface_normals
 from rakelight.methods import refine
-from rakelight.methods.multi_light import Options
+from rakelight.methods.levels import finest_level
+from rakelight.methods.multi_light import Options, sound
 from rakelight.metrics import evaluate
 from rakelight.model import Camera
+from rakelight.prepare import prepare
+from rakelight.shading.photographs import Lamps
 from rakelight.synthetic import (
     DepthNoise,
     SceneOptions,
@@ -259,3 +262,18 @@ def test_a_black_photograph_is_named(capture, with_a_black_one):
 def test_impossible_options_are_refused(name, value):
     with pytest.raises(InputError, match=name):
         Options(**{name: value})
+
+
+# ---- whether distances are those of lamps
+
+
+@pytest.mark.parametrize(
+    ("radii", "varied", "expected"),
+    [(1.5, 0.1, True), (20.0, 0.1, True), (0.7, 0.1, False), (1.5, 0.8, False)],
+)
+def test_lamps_are_outside_the_object_and_their_distances_alike(radii, varied, expected):
+    level = finest_level(prepare(make_scene()[0]))
+    radius = np.linalg.norm(level.points[level.mask], axis=-1).max()
+    closeness = np.linspace(1 - varied, 1 + varied, 9) / (radii * radius)
+    lamps = Lamps(np.ones((9, 1, 3)), np.zeros((9, 1)), closeness)
+    assert sound(level, lamps) == expected
