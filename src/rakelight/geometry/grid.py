@@ -241,8 +241,11 @@ def area_mean(image: Array, factor: int) -> Floats:
     [[2.5, 4.5]]
     """
     height, width = image.shape[0] // factor, image.shape[1] // factor
-    blocks = image.reshape(height, factor, width, factor, *image.shape[2:])
-    return np.asarray(blocks.mean(axis=(1, 3), dtype=np.float64))
+    # A slice for each place in a block: means over short axes take ten times as long.
+    total = np.zeros((height, width, *image.shape[2:]))
+    for row, column in np.ndindex(factor, factor):
+        total += image[row::factor, column::factor]
+    return total / factor**2
 
 
 def gradient_matrices(grid: Grid) -> tuple[Any, Any]:

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from rakelight.errors import CaptureError, InputError
+from rakelight.files import in_threads
 from rakelight.geometry.grid import area_mean, bounding_window, surface_links
 from rakelight.model import Array, Camera, Capture, Encoding, Finding, Floats, Mask
 from rakelight.prepare.denoise import bilateral
@@ -197,11 +198,14 @@ def _shrunk(capture: Capture, shrink: int) -> Array:
     white = np.iinfo(np.uint16).max
     height, width = (side // shrink for side in capture.mask.shape)
     small = np.empty((len(capture.photographs), height, width, 3), dtype=np.uint16)
-    for photograph, out in zip(capture.photographs, small, strict=True):
-        mean = area_mean(to_linear(photograph, capture.encoding), shrink)
-        clipped = photograph >= SATURATED * capture.white
+
+    def shrink_one(i: int) -> None:
+        mean = area_mean(to_linear(capture.photographs[i], capture.encoding), shrink)
+        clipped = capture.photographs[i] >= SATURATED * capture.white
         mean[area_mean(clipped, shrink) > 0] = 1.0
-        out[...] = np.round(mean * white)
+        small[i] = np.round(mean * white)
+
+    in_threads(shrink_one, range(len(small)))
     return small
 
 
