@@ -5,7 +5,7 @@ The energy of log depth p and lights s, albedo eliminated (variable projection):
     E = sum loss(rho_c (max(0, s_i . n) + phi_i) - I_ic)    n from the mean gradient G p, (3)
         + beta sum M_uu (p_uuuu / 8)^2 + M_vv (p_vvvv / 8)^2    against a checkerboard
         + sigma^2 sum w (K (p - p_0))^2                     the sensor's depth
-        + sigma^2 W (N - 1) log(spread of |s_i|)^2          lamps of one brightness
+        + sigma^2 W (N - 4) log(spread of |s_i|)^2          lamps of one brightness
 
 The mean gradient does not see a checkerboard; fourth differences do, and see little else.  The
 matrix of a step is that of one-sided differences, which sees both.
