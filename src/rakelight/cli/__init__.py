@@ -73,6 +73,7 @@ def main(arguments: list[str] | None = None) -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # What is left goes with the process: the last search for cycles would take a quarter second.
     atexit.register(gc.freeze)
+    # Libraries come with more objects than that, and no cycles worth the search.
     gc.set_threshold(100_000)
     keep_freed_memory()
     given = sys.argv[1:] if arguments is None else arguments
@@ -91,7 +92,7 @@ def main(arguments: list[str] | None = None) -> None:
 def keep_freed_memory() -> None:
     """Let the next array have what the last one leaves, where the C library is glibc.
 
-    Else it goes back to the system each time, which clears it anew: a tenth of refining.
+    Else it goes back to the system each time, which clears it anew.
     """
     if sys.platform != "linux":
         return

@@ -241,7 +241,7 @@ def area_mean(image: Array, factor: int) -> Floats:
     [[2.5, 4.5]]
     """
     height, width = image.shape[0] // factor, image.shape[1] // factor
-    # A slice for each place in a block: means over short axes take ten times as long.
+    # A slice for each place in a block: means over short axes take much longer.
     total = np.zeros((height, width, *image.shape[2:]))
     for row, column in np.ndindex(factor, factor):
         total += image[row::factor, column::factor]

@@ -9,6 +9,7 @@ from math import ceil
 import numpy as np
 
 from rakelight.errors import InputError, MethodError, listed, printable
+from rakelight.geometry.normals import squared_turn
 from rakelight.model import Camera, Finding, Floats, Lights, Mask
 from rakelight.prepare import Prepared
 
@@ -117,9 +118,7 @@ def photometric_confidence(
     """
     uu, uv, vv = np.moveaxis(tensor, -1, 0)
     weakest = (uu + vv) / 2 - np.hypot((uu - vv) / 2, uv)
-    # A change d of the gradient turns the normal by about f d / |m|.
-    turn = camera.fx * camera.fy / length**2
-    variance = turn * np.asarray(noise) ** 2 / np.maximum(weakest, 1e-12)
+    variance = squared_turn(length, camera) * np.asarray(noise) ** 2 / np.maximum(weakest, 1e-12)
     if active is not None:
         variance = _averaged(np.minimum(variance, NO_IDEA_RAD**2), active)
     return np.asarray(1 / (1 + variance * np.degrees(1.0) ** 2 / HALF_CONFIDENCE_DEG**2))

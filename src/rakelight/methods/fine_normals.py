@@ -19,12 +19,12 @@ from dataclasses import replace
 import numpy as np
 
 from rakelight.geometry.blur import blurred
-from rakelight.geometry.normals import normal_lengths, normals_from_gradient
+from rakelight.geometry.normals import normal_lengths, normals_from_gradient, squared_turn
 from rakelight.methods.fit import Fit
 from rakelight.methods.levels import Level
 from rakelight.model import Floats
 from rakelight.shading.photographs import Explanation
-from rakelight.solve.robust import MEAN_ABSOLUTE_TO_SIGMA
+from rakelight.solve.robust import variance_beyond
 
 # Over so many pixels the depth map's error is told from noise.
 LOCAL_PX = 3.0
@@ -63,17 +63,15 @@ def gradient_step(level: Level, fit: Fit, explained: Callable[[Floats], Explanat
     (uu, uv, vv), (u, v) = (
         np.moveaxis(each, -1, 0) for each in (fit.explanation.tensor, fit.explanation.vector)
     )
-    # A change d of the gradient turns the normal by about f |d| / |m|.
     gradient = fit.surface.gradient
     length = normal_lengths(gradient[..., 0], gradient[..., 1], camera)
-    turn = camera.fx * camera.fy / length**2
+    turn = squared_turn(length, camera)
     knowledge = np.where(active, uu + vv, 0.0) / turn
     least = 1e-6 * float(np.median(knowledge[active])) * turn
     free = np.where(active[..., None], _solved(uu + least, uv, vv + least, u, v), 0.0)
     # What no normal explains is noise, and worse: highlights, paints whose edges do not align.
     left = explained(free).misfit
-    beyond = np.maximum((MEAN_ABSOLUTE_TO_SIGMA * left) ** 2 - fit.noise**2, 0.0)
-    noise = fit.noise**2 + SHARED * beyond
+    noise = fit.noise**2 + SHARED * variance_beyond(fit.noise, left)
     told = blurred(u * free[..., 0] + v * free[..., 1] - 2 * noise, LOCAL_PX, active)
     # A variance of the normal, radians squared: b has  M M tau^2 + M sigma^2.
     variance = np.maximum(told, 0) / np.maximum(blurred(knowledge, LOCAL_PX, active), TINY)

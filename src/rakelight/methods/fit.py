@@ -28,7 +28,7 @@ from rakelight.geometry.grid import (
     neighbours,
     pair_slices,
 )
-from rakelight.geometry.normals import normal_lengths
+from rakelight.geometry.normals import normal_lengths, squared_turn
 from rakelight.methods.bas_relief import best_relief
 from rakelight.methods.brightness import unlikeness, unlikeness_terms
 from rakelight.methods.levels import Level
@@ -187,13 +187,12 @@ def depth_force(level: Level, fit: Fit) -> Floats:
 def damped_tensor(level: Level, fit: Fit, damping: float) -> Floats:
     """The tensor with what keeps a normal that the photographs leave open from turning far.
 
-    A change d of the gradient turns the normal by f |d| / |m|; the typical pixel's knowledge of
-    its normal sets the measure.
+    The typical pixel's knowledge of its normal sets the measure.
     """
     camera = level.photographs.camera
     gradient, tensor = fit.surface.gradient, fit.explanation.tensor.copy()
     length = normal_lengths(gradient[..., 0], gradient[..., 1], camera)
-    turn = camera.fx * camera.fy / length**2
+    turn = squared_turn(length, camera)
     active = level.photographs.active
     knowledge = np.median((tensor[..., 0] + tensor[..., 2])[active] / turn[active])
     hold = damping * knowledge * turn * active

@@ -43,7 +43,7 @@ from rakelight.model import Finding, Floats, Progress, ProgressCallback
 from rakelight.prepare import Prepared
 from rakelight.shading.lighting import estimate_light
 from rakelight.shading.photographs import Lamps
-from rakelight.solve.robust import MEAN_ABSOLUTE_TO_SIGMA
+from rakelight.solve.robust import variance_beyond
 
 # The depth's weight, in white noise's, until its errors are known; the more the fewer pixels the
 # sensor has for what the photographs, together, get wrong.
@@ -287,8 +287,7 @@ def confidence(level: Level, fit: Fit) -> Floats:
     """
     gradient, photographs = fit.surface.gradient, level.photographs
     length = normal_lengths(gradient[..., 0], gradient[..., 1], photographs.camera)
-    misfit = MEAN_ABSOLUTE_TO_SIGMA * fit.explanation.misfit
-    shared = np.maximum(misfit**2 - fit.noise**2, 0.0)
+    shared = variance_beyond(fit.noise, fit.explanation.misfit)
     noise = np.sqrt(fit.noise**2 + len(photographs) * shared)
     return photometric_confidence(
         fit.explanation.tensor, noise, length, photographs.camera, photographs.active

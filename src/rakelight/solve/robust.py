@@ -23,3 +23,14 @@ def cauchy_scales(spread: float, misfit: Floats) -> Floats:
     [[0.024, 0.239]]
     """
     return np.asarray(CAUCHY * np.maximum(max(spread, 1e-5), MEAN_ABSOLUTE_TO_SIGMA * misfit))
+
+
+def variance_beyond(noise: float, misfit: Floats) -> Floats:
+    """(...) the variance of residuals that exceeds the noise's, from mean absolute ones.
+
+    noise : standard deviation of a value; misfit : (...) mean absolute residuals
+
+    >>> variance_beyond(0.01, np.array([0.001, 0.1])).round(4).tolist()
+    [0.0, 0.0156]
+    """
+    return np.asarray(np.maximum((MEAN_ABSOLUTE_TO_SIGMA * misfit) ** 2 - noise**2, 0.0))
