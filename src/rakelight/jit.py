@@ -30,9 +30,12 @@ def kernel(function: Function, *, any_order: bool = False) -> Function:
     return _compiled_lazily(function, parallel=True, any_order=any_order)
 
 
-def helper(function: Function, *, any_order: bool = False) -> Function:
-    """As `kernel`, for a function without a parallel loop, called from kernels."""
-    return _compiled_lazily(function, parallel=False, any_order=any_order)
+def helper(function: Function, *, any_order: bool = False, inline: bool = False) -> Function:
+    """As `kernel`, for a function without a parallel loop, called from kernels.
+
+    inline : whether its code becomes part of each kernel, which is compiled longer then
+    """
+    return _compiled_lazily(function, parallel=False, any_order=any_order, inline=inline)
 
 
 @contextmanager
@@ -79,13 +82,16 @@ def compiled() -> bool:
     return any(each.signatures or _on_disk(each) for each in _kernels)
 
 
-def _compiled_lazily(function: Function, *, parallel: bool, any_order: bool) -> Function:
+def _compiled_lazily(
+    function: Function, *, parallel: bool, any_order: bool, inline: bool = False
+) -> Function:
     from numba import njit
 
     # No more of fastmath than that: the same numbers however the work is split.
     options: dict[str, Any] = {
         "parallel": parallel, "nogil": True, "error_model": "numpy",
         "fastmath": {"reassoc", "contract", "nsz"} if any_order else False,
+        "inline": "always" if inline else "never",
     }  # fmt: skip
     dispatcher: Function
     try:

@@ -158,13 +158,14 @@ def finest_level(prepared: Prepared, *, cut: bool = False, unbiased: bool = Fals
     cut : whether links end at the jumps of the prepared depth
     unbiased : whether the surface is held to the prepared depth without its smoothing's bias
     """
-    values = np.ascontiguousarray(prepared.photographs)
-    white, grid = np.iinfo(values.dtype).max, Links.of(prepared.mask)
+    read = prepared.photographs.dtype
+    white, grid = np.iinfo(read).max, Links.of(prepared.mask)
     if cut:
         grid = surface_links(prepared.depth_m, prepared.mask, prepared.camera)
     photographs = Photographs(
-        values,
-        linear_table(values.dtype, prepared.encoding),
+        # One type for all levels, or kernels would be compiled for another.
+        np.ascontiguousarray(prepared.photographs, dtype=np.uint16),
+        linear_table(read, prepared.encoding),
         low=int(BLACK * white) + 1,
         high=int(np.ceil(SATURATED * white)) - 1,
         grid=grid,

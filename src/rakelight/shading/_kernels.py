@@ -15,7 +15,11 @@ from numba import prange
 from rakelight import jit
 
 # Sums over photographs are within a pixel, whose row is never split.
-helper, kernel = partial(jit.helper, any_order=True), partial(jit.kernel, any_order=True)
+kernel = partial(jit.kernel, any_order=True)
+helper = partial(jit.helper, any_order=True)
+# Part of the kernel that calls it: its loops over photographs run in wide instructions, each of
+# which fills one array, and the processor works ahead from one to the next.
+inlined = partial(jit.helper, any_order=True, inline=True)
 
 # Rounds of reweighting for a pixel's own albedo.
 ALBEDO_ROUNDS = 2
@@ -44,81 +48,128 @@ def geometry(gu, gv, x, y, fx, fy, n, du, dv, lagged):
             dv[k] -= along_v * n[k]
 
 
-@helper
-def shade(vectors, nearness, n, point, near, dot, s):
-    """Fill s (3, N) with one channel's lights at the point and dot (N) with s . n.
+@inlined
+def shade(vectors, nearness, n, point, near, s, dot, gain):
+    """Fill s (3, N) with one channel's lights at the point, dot (N) with s . n, gain (N): 1/r^3.
 
     The light vector that a lamp sends to X, metres from the object's middle: with q the vector at
     the middle, u = q/|q| and k = closeness, 1/metre, the lamp stands at u/k and
-    s = |q| (u - k X) / |u - k X|^3, which is q itself for k = 0.
+    s = |q| (u - k X) / r^3, r = |u - k X|, which is q itself for k = 0.
     vectors (3, N) : q; nearness (N) : |q| k
     """
+    n0, n1, n2 = n[0], n[1], n[2]
+    p0, p1, p2 = point[0], point[1], point[2]
     for i in range(dot.size):
-        v0, v1, v2 = vectors[0, i], vectors[1, i], vectors[2, i]
-        gain = 1.0
-        if near:
-            size2 = v0 * v0 + v1 * v1 + v2 * v2
-            v0 -= nearness[i] * point[0]
-            v1 -= nearness[i] * point[1]
-            v2 -= nearness[i] * point[2]
-            gain = size2 / (v0 * v0 + v1 * v1 + v2 * v2 + 1e-300)
-            gain *= np.sqrt(gain)
-        s[0, i], s[1, i], s[2, i] = gain * v0, gain * v1, gain * v2
-        dot[i] = gain * (v0 * n[0] + v1 * n[1] + v2 * n[2])
+        gain[i] = 1.0
+    if near:
+        for i in range(dot.size):
+            q0, q1, q2 = vectors[0, i], vectors[1, i], vectors[2, i]
+            size2 = q0 * q0 + q1 * q1 + q2 * q2
+            q0 -= nearness[i] * p0
+            q1 -= nearness[i] * p1
+            q2 -= nearness[i] * p2
+            by_r2 = size2 / (q0 * q0 + q1 * q1 + q2 * q2 + 1e-300)
+            gain[i] = by_r2 * np.sqrt(by_r2)
+    for k in range(3):
+        at = point[k]
+        for i in range(dot.size):
+            s[k, i] = gain[i] * (vectors[k, i] - nearness[i] * at)
+    for i in range(dot.size):
+        dot[i] = s[0, i] * n0 + s[1, i] * n1 + s[2, i] * n2
 
 
-@helper
-def turn(vectors, n, point, s, dot, pull, out):
+@inlined
+def turn(vectors, n, point, s, dot, gain, pull, work, out):
     """Add to out (5, N) what changes of lights' vectors and closeness do where s (3, N) arrive.
 
-    pull (N) : what the shading's change counts.  With e = s/|s| and Df = 1/r^3 (I - 3 e e^T), both
-    as in `shade`:  d/dq = Df n + u (s . n / |q| - u . Df n),  d/dk = -|q| X . Df n
+    pull (N) : what the shading's change counts; work (5, N) : scratch.  With e = s/|s| and
+    Df = 1/r^3 (I - 3 e e^T), both as in `shade`:
+        d/dq = Df n + u (s . n / |q| - u . Df n),  d/dk = -|q| X . Df n
     """
+    p0, p1, p2 = point[0], point[1], point[2]
+    for i in range(pull.size):
+        there2 = s[0, i] * s[0, i] + s[1, i] * s[1, i] + s[2, i] * s[2, i]
+        work[3, i] = 3.0 * dot[i] / (there2 + 1e-300)
+    for k in range(3):
+        facing = n[k]
+        for i in range(pull.size):
+            work[k, i] = pull[i] * gain[i] * (facing - work[3, i] * s[k, i])
     for i in range(pull.size):
         q0, q1, q2 = vectors[0, i], vectors[1, i], vectors[2, i]
-        s0, s1, s2 = s[0, i], s[1, i], s[2, i]
-        size = np.sqrt(q0 * q0 + q1 * q1 + q2 * q2) + 1e-12
-        there = np.sqrt(s0 * s0 + s1 * s1 + s2 * s2)
-        by_r2 = there / size
-        by_r3 = by_r2 * np.sqrt(by_r2)
-        steep = 3.0 * dot[i] / (there * there + 1e-300)
-        h0 = by_r3 * (n[0] - steep * s0)
-        h1 = by_r3 * (n[1] - steep * s1)
-        h2 = by_r3 * (n[2] - steep * s2)
-        along = (dot[i] - (q0 * h0 + q1 * h1 + q2 * h2)) / (size * size)
-        out[0, i] += pull[i] * (h0 + along * q0)
-        out[1, i] += pull[i] * (h1 + along * q1)
-        out[2, i] += pull[i] * (h2 + along * q2)
-        out[3, i] -= pull[i] * size * (point[0] * h0 + point[1] * h1 + point[2] * h2)
+        size2 = q0 * q0 + q1 * q1 + q2 * q2 + 1e-24
+        along = q0 * work[0, i] + q1 * work[1, i] + q2 * work[2, i]
+        work[4, i] = (pull[i] * dot[i] - along) / size2
+    for k in range(3):
+        for i in range(pull.size):
+            out[k, i] += work[k, i] + work[4, i] * vectors[k, i]
+    for i in range(pull.size):
+        q0, q1, q2 = vectors[0, i], vectors[1, i], vectors[2, i]
+        size = np.sqrt(q0 * q0 + q1 * q1 + q2 * q2)
+        out[3, i] -= size * (p0 * work[0, i] + p1 * work[1, i] + p2 * work[2, i])
 
 
-@helper
-def fit_albedo(a, value, good, sharp, rho, w):
-    """The albedo that a (N) gives `value` (N), by least squares or with Cauchy weights w (N).
+@inlined
+def decode(photos, table, row, column, value, good):
+    """Fill value (3, N) with a pixel's linear values, good (3, N) with 1 where usable, else 0."""
+    for c in range(3):
+        for i in range(value.shape[1]):
+            value[c, i] = table[photos[i, row, column, c]]
+        for i in range(value.shape[1]):
+            good[c, i] = 1.0 if value[c, i] >= 0.0 else 0.0
 
-    Returns the albedo and sum w a^2; `rho` is where the reweighting starts, negative for nowhere.
-    good (N) : 1 where a value is usable, else 0; sharp : 1 / scale^2, 0 for least squares
+
+@inlined
+def fit_albedo(a, value, good, sharp, albedo, row, column, w, total):
+    """Each channel's albedo by least squares, or with Cauchy weights w (3, N).
+
+    albedo (h, w, 3) : where the reweighting starts, negative for nowhere, and where it leads
+    a (C, N) : shading; value, good (3, N) : as decoded; sharp : 1 / scale^2, 0 for least squares
+    total (3) : gets  sum w a^2
     """
     rounds = ALBEDO_ROUNDS if sharp > 0.0 else 1
     for _round in range(rounds):
-        bend = sharp if rho >= 0.0 else 0.0
-        squares, products = 0.0, 0.0
-        for i in range(a.size):
-            off = rho * a[i] - value[i]
-            w[i] = good[i] / (1.0 + bend * off * off)
-            squares += w[i] * a[i] * a[i]
-            products += w[i] * a[i] * value[i]
-        rho = products / squares if squares > 1e-12 else 0.0
-    return rho, squares
+        # The channels side by side: no one waits for another's division.
+        for c in range(3):
+            light_c = min(c, a.shape[0] - 1)
+            rho = albedo[row, column, c]
+            bend = sharp if rho >= 0.0 else 0.0
+            squares, products = 0.0, 0.0
+            for i in range(value.shape[1]):
+                off = rho * a[light_c, i] - value[c, i]
+                weight = good[c, i] / (1.0 + bend * off * off)
+                w[c, i] = weight
+                squares += weight * a[light_c, i] * a[light_c, i]
+                products += weight * a[light_c, i] * value[c, i]
+            albedo[row, column, c] = products / squares if squares > 1e-12 else 0.0
+            total[c] = squares
+
+
+@helper
+def loss(away, sharp):
+    """sum of log(1 + sharp away^2) over away (N): logarithms of products."""
+    total, product = 0.0, 1.0
+    for start in range(0, away.size, LOGARITHM):
+        few, some = 1.0, away[start : start + LOGARITHM]
+        for i in range(some.size):
+            few *= 1.0 + sharp * some[i] * some[i]
+        if few > 1e150:
+            total += np.log(few)
+            few = 1.0
+        product *= few
+        if product > 1e150:
+            total += np.log(product)
+            product = 1.0
+    return total + np.log(product)
 
 
 @kernel
 def explain(
-    photos, table, low, high, active, gradient, points, camera, vectors, ambients, nearness,
+    photos, table, active, gradient, points, camera, vectors, ambients, nearness,
     scales, lagged, project, albedo, tensor, vector, sums, histogram, misfit, turning, slope,
 ):  # fmt: skip
     """Albedo, depth terms, energy and residuals of every active pixel; see `Photographs.explain`.
 
+    table : linear light of a value, negative where it is not usable
     vectors (C, 3, N), ambients (C, N), nearness (C, N) of the lights: as in `Lamps.arrays`
     sums (h, 3): energy, squared residuals, count; histogram (h, BINS) of absolute residuals in one
     channel of every other pixel; misfit (h, w): each pixel's mean absolute residual.  When
@@ -131,8 +182,11 @@ def explain(
     near = nearness.max() > 0.0
     for row in prange(height):
         n, du, dv, point = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-        a, w, value, good = np.empty(count), np.empty(count), np.empty(count), np.empty(count)
-        s, dot, away, pull = np.empty((3, count)), np.empty(count), np.empty(count), np.zeros(count)
+        s, dot = np.empty((channels, 3, count)), np.empty((channels, count))
+        gain, a = np.empty((channels, count)), np.empty((channels, count))
+        value, good = np.empty((3, count)), np.empty((3, count))
+        w, total = np.empty((3, count)), np.empty(3)
+        away, pull, work = np.empty((3, count)), np.zeros(count), np.empty((5, count))
         energy, squared, counted = 0.0, 0.0, 0.0
         for k in range(BINS):
             histogram[row, k] = 0
@@ -149,73 +203,60 @@ def explain(
             )
             for k in range(3):
                 point[k] = points[row, column, k]
+            for c in range(channels):
+                shade(vectors[c], nearness[c], n, point, near, s[c], dot[c], gain[c])
+                for i in range(count):
+                    a[c, i] = max(dot[c, i], 0.0) + ambients[c, i]
+            decode(photos, table, row, column, value, good)
             scale, off, seen = scales[row, column], 0.0, 0.0
             sharp = 1.0 / (scale * scale) if scale > 0.0 else 0.0
+            fit_albedo(a, value, good, sharp, albedo, row, column, w, total)
             uu, uv, vv, bu, bv = 0.0, 0.0, 0.0, 0.0, 0.0
-            product = 1.0
             for c in range(3):
-                light_c = min(c, channels - 1)
-                if c < channels:
-                    shade(vectors[c], nearness[c], n, point, near, dot, s)
-                    for i in range(count):
-                        a[i] = max(dot[i], 0.0) + ambients[c, i]
+                light_c, rho, tu, tv = min(c, channels - 1), albedo[row, column, c], 0.0, 0.0
                 for i in range(count):
-                    code = photos[i, row, column, c]
-                    good[i] = 1.0 if low <= code <= high else 0.0
-                    value[i] = table[code]
-                rho, total = fit_albedo(a, value, good, sharp, albedo[row, column, c], w)
-                albedo[row, column, c] = rho
-                tu, tv = 0.0, 0.0
-                for i in range(count):
-                    r = good[i] * (rho * a[i] - value[i])
-                    away[i] = r
+                    r = good[c, i] * (rho * a[light_c, i] - value[c, i])
+                    away[c, i] = r
                     squared += r * r
                     off += abs(r)
-                    seen += good[i]
-                    lit = rho * w[i] if dot[i] > 0.0 else 0.0
-                    su = s[0, i] * du[0] + s[1, i] * du[1] + s[2, i] * du[2]
-                    sv = s[0, i] * dv[0] + s[1, i] * dv[1] + s[2, i] * dv[2]
+                    seen += good[c, i]
+                    lit = rho * w[c, i] if dot[light_c, i] > 0.0 else 0.0
+                    s0, s1, s2 = s[light_c, 0, i], s[light_c, 1, i], s[light_c, 2, i]
+                    su = s0 * du[0] + s1 * du[1] + s2 * du[2]
+                    sv = s0 * dv[0] + s1 * dv[1] + s2 * dv[2]
                     uu += lit * rho * su * su
                     uv += lit * rho * su * sv
                     vv += lit * rho * sv * sv
                     bu -= lit * su * r
                     bv -= lit * sv * r
-                    tu += lit * su * a[i]
-                    tv += lit * sv * a[i]
+                    tu += lit * su * a[light_c, i]
+                    tv += lit * sv * a[light_c, i]
+                if project and total[c] > 1e-12:
+                    uu -= tu * tu / total[c]
+                    uv -= tu * tv / total[c]
+                    vv -= tv * tv / total[c]
                 if 2 * c == (row + column) % 6:
                     for i in range(count):
-                        if good[i] > 0.0:
-                            histogram[row, min(int(abs(away[i]) * (BINS / WIDEST)), BINS - 1)] += 1
-                if scale > 0.0:
-                    for start in range(0, count, LOGARITHM):
-                        few = 1.0
-                        for i in range(start, min(start + LOGARITHM, count)):
-                            few *= 1.0 + sharp * away[i] * away[i]
-                        if few > 1e150:
-                            energy += scale * scale * np.log(few)
-                            few = 1.0
-                        product *= few
-                        if product > 1e150:
-                            energy += scale * scale * np.log(product)
-                            product = 1.0
-                else:
+                        if good[c, i] > 0.0:
+                            bin_ = min(int(abs(away[c, i]) * (BINS / WIDEST)), BINS - 1)
+                            histogram[row, bin_] += 1
+                if scale == 0.0:
                     for i in range(count):
-                        energy += away[i] * away[i]
+                        energy += away[c, i] * away[c, i]
                 if turning:
                     for i in range(count):
-                        force = rho * away[i] / (1.0 + sharp * away[i] * away[i])
+                        force = rho * away[c, i] / (1.0 + sharp * away[c, i] * away[c, i])
                         slope[row, light_c, 4, i] += force
-                        pull[i] += force if dot[i] > 0.0 else 0.0
+                        pull[i] += force if dot[light_c, i] > 0.0 else 0.0
                     if channels == 3 or c == 2:
-                        turn(vectors[light_c], n, point, s, dot, pull, slope[row, light_c])
+                        turn(
+                            vectors[light_c], n, point, s[light_c], dot[light_c], gain[light_c],
+                            pull, work, slope[row, light_c],
+                        )  # fmt: skip
                         for i in range(count):
                             pull[i] = 0.0
-                if project and total > 1e-12:
-                    uu -= tu * tu / total
-                    uv -= tu * tv / total
-                    vv -= tv * tv / total
             if scale > 0.0:
-                energy += scale * scale * np.log(product)
+                energy += scale * scale * loss(away.ravel(), sharp)
             counted += seen
             misfit[row, column] = off / seen if seen > 0.0 else 0.0
             # Rounding must not make a tensor of rank one indefinite.
@@ -238,7 +279,7 @@ def take_products(hessian, rows):
 
 @kernel
 def light_terms(
-    photos, table, low, high, active, gradient, points, camera, vectors, ambients, nearness,
+    photos, table, active, gradient, points, camera, vectors, ambients, nearness,
     scales, albedo, parameters, project, hessian, slope, cross, cell,
 ):  # fmt: skip
     """Second and first derivatives of half the energy with respect to the lights.
@@ -246,9 +287,9 @@ def light_terms(
     Each light has `parameters` numbers: its vector, [closeness,] ambient; a channel's lights, C of
     1 or 3 channels, have Q of them, those of one kind side by side, and nothing to do with another
     channel's.  The albedo is eliminated when `project`.  hessian (blocks, C, Q, Q), its upper
-    triangle, and slope (blocks, C, Q) are sums per block of rows; cross (h/cell, w/cell, C, 2, Q)
-    the mixed derivatives with the gradient of log depth, summed over cells of `cell` x `cell`
-    pixels; left alone when cell is 0.
+    triangle, and slope (blocks, C, parameters, N) are sums per block of rows; cross
+    (h/cell, w/cell, C, 2, parameters, N) the mixed derivatives with the gradient of log depth,
+    summed over cells of `cell` x `cell` pixels; left alone when cell is 0.
     """
     height, width = active.shape
     channels, _, count = vectors.shape
@@ -257,11 +298,12 @@ def light_terms(
     blocks = hessian.shape[0]
     for block in prange(blocks):
         n, du, dv, point = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-        a, value, good = np.empty(count), np.empty(count), np.empty(count)
-        s, dot, lit = np.empty((3, count)), np.empty(count), np.empty(count)
-        w, wa, wr = np.empty(count), np.empty(count), np.empty(count)
+        s, dot, gain = np.empty((3, count)), np.empty(count), np.empty(count)
+        a, lit, w = np.empty(count), np.empty(count), np.empty(count)
+        value, good = np.empty((3, count)), np.empty((3, count))
         ju, jv, turns = np.empty(count), np.empty(count), np.empty((5, count))
-        u, own = np.empty(parameters * count), np.zeros((channels, parameters, parameters, count))
+        u, work = np.empty((parameters, count)), np.empty((5, count))
+        own = np.zeros((channels, parameters, parameters, count))
         stack, stacked = np.empty((channels, STACK, u.size)), np.zeros(channels, np.int64)
         # Whole rows of cells to each block, so that no two blocks write to one cell.
         step = max(cell, 1)
@@ -278,37 +320,39 @@ def light_terms(
                     point[k] = points[row, column, k]
                 scale = scales[row, column]
                 sharp = 1.0 / (scale * scale) if scale > 0.0 else 0.0
+                decode(photos, table, row, column, value, good)
                 for c in range(3):
                     light_c = min(c, channels - 1)
                     if c < channels:
-                        shade(vectors[c], nearness[c], n, point, near, dot, s)
+                        shade(vectors[c], nearness[c], n, point, near, s, dot, gain)
                         for i in range(count):
                             a[i] = max(dot[i], 0.0) + ambients[c, i]
+                        for i in range(count):
                             lit[i] = 1.0 if dot[i] > 0.0 else 0.0
                         turns[:] = 0.0
-                        turn(vectors[c], n, point, s, dot, lit, turns)
+                        turn(vectors[c], n, point, s, dot, gain, lit, work, turns)
                         turns[parameters - 1] = 1.0
-                    for i in range(count):
-                        code = photos[i, row, column, c]
-                        good[i] = 1.0 if low <= code <= high else 0.0
-                        value[i] = table[code]
                     rho = albedo[row, column, c]
+                    for i in range(count):
+                        r = rho * a[i] - value[c, i]
+                        w[i] = good[c, i] / (1.0 + sharp * r * r)
+                    for i in range(count):
+                        along = s[0, i] * du[0] + s[1, i] * du[1] + s[2, i] * du[2]
+                        ju[i] = rho * w[i] * lit[i] * along
+                    for i in range(count):
+                        along = s[0, i] * dv[0] + s[1, i] * dv[1] + s[2, i] * dv[2]
+                        jv[i] = rho * w[i] * lit[i] * along
                     total, tu, tv = 0.0, 0.0, 0.0
                     for i in range(count):
-                        r = rho * a[i] - value[i]
-                        w[i] = good[i] / (1.0 + sharp * r * r)
-                        wa[i], wr[i] = w[i] * a[i], w[i] * r
-                        total += wa[i] * a[i]
-                        seen = rho * w[i] * lit[i]
-                        ju[i] = seen * (s[0, i] * du[0] + s[1, i] * du[1] + s[2, i] * du[2])
-                        jv[i] = seen * (s[0, i] * dv[0] + s[1, i] * dv[1] + s[2, i] * dv[2])
+                        total += w[i] * a[i] * a[i]
                         tu += ju[i] * a[i]
                         tv += jv[i] * a[i]
                     for k in range(parameters):
-                        start = k * count
                         for i in range(count):
-                            u[start + i] = rho * wa[i] * turns[k, i]
-                            slope[block, light_c, start + i] += rho * wr[i] * turns[k, i]
+                            u[k, i] = rho * w[i] * a[i] * turns[k, i]
+                        for i in range(count):
+                            r = rho * a[i] - value[c, i]
+                            slope[block, light_c, k, i] += rho * w[i] * r * turns[k, i]
                         for m in range(k, parameters):
                             for i in range(count):
                                 own[light_c, k, m, i] += (
@@ -316,8 +360,10 @@ def light_terms(
                                 )
                     free = project and total > 1e-12
                     if free:
-                        for k in range(u.size):
-                            stack[light_c, stacked[light_c], k] = u[k] / np.sqrt(total)
+                        share = 1.0 / np.sqrt(total)
+                        for k in range(parameters):
+                            for i in range(count):
+                                stack[light_c, stacked[light_c], k * count + i] = share * u[k, i]
                         stacked[light_c] += 1
                         if stacked[light_c] == STACK:
                             take_products(hessian[block, light_c], stack[light_c])
@@ -326,11 +372,10 @@ def light_terms(
                         mixed = cross[row // cell, column // cell, light_c]
                         along_u, along_v = (tu / total, tv / total) if free else (0.0, 0.0)
                         for k in range(parameters):
-                            start = k * count
                             for i in range(count):
-                                beta = rho * turns[k, i]
-                                mixed[0, start + i] += ju[i] * beta - along_u * u[start + i]
-                                mixed[1, start + i] += jv[i] * beta - along_v * u[start + i]
+                                mixed[0, k, i] += ju[i] * rho * turns[k, i] - along_u * u[k, i]
+                            for i in range(count):
+                                mixed[1, k, i] += jv[i] * rho * turns[k, i] - along_v * u[k, i]
         for c in range(channels):
             take_products(hessian[block, c], stack[c, : stacked[c]])
             for k in range(parameters):
@@ -340,7 +385,7 @@ def light_terms(
 
 
 @kernel
-def halve(photos, table, low, high, out):
+def halve(photos, table, out):
     """Means of 2 x 2 blocks in linear light as 16-bit values; 0 where one value is not usable."""
     count, height, width, _ = out.shape
     for row in prange(height):
@@ -354,9 +399,9 @@ def halve(photos, table, low, high, out):
                             if r >= photos.shape[1] or q >= photos.shape[2]:
                                 usable = False
                             else:
-                                code = photos[i, r, q, c]
-                                usable = usable and low <= code <= high
-                                total += table[code]
+                                value = table[photos[i, r, q, c]]
+                                usable = usable and value >= 0.0
+                                total += value
                     if usable:
                         out[i, row, column, c] = min(max(round(total / 4 * 65535), 1), 65534)
                     else:

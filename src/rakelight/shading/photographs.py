@@ -2,7 +2,7 @@
 
 The albedo is linear given the shading, so each pixel's own is found on the way (and, when asked,
 eliminated from the derivatives: variable projection).  The work is in `_kernels`; photographs
-stay uint8 or uint16 as they were read.
+stay integers, decoded on the way.
 """
 
 from __future__ import annotations
@@ -156,6 +156,13 @@ class Photographs:
         return chosen if chosen.any() else active
 
     @property
+    def _light(self) -> Floats:
+        """Linear light of every value, -1 where it is not usable."""
+        codes = np.arange(self.table.size)
+        usable = (codes >= self.low) & (codes <= self.high)
+        return np.where(usable, self.table, np.float32(-1))
+
+    @property
     def _optics(self) -> tuple[float, float, float, float]:
         return (self.camera.fx, self.camera.fy, self.camera.cx, self.camera.cy)
 
@@ -188,8 +195,8 @@ class Photographs:
         slope = np.zeros((height if turning else 0, lamps.ambient.shape[1], 5, len(self)))
         with threads_for(len(self) * self.mask.size, ROWS):
             _kernels.explain(
-                self.values, self.table, self.low, self.high, self.active, surface.gradient,
-                surface.points, self._optics, *lamps.arrays, self._scales(scale), lagged, project,
+                self.values, self._light, self.active, surface.gradient, surface.points,
+                self._optics, *lamps.arrays, self._scales(scale), lagged, project,
                 albedo, tensor, vector, sums, histogram, misfit, turning, slope,
             )  # fmt: skip
         energy, squared, count = sums.sum(axis=0)
@@ -231,14 +238,15 @@ class Photographs:
         parameters = 5 if near else 4
         count, channels = lamps.ambient.shape
         own = count * parameters
-        hessian, slope = np.zeros((BLOCKS, channels, own, own)), np.zeros((BLOCKS, channels, own))
+        hessian = np.zeros((BLOCKS, channels, own, own))
+        slope = np.zeros((BLOCKS, channels, parameters, count))
         height, width = self.mask.shape
         cells = (-(-height // cell), -(-width // cell)) if cell else (0, 0)
-        mixed = np.zeros((*cells, channels, 2, own))
+        mixed = np.zeros((*cells, channels, 2, parameters, count))
         with threads_for(len(self) * self.mask.size):
             _kernels.light_terms(
-                self.values, self.table, self.low, self.high,
-                self.active if active is None else active, surface.gradient, surface.points,
+                self.values, self._light, self.active if active is None else active,
+                surface.gradient, surface.points,
                 self._optics, *lamps.arrays, self._scales(scale), albedo, parameters, project,
                 hessian, slope, mixed, cell,
             )  # fmt: skip
@@ -262,7 +270,7 @@ class Photographs:
 
         height, width = (-(-side // 2) for side in self.mask.shape)
         small = np.empty((len(self), height, width, 3), dtype=np.uint16)
-        _kernels.halve(self.values, self.table, self.low, self.high, small)
+        _kernels.halve(self.values, self._light, small)
         camera = Camera(
             width, height, self.camera.fx / 2, self.camera.fy / 2,
             (self.camera.cx - 0.5) / 2, (self.camera.cy - 0.5) / 2,
