@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -55,7 +56,7 @@ class Averaging:
 
     def total(self, image: Floats) -> Floats:
         """(hs, ws) sums over the object's part of every sensor pixel."""
-        return np.asarray(self._rows @ np.where(self.mask, image, 0.0) @ self._columns.T)
+        return np.asarray((self._shares @ image.ravel()).reshape(self._area.shape))
 
     def down(self, image: Floats) -> Floats:
         """K image, (hs, ws)."""
@@ -63,15 +64,25 @@ class Averaging:
 
     def up(self, image: Floats) -> Floats:
         """K^T image, (h, w)."""
-        spread = self._rows.T @ (image * self._by_area) @ self._columns
-        return np.where(self.mask, spread, 0.0)
+        shared = (image * self._by_area).ravel()
+        return np.asarray((self._shares.T @ shared).reshape(self.mask.shape))
 
     @property
     def covered(self) -> Mask:
         """(hs, ws) sensor pixels with a part of the object."""
         return np.asarray(self._area > LEAST_SHARE)
 
-    @property
+    @cached_property
+    def _shares(self) -> Any:
+        """Sparse (hs ws, h w): how much of each of the object's pixels a sensor pixel covers."""
+        from scipy.sparse import kron
+
+        shares = kron(self._rows, self._columns, format="csr")
+        shares.data *= self.mask.ravel()[shares.indices]
+        shares.eliminate_zeros()
+        return shares
+
+    @cached_property
     def _by_area(self) -> Floats:
         return np.where(self.covered, 1 / np.where(self.covered, self._area, 1.0), 0.0)
 

@@ -166,10 +166,14 @@ def mean_gradient(values: Floats, grid: Grid) -> tuple[Floats, Floats]:
     """
     gradients, links = [], Links.of(grid)
     for axis in (1, 0):
-        forward, backward = differences(values, links, axis)
-        has_forward, has_backward = neighbours(links, axis)
-        count = has_forward.astype(np.float64) + has_backward
-        gradients.append((forward + backward) / np.maximum(count, 1))
+        here, there = pair_slices(axis)
+        forward, backward = neighbours(links, axis)
+        step = np.where(forward[here], values[there] - values[here], 0.0)
+        mean = np.zeros(values.shape)
+        mean[here] = step
+        mean[there] += step
+        np.multiply(mean, 0.5, out=mean, where=forward & backward)
+        gradients.append(mean)
     return gradients[0], gradients[1]
 
 
@@ -185,8 +189,8 @@ def mean_gradient_transposed(along_u: Floats, along_v: Floats, grid: Grid) -> Fl
     for axis, image in ((1, along_u), (0, along_v)):
         here, there = pair_slices(axis)
         forward, backward = neighbours(links, axis)
-        share = image / np.maximum(forward.astype(np.float64) + backward, 1)
-        flow = np.where(forward, share, 0.0)[here] + np.where(backward, share, 0.0)[there]
+        share = np.where(forward & backward, 0.5, 1.0) * image
+        flow = np.where(forward[here], share[here] + share[there], 0.0)
         total[there] += flow
         total[here] -= flow
     return total

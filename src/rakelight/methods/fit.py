@@ -18,7 +18,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.sparse import diags_array
+from scipy.ndimage import correlate1d
+from scipy.sparse import diags_array, kron
 
 from rakelight.geometry.cells import Cells, cell_sums
 from rakelight.geometry.grid import (
@@ -38,6 +39,7 @@ from rakelight.solve import DepthSystem, assemble, solve
 from rakelight.solve.gauss_newton import border
 from rakelight.solve.robust import cauchy_scales
 
+FOURTH_DIFFERENCE = (0.125, -0.5, 0.75, -0.5, 0.125)
 STIFFNESS = 0.03
 CELL_STIFFNESS = 0.5
 # No photograph is better than this (white is 1), even if the model explains it exactly.
@@ -123,31 +125,24 @@ def ripples(level: Level, log_depth: Floats) -> list[Floats]:
 
     It sees what the mean gradient does not, a checkerboard, and next to nothing else.
     """
-    return [
-        wide * _second(near * _second(log_depth, axis), axis) / 2
-        for axis, near, wide in _reach(level)
-    ]
+    return [wide * _fourth(log_depth, axis) for axis, wide in _reach(level)]
 
 
 def ripples_transposed(level: Level, along: Sequence[Floats]) -> Floats:
     """(h, w) the transpose of `ripples`."""
     total = np.zeros(level.mask.shape)
-    for (axis, near, wide), image in zip(_reach(level), along, strict=True):
-        total += _second(near * _second(wide * image, axis), axis) / 2
+    for (axis, wide), image in zip(_reach(level), along, strict=True):
+        total += _fourth(wide * image, axis)
     return total
 
 
-def _second(values: Floats, axis: int) -> Floats:
-    """Half the second difference along an axis, zeros continuing the image: its own transpose."""
-    here, there = pair_slices(axis)
-    out = -values
-    out[here] += values[there] / 2
-    out[there] += values[here] / 2
-    return out
+def _fourth(values: Floats, axis: int) -> Floats:
+    """An eighth of the fourth difference along an axis, zeros continuing the image: symmetric."""
+    return np.asarray(correlate1d(values, FOURTH_DIFFERENCE, axis, mode="constant"))
 
 
-def _reach(level: Level) -> list[tuple[int, Mask, Mask]]:
-    """Axis, pixels linked to both neighbours along it, and those whose neighbours are so too.
+def _reach(level: Level) -> list[tuple[int, Mask]]:
+    """Axis, and pixels linked along it to two on both sides.
 
     All of them have a normal: what the matrix of a step does not hold must not be pulled.
     """
@@ -158,7 +153,7 @@ def _reach(level: Level) -> list[tuple[int, Mask, Mask]]:
         wide = near.copy()
         wide[here] &= near[there]
         wide[there] &= near[here]
-        masks.append((axis, near, wide))
+        masks.append((axis, wide))
     return masks
 
 
@@ -228,7 +223,8 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     # The gradient of a correction is, per pixel, 1/cell of its difference between cells.
     grid = Links.of(level.grid if cell == 1 else cells.inside)
     along = gradient_matrices(grid)
-    columns = sum(matrix.T @ coupling[cells.inside][:, k] / cell for k, matrix in enumerate(along))
+    gradient = kron(along[0], [[1], [0]], "csr") + kron(along[1], [[0], [1]], "csr")
+    columns = gradient.T @ coupling[cells.inside].reshape(gradient.shape[0], -1) / cell
     residual = cells.gather(depth_force(level, fit))
     tensor = damped_tensor(level, fit, damping)
     matrix = field_matrix(
@@ -297,10 +293,11 @@ def light_curvature(level: Level, fit: Fit, most: int, cell: int = 0) -> tuple[F
         fit.surface, fit.lamps, fit.explanation.albedo, scale=fit.scales, near=fit.near,
         cell=cell, active=some,
     )  # fmt: skip
-    hessian = share * hessian
+    hessian *= share
+    coupling *= share
     _, alike = unlikeness_terms(fit.lamps, 5 if fit.near else 4)
     held = gauge(fit, hessian) + fit.noise**2 * fit.steadiness * alike
-    return hessian + held, share * coupling
+    return hessian + held, coupling
 
 
 def light_slope(level: Level, fit: Fit) -> Floats:

@@ -162,6 +162,107 @@ def loss(away, sharp):
     return total + np.log(product)
 
 
+@helper
+def explain_row(
+    row, photos, table, active, gradient, points, camera, vectors, ambients, nearness,
+    scales, lagged, project, albedo, tensor, vector, sums, histogram, misfit, turning, slope,
+):  # fmt: skip
+    """One row of `explain`."""
+    width = active.shape[1]
+    channels, _, count = vectors.shape
+    fx, fy, cx, cy = camera
+    near = nearness.max() > 0.0
+    n, du, dv, point = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    s, dot = np.empty((channels, 3, count)), np.empty((channels, count))
+    gain, a = np.empty((channels, count)), np.empty((channels, count))
+    value, good = np.empty((3, count)), np.empty((3, count))
+    w, total = np.empty((3, count)), np.empty(3)
+    away, pull, work = np.empty((3, count)), np.zeros(count), np.empty((5, count))
+    energy, squared, counted = 0.0, 0.0, 0.0
+    for k in range(BINS):
+        histogram[row, k] = 0
+    for column in range(width):
+        if not active[row, column]:
+            for k in range(3):
+                albedo[row, column, k] = 0.0
+                tensor[row, column, k] = 0.0
+            vector[row, column, 0] = 0.0
+            vector[row, column, 1] = 0.0
+            continue
+        x, y = column - cx, row - cy
+        geometry(
+            gradient[row, column, 0], gradient[row, column, 1], x, y, fx, fy, n, du, dv, lagged
+        )
+        for k in range(3):
+            point[k] = points[row, column, k]
+        for c in range(channels):
+            shade(vectors[c], nearness[c], n, point, near, s[c], dot[c], gain[c])
+            for i in range(count):
+                a[c, i] = max(dot[c, i], 0.0) + ambients[c, i]
+        decode(photos, table, row, column, value, good)
+        scale, off, seen = scales[row, column], 0.0, 0.0
+        sharp = 1.0 / (scale * scale) if scale > 0.0 else 0.0
+        fit_albedo(a, value, good, sharp, albedo, row, column, w, total)
+        uu, uv, vv, bu, bv = 0.0, 0.0, 0.0, 0.0, 0.0
+        for c in range(3):
+            light_c, rho, tu, tv = min(c, channels - 1), albedo[row, column, c], 0.0, 0.0
+            for i in range(count):
+                r = good[c, i] * (rho * a[light_c, i] - value[c, i])
+                away[c, i] = r
+                squared += r * r
+                off += abs(r)
+                seen += good[c, i]
+                lit = rho * w[c, i] if dot[light_c, i] > 0.0 else 0.0
+                s0, s1, s2 = s[light_c, 0, i], s[light_c, 1, i], s[light_c, 2, i]
+                su = s0 * du[0] + s1 * du[1] + s2 * du[2]
+                sv = s0 * dv[0] + s1 * dv[1] + s2 * dv[2]
+                uu += lit * rho * su * su
+                uv += lit * rho * su * sv
+                vv += lit * rho * sv * sv
+                bu -= lit * su * r
+                bv -= lit * sv * r
+                tu += lit * su * a[light_c, i]
+                tv += lit * sv * a[light_c, i]
+            if project and total[c] > 1e-12:
+                uu -= tu * tu / total[c]
+                uv -= tu * tv / total[c]
+                vv -= tv * tv / total[c]
+            if 2 * c == (row + column) % 6:
+                for i in range(count):
+                    if good[c, i] > 0.0:
+                        bin_ = min(int(abs(away[c, i]) * (BINS / WIDEST)), BINS - 1)
+                        histogram[row, bin_] += 1
+            if scale == 0.0:
+                for i in range(count):
+                    energy += away[c, i] * away[c, i]
+            if turning:
+                for i in range(count):
+                    force = rho * away[c, i] / (1.0 + sharp * away[c, i] * away[c, i])
+                    slope[row, light_c, 4, i] += force
+                    pull[i] += force if dot[light_c, i] > 0.0 else 0.0
+                if channels == 3 or c == 2:
+                    turn(
+                        vectors[light_c], n, point, s[light_c], dot[light_c], gain[light_c],
+                        pull, work, slope[row, light_c],
+                    )  # fmt: skip
+                    for i in range(count):
+                        pull[i] = 0.0
+        if scale > 0.0:
+            energy += scale * scale * loss(away.ravel(), sharp)
+        counted += seen
+        misfit[row, column] = off / seen if seen > 0.0 else 0.0
+        # Rounding must not make a tensor of rank one indefinite.
+        uu, vv = max(uu, 0.0), max(vv, 0.0)
+        limit = np.sqrt(uu * vv)
+        uv = min(max(uv, -limit), limit)
+        tensor[row, column, 0] = uu
+        tensor[row, column, 1] = uv
+        tensor[row, column, 2] = vv
+        vector[row, column, 0] = bu
+        vector[row, column, 1] = bv
+    sums[row, 0], sums[row, 1], sums[row, 2] = energy, squared, counted
+
+
 @kernel
 def explain(
     photos, table, active, gradient, points, camera, vectors, ambients, nearness,
@@ -176,105 +277,129 @@ def explain(
     `turning`, slope (h, C, 5, N) gets the first derivatives of half the energy with each light's
     vector, closeness, ambient.
     """
-    height, width = active.shape
-    channels, _, count = vectors.shape
-    fx, fy, cx, cy = camera
-    near = nearness.max() > 0.0
-    for row in prange(height):
-        n, du, dv, point = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-        s, dot = np.empty((channels, 3, count)), np.empty((channels, count))
-        gain, a = np.empty((channels, count)), np.empty((channels, count))
-        value, good = np.empty((3, count)), np.empty((3, count))
-        w, total = np.empty((3, count)), np.empty(3)
-        away, pull, work = np.empty((3, count)), np.zeros(count), np.empty((5, count))
-        energy, squared, counted = 0.0, 0.0, 0.0
-        for k in range(BINS):
-            histogram[row, k] = 0
-        for column in range(width):
-            for k in range(3):
-                tensor[row, column, k] = 0.0
-            vector[row, column, 0] = 0.0
-            vector[row, column, 1] = 0.0
-            if not active[row, column]:
-                continue
-            x, y = column - cx, row - cy
-            geometry(
-                gradient[row, column, 0], gradient[row, column, 1], x, y, fx, fy, n, du, dv, lagged
-            )
-            for k in range(3):
-                point[k] = points[row, column, k]
-            for c in range(channels):
-                shade(vectors[c], nearness[c], n, point, near, s[c], dot[c], gain[c])
-                for i in range(count):
-                    a[c, i] = max(dot[c, i], 0.0) + ambients[c, i]
-            decode(photos, table, row, column, value, good)
-            scale, off, seen = scales[row, column], 0.0, 0.0
-            sharp = 1.0 / (scale * scale) if scale > 0.0 else 0.0
-            fit_albedo(a, value, good, sharp, albedo, row, column, w, total)
-            uu, uv, vv, bu, bv = 0.0, 0.0, 0.0, 0.0, 0.0
-            for c in range(3):
-                light_c, rho, tu, tv = min(c, channels - 1), albedo[row, column, c], 0.0, 0.0
-                for i in range(count):
-                    r = good[c, i] * (rho * a[light_c, i] - value[c, i])
-                    away[c, i] = r
-                    squared += r * r
-                    off += abs(r)
-                    seen += good[c, i]
-                    lit = rho * w[c, i] if dot[light_c, i] > 0.0 else 0.0
-                    s0, s1, s2 = s[light_c, 0, i], s[light_c, 1, i], s[light_c, 2, i]
-                    su = s0 * du[0] + s1 * du[1] + s2 * du[2]
-                    sv = s0 * dv[0] + s1 * dv[1] + s2 * dv[2]
-                    uu += lit * rho * su * su
-                    uv += lit * rho * su * sv
-                    vv += lit * rho * sv * sv
-                    bu -= lit * su * r
-                    bv -= lit * sv * r
-                    tu += lit * su * a[light_c, i]
-                    tv += lit * sv * a[light_c, i]
-                if project and total[c] > 1e-12:
-                    uu -= tu * tu / total[c]
-                    uv -= tu * tv / total[c]
-                    vv -= tv * tv / total[c]
-                if 2 * c == (row + column) % 6:
-                    for i in range(count):
-                        if good[c, i] > 0.0:
-                            bin_ = min(int(abs(away[c, i]) * (BINS / WIDEST)), BINS - 1)
-                            histogram[row, bin_] += 1
-                if scale == 0.0:
-                    for i in range(count):
-                        energy += away[c, i] * away[c, i]
-                if turning:
-                    for i in range(count):
-                        force = rho * away[c, i] / (1.0 + sharp * away[c, i] * away[c, i])
-                        slope[row, light_c, 4, i] += force
-                        pull[i] += force if dot[light_c, i] > 0.0 else 0.0
-                    if channels == 3 or c == 2:
-                        turn(
-                            vectors[light_c], n, point, s[light_c], dot[light_c], gain[light_c],
-                            pull, work, slope[row, light_c],
-                        )  # fmt: skip
-                        for i in range(count):
-                            pull[i] = 0.0
-            if scale > 0.0:
-                energy += scale * scale * loss(away.ravel(), sharp)
-            counted += seen
-            misfit[row, column] = off / seen if seen > 0.0 else 0.0
-            # Rounding must not make a tensor of rank one indefinite.
-            uu, vv = max(uu, 0.0), max(vv, 0.0)
-            limit = np.sqrt(uu * vv)
-            uv = min(max(uv, -limit), limit)
-            tensor[row, column, 0] = uu
-            tensor[row, column, 1] = uv
-            tensor[row, column, 2] = vv
-            vector[row, column, 0] = bu
-            vector[row, column, 1] = bv
-        sums[row, 0], sums[row, 1], sums[row, 2] = energy, squared, counted
+    for row in prange(len(active)):
+        explain_row(
+            row, photos, table, active, gradient, points, camera, vectors, ambients, nearness,
+            scales, lagged, project, albedo, tensor, vector, sums, histogram, misfit, turning,
+            slope,
+        )  # fmt: skip
+
+
+@helper
+def respond(
+    vectors, nearness, ambient, n, point, near, parameters, s, dot, gain, a, lit, work, turns
+):
+    """Fill a, lit (N) and turns (5, N): shading, 1 where it is, its derivatives with the light."""
+    shade(vectors, nearness, n, point, near, s, dot, gain)
+    for i in range(dot.size):
+        a[i] = max(dot[i], 0.0) + ambient[i]
+    for i in range(dot.size):
+        lit[i] = 1.0 if dot[i] > 0.0 else 0.0
+    for k in range(5):
+        for i in range(dot.size):
+            turns[k, i] = 0.0
+    turn(vectors, n, point, s, dot, gain, lit, work, turns)
+    # The ambient's; without the closeness it follows the vector's.
+    for i in range(dot.size):
+        turns[parameters - 1, i] = 1.0
 
 
 @helper
 def take_products(hessian, rows):
     """hessian (Q, Q) -= U^T U of rows U (M, Q)."""
     hessian -= np.dot(rows.T, rows)
+
+
+@helper
+def light_terms_of_block(
+    block, photos, table, active, gradient, points, camera, vectors, ambients, nearness,
+    scales, albedo, parameters, project, hessian, slope, cross, cell,
+):  # fmt: skip
+    """One block of `light_terms`."""
+    height, width = active.shape
+    channels, _, count = vectors.shape
+    fx, fy, cx, cy = camera
+    near = nearness.max() > 0.0
+    blocks = hessian.shape[0]
+    n, du, dv, point = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    s, dot, gain = np.empty((3, count)), np.empty(count), np.empty(count)
+    a, lit, w = np.empty(count), np.empty(count), np.empty(count)
+    value, good = np.empty((3, count)), np.empty((3, count))
+    ju, jv, turns = np.empty(count), np.empty(count), np.empty((5, count))
+    u, work = np.empty((parameters, count)), np.empty((5, count))
+    own = np.zeros((channels, parameters, parameters, count))
+    stack, stacked = np.empty((channels, STACK, u.size)), np.zeros(channels, np.int64)
+    # Whole rows of cells to each block, so that no two blocks write to one cell.
+    step = max(cell, 1)
+    rows_of_cells = (height + step - 1) // step
+    first = (block * rows_of_cells // blocks) * step
+    last = min(((block + 1) * rows_of_cells // blocks) * step, height)
+    for row in range(first, last):
+        for column in range(width):
+            if not active[row, column]:
+                continue
+            gu, gv = gradient[row, column, 0], gradient[row, column, 1]
+            geometry(gu, gv, column - cx, row - cy, fx, fy, n, du, dv, False)
+            for k in range(3):
+                point[k] = points[row, column, k]
+            scale = scales[row, column]
+            sharp = 1.0 / (scale * scale) if scale > 0.0 else 0.0
+            decode(photos, table, row, column, value, good)
+            for c in range(3):
+                light_c = min(c, channels - 1)
+                if c < channels:
+                    respond(
+                        vectors[c], nearness[c], ambients[c], n, point, near, parameters,
+                        s, dot, gain, a, lit, work, turns,
+                    )  # fmt: skip
+                rho = albedo[row, column, c]
+                for i in range(count):
+                    r = rho * a[i] - value[c, i]
+                    w[i] = good[c, i] / (1.0 + sharp * r * r)
+                for i in range(count):
+                    along = s[0, i] * du[0] + s[1, i] * du[1] + s[2, i] * du[2]
+                    ju[i] = rho * w[i] * lit[i] * along
+                for i in range(count):
+                    along = s[0, i] * dv[0] + s[1, i] * dv[1] + s[2, i] * dv[2]
+                    jv[i] = rho * w[i] * lit[i] * along
+                total, tu, tv = 0.0, 0.0, 0.0
+                for i in range(count):
+                    total += w[i] * a[i] * a[i]
+                    tu += ju[i] * a[i]
+                    tv += jv[i] * a[i]
+                for k in range(parameters):
+                    for i in range(count):
+                        u[k, i] = rho * w[i] * a[i] * turns[k, i]
+                    for i in range(count):
+                        r = rho * a[i] - value[c, i]
+                        slope[block, light_c, k, i] += rho * w[i] * r * turns[k, i]
+                    for m in range(k, parameters):
+                        for i in range(count):
+                            own[light_c, k, m, i] += rho * rho * w[i] * turns[k, i] * turns[m, i]
+                free = project and total > 1e-12
+                if free:
+                    share = 1.0 / np.sqrt(total)
+                    for k in range(parameters):
+                        for i in range(count):
+                            stack[light_c, stacked[light_c], k * count + i] = share * u[k, i]
+                    stacked[light_c] += 1
+                    if stacked[light_c] == STACK:
+                        take_products(hessian[block, light_c], stack[light_c])
+                        stacked[light_c] = 0
+                if cell:
+                    mixed = cross[row // cell, column // cell, light_c]
+                    along_u, along_v = (tu / total, tv / total) if free else (0.0, 0.0)
+                    for k in range(parameters):
+                        for i in range(count):
+                            mixed[0, k, i] += ju[i] * rho * turns[k, i] - along_u * u[k, i]
+                        for i in range(count):
+                            mixed[1, k, i] += jv[i] * rho * turns[k, i] - along_v * u[k, i]
+    for c in range(channels):
+        take_products(hessian[block, c], stack[c, : stacked[c]])
+        for k in range(parameters):
+            for m in range(k, parameters):
+                for i in range(count):
+                    hessian[block, c, k * count + i, m * count + i] += own[c, k, m, i]
 
 
 @kernel
@@ -291,97 +416,11 @@ def light_terms(
     (h/cell, w/cell, C, 2, parameters, N) the mixed derivatives with the gradient of log depth,
     summed over cells of `cell` x `cell` pixels; left alone when cell is 0.
     """
-    height, width = active.shape
-    channels, _, count = vectors.shape
-    fx, fy, cx, cy = camera
-    near = nearness.max() > 0.0
-    blocks = hessian.shape[0]
-    for block in prange(blocks):
-        n, du, dv, point = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-        s, dot, gain = np.empty((3, count)), np.empty(count), np.empty(count)
-        a, lit, w = np.empty(count), np.empty(count), np.empty(count)
-        value, good = np.empty((3, count)), np.empty((3, count))
-        ju, jv, turns = np.empty(count), np.empty(count), np.empty((5, count))
-        u, work = np.empty((parameters, count)), np.empty((5, count))
-        own = np.zeros((channels, parameters, parameters, count))
-        stack, stacked = np.empty((channels, STACK, u.size)), np.zeros(channels, np.int64)
-        # Whole rows of cells to each block, so that no two blocks write to one cell.
-        step = max(cell, 1)
-        rows_of_cells = (height + step - 1) // step
-        first = (block * rows_of_cells // blocks) * step
-        last = min(((block + 1) * rows_of_cells // blocks) * step, height)
-        for row in range(first, last):
-            for column in range(width):
-                if not active[row, column]:
-                    continue
-                gu, gv = gradient[row, column, 0], gradient[row, column, 1]
-                geometry(gu, gv, column - cx, row - cy, fx, fy, n, du, dv, False)
-                for k in range(3):
-                    point[k] = points[row, column, k]
-                scale = scales[row, column]
-                sharp = 1.0 / (scale * scale) if scale > 0.0 else 0.0
-                decode(photos, table, row, column, value, good)
-                for c in range(3):
-                    light_c = min(c, channels - 1)
-                    if c < channels:
-                        shade(vectors[c], nearness[c], n, point, near, s, dot, gain)
-                        for i in range(count):
-                            a[i] = max(dot[i], 0.0) + ambients[c, i]
-                        for i in range(count):
-                            lit[i] = 1.0 if dot[i] > 0.0 else 0.0
-                        turns[:] = 0.0
-                        turn(vectors[c], n, point, s, dot, gain, lit, work, turns)
-                        turns[parameters - 1] = 1.0
-                    rho = albedo[row, column, c]
-                    for i in range(count):
-                        r = rho * a[i] - value[c, i]
-                        w[i] = good[c, i] / (1.0 + sharp * r * r)
-                    for i in range(count):
-                        along = s[0, i] * du[0] + s[1, i] * du[1] + s[2, i] * du[2]
-                        ju[i] = rho * w[i] * lit[i] * along
-                    for i in range(count):
-                        along = s[0, i] * dv[0] + s[1, i] * dv[1] + s[2, i] * dv[2]
-                        jv[i] = rho * w[i] * lit[i] * along
-                    total, tu, tv = 0.0, 0.0, 0.0
-                    for i in range(count):
-                        total += w[i] * a[i] * a[i]
-                        tu += ju[i] * a[i]
-                        tv += jv[i] * a[i]
-                    for k in range(parameters):
-                        for i in range(count):
-                            u[k, i] = rho * w[i] * a[i] * turns[k, i]
-                        for i in range(count):
-                            r = rho * a[i] - value[c, i]
-                            slope[block, light_c, k, i] += rho * w[i] * r * turns[k, i]
-                        for m in range(k, parameters):
-                            for i in range(count):
-                                own[light_c, k, m, i] += (
-                                    rho * rho * w[i] * turns[k, i] * turns[m, i]
-                                )
-                    free = project and total > 1e-12
-                    if free:
-                        share = 1.0 / np.sqrt(total)
-                        for k in range(parameters):
-                            for i in range(count):
-                                stack[light_c, stacked[light_c], k * count + i] = share * u[k, i]
-                        stacked[light_c] += 1
-                        if stacked[light_c] == STACK:
-                            take_products(hessian[block, light_c], stack[light_c])
-                            stacked[light_c] = 0
-                    if cell:
-                        mixed = cross[row // cell, column // cell, light_c]
-                        along_u, along_v = (tu / total, tv / total) if free else (0.0, 0.0)
-                        for k in range(parameters):
-                            for i in range(count):
-                                mixed[0, k, i] += ju[i] * rho * turns[k, i] - along_u * u[k, i]
-                            for i in range(count):
-                                mixed[1, k, i] += jv[i] * rho * turns[k, i] - along_v * u[k, i]
-        for c in range(channels):
-            take_products(hessian[block, c], stack[c, : stacked[c]])
-            for k in range(parameters):
-                for m in range(k, parameters):
-                    for i in range(count):
-                        hessian[block, c, k * count + i, m * count + i] += own[c, k, m, i]
+    for block in prange(len(hessian)):
+        light_terms_of_block(
+            block, photos, table, active, gradient, points, camera, vectors, ambients, nearness,
+            scales, albedo, parameters, project, hessian, slope, cross, cell,
+        )  # fmt: skip
 
 
 @kernel

@@ -201,7 +201,7 @@ class Photographs:
             )  # fmt: skip
         energy, squared, count = sums.sum(axis=0)
         return Explanation(
-            albedo=np.where(self.active[..., None], albedo, 0.0),
+            albedo=albedo,
             energy=float(energy),
             tensor=tensor,
             vector=vector,
@@ -253,16 +253,13 @@ class Photographs:
         # The lights' order is photograph, channel, number; the kernel's channel, number, lamp.
         numbers = np.arange(channels * own).reshape(channels, parameters, count)
         order = np.moveaxis(numbers, -1, 0).ravel()
+        mixed = mixed.transpose(0, 1, 3, 5, 2, 4).reshape(*cells, 2, channels * own)
         upper = np.triu(hessian.sum(axis=0))
         blocks = block_diag(*(upper + np.triu(upper, 1).swapaxes(1, 2)))
-        return (
-            blocks[np.ix_(order, order)],
-            slope.sum(axis=0).ravel()[order],
-            mixed.swapaxes(2, 3).reshape(*cells, 2, channels * own)[..., order],
-        )
+        return blocks[np.ix_(order, order)], slope.sum(axis=0).ravel()[order], mixed
 
     def _scales(self, scale: Floats | float) -> Floats:
-        return np.full(self.mask.shape, scale, dtype=np.float64)
+        return np.ascontiguousarray(np.broadcast_to(scale, self.mask.shape), dtype=np.float64)
 
     def halved(self) -> Photographs:
         """The photographs at half the resolution, averaged in linear light."""
