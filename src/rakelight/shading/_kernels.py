@@ -278,10 +278,11 @@ def explain(
     vector, closeness, ambient.
     """
     for row in prange(len(active)):
+        # One kind of integer, or numba compiles it twice.
         explain_row(
-            row, photos, table, active, gradient, points, camera, vectors, ambients, nearness,
-            scales, lagged, project, albedo, tensor, vector, sums, histogram, misfit, turning,
-            slope,
+            np.int64(row), photos, table, active, gradient, points, camera, vectors, ambients,
+            nearness, scales, lagged, project, albedo, tensor, vector, sums, histogram, misfit,
+            turning, slope,
         )  # fmt: skip
 
 
@@ -418,8 +419,8 @@ def light_terms(
     """
     for block in prange(len(hessian)):
         light_terms_of_block(
-            block, photos, table, active, gradient, points, camera, vectors, ambients, nearness,
-            scales, albedo, parameters, project, hessian, slope, cross, cell,
+            np.int64(block), photos, table, active, gradient, points, camera, vectors, ambients,
+            nearness, scales, albedo, parameters, project, hessian, slope, cross, cell,
         )  # fmt: skip
 
 
