@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import correlate1d
 from scipy.sparse import diags_array, kron
 
 from rakelight.geometry.cells import Cells, cell_sums
@@ -138,6 +137,8 @@ def ripples_transposed(level: Level, along: Sequence[Floats]) -> Floats:
 
 def _fourth(values: Floats, axis: int) -> Floats:
     """An eighth of the fourth difference along an axis, zeros continuing the image: symmetric."""
+    from scipy.ndimage import correlate1d
+
     return np.asarray(correlate1d(values, FOURTH_DIFFERENCE, axis, mode="constant"))
 
 
