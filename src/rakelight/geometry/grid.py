@@ -166,14 +166,9 @@ def mean_gradient(values: Floats, grid: Grid) -> tuple[Floats, Floats]:
     """
     gradients, links = [], Links.of(grid)
     for axis in (1, 0):
-        here, there = pair_slices(axis)
-        forward, backward = neighbours(links, axis)
-        step = np.where(forward[here], values[there] - values[here], 0.0)
-        mean = np.zeros(values.shape)
-        mean[here] = step
-        mean[there] += step
-        np.multiply(mean, 0.5, out=mean, where=forward & backward)
-        gradients.append(mean)
+        mean = np.add(*differences(values, links, axis), dtype=np.float64)
+        both = np.logical_and(*neighbours(links, axis))
+        gradients.append(np.multiply(mean, 0.5, out=mean, where=both))
     return gradients[0], gradients[1]
 
 
