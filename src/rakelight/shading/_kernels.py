@@ -3,6 +3,9 @@
 
 Photographs stay integers and are decoded by a table, pixel by pixel; rows are shared
 among the cores and every sum is kept per row, so that results do not depend on the split.
+
+Active pixels of a row are taken in strips, side by side: the last index of an array is a pixel's
+place in its strip, and loops over it, the innermost, run in wide instructions.
 """
 
 from __future__ import annotations
@@ -14,152 +17,302 @@ from numba import prange
 
 from rakelight import jit
 
-# Sums over photographs are within a pixel, whose row is never split.
+# Sums are within a strip of a row, which is never split.
 kernel = partial(jit.kernel, any_order=True)
 helper = partial(jit.helper, any_order=True)
-# Part of the kernel that calls it: its loops over photographs run in wide instructions, each of
-# which fills one array, and the processor works ahead from one to the next.
+# Part of the kernel that calls it: its loops know where the arrays of a strip lie.
 inlined = partial(jit.helper, any_order=True, inline=True)
+
+# Pixels of a strip: as many as the fast memory holds.
+STRIP = 64
+# Rows of `frame`: the normal n, dn/dg_u, dn/dg_v with g the gradient of log depth, the place.
+NORMAL, BY_U, BY_V, POINT, FRAME = 0, 3, 6, 9, 12
+# Rows of `light`: s . n and the derivatives of max(0, s . n) with g_u and g_v.
+DOT, SU, SV, LIGHT = range(4)
+# Rows of `own`, three each, one a channel: albedo, sums of w a^2, w a I, w a su and w a sv.
+ALBEDO, SQUARES, PRODUCTS, ALONG_U, ALONG_V, OWN = range(0, 18, 3)
+# Rows of `pixel`: sums over photographs and channels, with the loss as a logarithm and a factor;
+# 1 / scale^2 of the loss; sums over the channels of one lamp.
+UU, UV, VV, BU, BV, SQUARED, OFF, SEEN, LOSS, FACTOR, SHARP, BEND, KNOWN, FORCE, PIXEL = range(15)
 
 # Rounds of reweighting for a pixel's own albedo.
 ALBEDO_ROUNDS = 2
 BINS = 1024
 # Residuals are counted in bins up to this value; white is 1.
 WIDEST = 0.5
-# The logarithm of a product is the sum of losses; so many are finite below 5e4 scales each.
-LOGARITHM = 32
-# Rows of a matrix product that are gathered first.
-STACK = 128
+# The logarithm of a product is the sum of losses; it is taken when a factor grows beyond this.
+LARGEST = 1e150
 
 
 @helper
-def geometry(gu, gv, x, y, fx, fy, n, du, dv, lagged):
-    """Fill n (3) and the derivatives du, dv (3) of n, |m| lagged or not, at one pixel."""
-    m0, m1, m2 = fx * gu, fy * gv, -(1.0 + x * gu + y * gv)
-    length = np.sqrt(m0 * m0 + m1 * m1 + m2 * m2)
-    n[0], n[1], n[2] = m0 / length, m1 / length, m2 / length
-    du[0], du[1], du[2] = fx / length, 0.0, -x / length
-    dv[0], dv[1], dv[2] = 0.0, fy / length, -y / length
-    if not lagged:
-        along_u = n[0] * du[0] + n[2] * du[2]
-        along_v = n[1] * dv[1] + n[2] * dv[2]
+def next_strip(active, row, column, here):
+    """Fill here with the active columns from `column` on; how many, and the next one to look at."""
+    size = 0
+    while column < active.shape[1] and size < STRIP:
+        if active[row, column]:
+            here[size] = column
+            size += 1
+        column += 1
+    return size, column
+
+
+@helper
+def clear(row, active, albedo, tensor, vector):
+    """What is found of pixels without a normal: nothing."""
+    for column in range(active.shape[1]):
+        if not active[row, column]:
+            for k in range(3):
+                albedo[row, column, k] = 0.0
+                tensor[row, column, k] = 0.0
+            vector[row, column, 0] = 0.0
+            vector[row, column, 1] = 0.0
+
+
+@inlined
+def stand(here, size, row, gradient, points, camera, lagged, frame):
+    """Fill frame: normals, their derivatives, with |m| lagged or not, and places."""
+    fx, fy, cx, cy = camera
+    y, free = row - cy, 0.0 if lagged else 1.0
+    for j in range(size):
+        frame[BY_U, j], frame[BY_V, j] = gradient[row, here[j], 0], gradient[row, here[j], 1]
         for k in range(3):
-            du[k] -= along_u * n[k]
-            dv[k] -= along_v * n[k]
+            frame[POINT + k, j] = points[row, here[j], k]
+    for j in range(size):
+        gu, gv, x = frame[BY_U, j], frame[BY_V, j], here[j] - cx
+        m0, m1, m2 = fx * gu, fy * gv, -(1.0 + x * gu + y * gv)
+        over = 1.0 / np.sqrt(m0 * m0 + m1 * m1 + m2 * m2)
+        n0, n1, n2 = m0 * over, m1 * over, m2 * over
+        along_u, along_v = free * over * (n0 * fx - n2 * x), free * over * (n1 * fy - n2 * y)
+        frame[NORMAL, j], frame[NORMAL + 1, j], frame[NORMAL + 2, j] = n0, n1, n2
+        frame[BY_U, j] = over * fx - along_u * n0
+        frame[BY_U + 1, j] = -along_u * n1
+        frame[BY_U + 2, j] = -over * x - along_u * n2
+        frame[BY_V, j] = -along_v * n0
+        frame[BY_V + 1, j] = over * fy - along_v * n1
+        frame[BY_V + 2, j] = -over * y - along_v * n2
 
 
 @inlined
-def shade(vectors, nearness, n, point, near, s, dot, gain):
-    """Fill s (3, N) with one channel's lights at the point, dot (N) with s . n, gain (N): 1/r^3.
+def toward(q0, q1, q2, nearness, frame, j):
+    """t (3) and f with f t the light vector s that a lamp sends to a pixel's place X.
 
-    The light vector that a lamp sends to X, metres from the object's middle: with q the vector at
-    the middle, u = q/|q| and k = closeness, 1/metre, the lamp stands at u/k and
-    s = |q| (u - k X) / r^3, r = |u - k X|, which is q itself for k = 0.
-    vectors (3, N) : q; nearness (N) : |q| k
+    X in metres from the object's middle: with q the vector there, u = q/|q| and k = closeness,
+    1/metre, the lamp stands at u/k and s = |q| (u - k X) / r^3, r = |u - k X|, which is q itself
+    for k = 0.  nearness : |q| k;  t = q - |q| k X, f = 1/r^3
     """
-    n0, n1, n2 = n[0], n[1], n[2]
-    p0, p1, p2 = point[0], point[1], point[2]
-    for i in range(dot.size):
-        gain[i] = 1.0
-    if near:
-        for i in range(dot.size):
-            q0, q1, q2 = vectors[0, i], vectors[1, i], vectors[2, i]
-            size2 = q0 * q0 + q1 * q1 + q2 * q2
-            q0 -= nearness[i] * p0
-            q1 -= nearness[i] * p1
-            q2 -= nearness[i] * p2
-            by_r2 = size2 / (q0 * q0 + q1 * q1 + q2 * q2 + 1e-300)
-            gain[i] = by_r2 * np.sqrt(by_r2)
-    for k in range(3):
-        at = point[k]
-        for i in range(dot.size):
-            s[k, i] = gain[i] * (vectors[k, i] - nearness[i] * at)
-    for i in range(dot.size):
-        dot[i] = s[0, i] * n0 + s[1, i] * n1 + s[2, i] * n2
+    t0 = q0 - nearness * frame[POINT, j]
+    t1 = q1 - nearness * frame[POINT + 1, j]
+    t2 = q2 - nearness * frame[POINT + 2, j]
+    by_r2 = (q0 * q0 + q1 * q1 + q2 * q2) / (t0 * t0 + t1 * t1 + t2 * t2 + 1e-300)
+    return t0, t1, t2, by_r2 * np.sqrt(by_r2)
 
 
 @inlined
-def turn(vectors, n, point, s, dot, gain, pull, work, out):
-    """Add to out (5, N) what changes of lights' vectors and closeness do where s (3, N) arrive.
+def arrive(q0, q1, q2, nearness, size, frame, light):
+    """Fill light: what a lamp, as in `toward`, does at each pixel."""
+    for j in range(size):
+        t0, t1, t2, gain = q0, q1, q2, 1.0
+        if nearness > 0.0:
+            t0, t1, t2, gain = toward(q0, q1, q2, nearness, frame, j)
+        n0, n1, n2 = frame[NORMAL, j], frame[NORMAL + 1, j], frame[NORMAL + 2, j]
+        u0, u1, u2 = frame[BY_U, j], frame[BY_U + 1, j], frame[BY_U + 2, j]
+        v0, v1, v2 = frame[BY_V, j], frame[BY_V + 1, j], frame[BY_V + 2, j]
+        dot = gain * (t0 * n0 + t1 * n1 + t2 * n2)
+        lit = gain if dot > 0.0 else 0.0
+        light[DOT, j] = dot
+        light[SU, j] = lit * (t0 * u0 + t1 * u1 + t2 * u2)
+        light[SV, j] = lit * (t0 * v0 + t1 * v1 + t2 * v2)
 
-    pull (N) : what the shading's change counts; work (5, N) : scratch.  With e = s/|s| and
-    Df = 1/r^3 (I - 3 e e^T), both as in `shade`:
+
+@inlined
+def turn(q0, q1, q2, nearness, size, frame, light, turns):
+    """Fill turns (4, STRIP): derivatives of max(0, s . n) with a lamp's vector and closeness.
+
+    With f, t as in `toward`, e = t/|t| and Df = f (I - 3 e e^T):
         d/dq = Df n + u (s . n / |q| - u . Df n),  d/dk = -|q| X . Df n
     """
-    p0, p1, p2 = point[0], point[1], point[2]
-    for i in range(pull.size):
-        there2 = s[0, i] * s[0, i] + s[1, i] * s[1, i] + s[2, i] * s[2, i]
-        work[3, i] = 3.0 * dot[i] / (there2 + 1e-300)
-    for k in range(3):
-        facing = n[k]
-        for i in range(pull.size):
-            work[k, i] = pull[i] * gain[i] * (facing - work[3, i] * s[k, i])
-    for i in range(pull.size):
-        q0, q1, q2 = vectors[0, i], vectors[1, i], vectors[2, i]
-        size2 = q0 * q0 + q1 * q1 + q2 * q2 + 1e-24
-        along = q0 * work[0, i] + q1 * work[1, i] + q2 * work[2, i]
-        work[4, i] = (pull[i] * dot[i] - along) / size2
-    for k in range(3):
-        for i in range(pull.size):
-            out[k, i] += work[k, i] + work[4, i] * vectors[k, i]
-    for i in range(pull.size):
-        q0, q1, q2 = vectors[0, i], vectors[1, i], vectors[2, i]
-        size = np.sqrt(q0 * q0 + q1 * q1 + q2 * q2)
-        out[3, i] -= size * (p0 * work[0, i] + p1 * work[1, i] + p2 * work[2, i])
+    size2 = q0 * q0 + q1 * q1 + q2 * q2 + 1e-24
+    length = np.sqrt(size2)
+    for j in range(size):
+        t0, t1, t2, gain = q0, q1, q2, 1.0
+        if nearness > 0.0:
+            t0, t1, t2, gain = toward(q0, q1, q2, nearness, frame, j)
+        n0, n1, n2 = frame[NORMAL, j], frame[NORMAL + 1, j], frame[NORMAL + 2, j]
+        lit = gain if light[DOT, j] > 0.0 else 0.0
+        bent = 3.0 * (t0 * n0 + t1 * n1 + t2 * n2) / (t0 * t0 + t1 * t1 + t2 * t2 + 1e-300)
+        f0, f1, f2 = lit * (n0 - bent * t0), lit * (n1 - bent * t1), lit * (n2 - bent * t2)
+        along = (max(light[DOT, j], 0.0) - (q0 * f0 + q1 * f1 + q2 * f2)) / size2
+        turns[0, j], turns[1, j], turns[2, j] = f0 + along * q0, f1 + along * q1, f2 + along * q2
+        p0, p1, p2 = frame[POINT, j], frame[POINT + 1, j], frame[POINT + 2, j]
+        turns[3, j] = -length * (p0 * f0 + p1 * f1 + p2 * f2)
 
 
 @inlined
-def decode(photos, table, row, column, value, good):
-    """Fill value (3, N) with a pixel's linear values, good (3, N) with 1 where usable, else 0."""
-    for c in range(3):
-        for i in range(value.shape[1]):
-            value[c, i] = table[photos[i, row, column, c]]
-        for i in range(value.shape[1]):
-            good[c, i] = 1.0 if value[c, i] >= 0.0 else 0.0
+def decode(here, size, row, photos, table, value):
+    """Fill value (3, N, STRIP) with linear light, negative where it is not usable."""
+    for i in range(value.shape[1]):
+        for c in range(3):
+            for j in range(size):
+                value[c, i, j] = table[photos[i, row, here[j], c]]
 
 
 @inlined
-def fit_albedo(a, value, good, sharp, albedo, row, column, w, total):
-    """Each channel's albedo by least squares, or with Cauchy weights w (3, N).
+def sharpen(here, size, row, scales, pixel):
+    """Fill pixel's SHARP: 1 / scale^2 of the loss, 0 for least squares."""
+    for j in range(size):
+        scale = scales[row, here[j]]
+        pixel[SHARP, j] = 1.0 / (scale * scale) if scale > 0.0 else 0.0
 
-    albedo (h, w, 3) : where the reweighting starts, negative for nowhere, and where it leads
-    a (C, N) : shading; value, good (3, N) : as decoded; sharp : 1 / scale^2, 0 for least squares
-    total (3) : gets  sum w a^2
+
+@inlined
+def miss(rho, shading, value):
+    """What the model is off a value, 0 for one that is not usable."""
+    return rho * shading - value if value >= 0.0 else 0.0
+
+
+@inlined
+def total(values, size):
+    """Sum of the first `size` values."""
+    found = 0.0
+    for j in range(size):
+        found += values[j]
+    return found
+
+
+@inlined
+def fit_albedo(rounds, size, a, value, w, own, pixel):
+    """Each channel's albedo by least squares, or with Cauchy weights w (3, N, STRIP).
+
+    own : its albedo is where the reweighting starts, negative for nowhere, and where it leads
+    a (C, N, STRIP) : shading; value (3, N, STRIP) : as decoded
     """
-    rounds = ALBEDO_ROUNDS if sharp > 0.0 else 1
     for _round in range(rounds):
-        # The channels side by side: no one waits for another's division.
         for c in range(3):
             light_c = min(c, a.shape[0] - 1)
-            rho = albedo[row, column, c]
-            bend = sharp if rho >= 0.0 else 0.0
-            squares, products = 0.0, 0.0
+            for j in range(size):
+                pixel[BEND, j] = pixel[SHARP, j] if own[ALBEDO + c, j] >= 0.0 else 0.0
+                own[SQUARES + c, j] = 0.0
+                own[PRODUCTS + c, j] = 0.0
+            for i in range(a.shape[1]):
+                for j in range(size):
+                    v, shading = value[c, i, j], a[light_c, i, j]
+                    off = own[ALBEDO + c, j] * shading - v
+                    good = 1.0 if v >= 0.0 else 0.0
+                    weight = good / (1.0 + pixel[BEND, j] * off * off)
+                    w[c, i, j] = weight
+                    own[SQUARES + c, j] += weight * shading * shading
+                    own[PRODUCTS + c, j] += weight * shading * v
+            for j in range(size):
+                squares, products = own[SQUARES + c, j], own[PRODUCTS + c, j]
+                own[ALBEDO + c, j] = products / squares if squares > 1e-12 else 0.0
+
+
+@inlined
+def begin(here, size, row, albedo, own, pixel):
+    """The albedo to start from, and every sum of a strip at nought."""
+    for c in range(3):
+        for j in range(size):
+            own[ALBEDO + c, j] = albedo[row, here[j], c]
+            own[ALONG_U + c, j] = 0.0
+            own[ALONG_V + c, j] = 0.0
+    for k in range(FACTOR):
+        for j in range(size):
+            pixel[k, j] = 0.0
+    for j in range(size):
+        pixel[FACTOR, j] = 1.0
+
+
+@inlined
+def compare(first, last, i, size, a, value, w, light, own, pixel):
+    """Add what photograph i says in channels `first` to `last`, which share a lamp."""
+    for j in range(size):
+        pixel[KNOWN, j] = 0.0
+        pixel[FORCE, j] = 0.0
+    for c in range(first, last):
+        for j in range(size):
+            rho, shading, weight = own[ALBEDO + c, j], a[i, j], w[c, i, j]
+            r = miss(rho, shading, value[c, i, j])
+            pixel[SQUARED, j] += r * r
+            pixel[OFF, j] += abs(r)
+            pixel[SEEN, j] += 1.0 if value[c, i, j] >= 0.0 else 0.0
+            pixel[FACTOR, j] *= 1.0 + pixel[SHARP, j] * r * r
+            pixel[KNOWN, j] += rho * rho * weight
+            pixel[FORCE, j] += rho * weight * r
+            own[ALONG_U + c, j] += weight * shading * light[SU, j]
+            own[ALONG_V + c, j] += weight * shading * light[SV, j]
+    for j in range(size):
+        su, sv = light[SU, j], light[SV, j]
+        pixel[UU, j] += pixel[KNOWN, j] * su * su
+        pixel[UV, j] += pixel[KNOWN, j] * su * sv
+        pixel[VV, j] += pixel[KNOWN, j] * sv * sv
+        pixel[BU, j] -= pixel[FORCE, j] * su
+        pixel[BV, j] -= pixel[FORCE, j] * sv
+    if total(pixel[FACTOR], size) > LARGEST:
+        for j in range(size):
+            pixel[LOSS, j] += np.log(pixel[FACTOR, j])
+            pixel[FACTOR, j] = 1.0
+
+
+@inlined
+def pull(first, last, i, size, a, value, own, pixel, turns, slope):
+    """Add to slope (5, N) what the residuals of photograph i say of its lamp; spoils turns."""
+    for j in range(size):
+        pixel[FORCE, j] = 0.0
+    for c in range(first, last):
+        for j in range(size):
+            rho = own[ALBEDO + c, j]
+            r = miss(rho, a[i, j], value[c, i, j])
+            pixel[FORCE, j] += rho * r / (1.0 + pixel[SHARP, j] * r * r)
+    slope[4, i] += total(pixel[FORCE], size)
+    for k in range(4):
+        for j in range(size):
+            turns[k, j] *= pixel[FORCE, j]
+        slope[k, i] += total(turns[k], size)
+
+
+@inlined
+def follow(project, size, own, pixel):
+    """Take from the tensor what an albedo that follows the depth takes up (variable projection)."""
+    for c in range(3):
+        for j in range(size):
+            rho, squares = own[ALBEDO + c, j], own[SQUARES + c, j]
+            share = rho * rho / squares if project and squares > 1e-12 else 0.0
+            tu, tv = own[ALONG_U + c, j], own[ALONG_V + c, j]
+            pixel[UU, j] -= share * tu * tu
+            pixel[UV, j] -= share * tu * tv
+            pixel[VV, j] -= share * tv * tv
+
+
+@inlined
+def put(here, size, row, own, pixel, albedo, tensor, vector, misfit):
+    """Write a strip's results to the images."""
+    for j in range(size):
+        at, seen = here[j], pixel[SEEN, j]
+        for c in range(3):
+            albedo[row, at, c] = own[ALBEDO + c, j]
+        # Rounding must not make a tensor of rank one indefinite.
+        uu, vv = max(pixel[UU, j], 0.0), max(pixel[VV, j], 0.0)
+        limit = np.sqrt(uu * vv)
+        tensor[row, at, 0] = uu
+        tensor[row, at, 1] = min(max(pixel[UV, j], -limit), limit)
+        tensor[row, at, 2] = vv
+        vector[row, at, 0] = pixel[BU, j]
+        vector[row, at, 1] = pixel[BV, j]
+        misfit[row, at] = pixel[OFF, j] / seen if seen > 0.0 else 0.0
+
+
+@inlined
+def count_residuals(here, size, row, a, value, own, histogram):
+    """Add the residuals of one channel of every other pixel to histogram (BINS)."""
+    for j in range(size):
+        turn_of = (row + here[j]) % 6
+        if turn_of % 2 == 0:
+            c = turn_of // 2
             for i in range(value.shape[1]):
-                off = rho * a[light_c, i] - value[c, i]
-                weight = good[c, i] / (1.0 + bend * off * off)
-                w[c, i] = weight
-                squares += weight * a[light_c, i] * a[light_c, i]
-                products += weight * a[light_c, i] * value[c, i]
-            albedo[row, column, c] = products / squares if squares > 1e-12 else 0.0
-            total[c] = squares
-
-
-@helper
-def loss(away, sharp):
-    """sum of log(1 + sharp away^2) over away (N): logarithms of products."""
-    total, product = 0.0, 1.0
-    for start in range(0, away.size, LOGARITHM):
-        few, some = 1.0, away[start : start + LOGARITHM]
-        for i in range(some.size):
-            few *= 1.0 + sharp * some[i] * some[i]
-        if few > 1e150:
-            total += np.log(few)
-            few = 1.0
-        product *= few
-        if product > 1e150:
-            total += np.log(product)
-            product = 1.0
-    return total + np.log(product)
+                if value[c, i, j] >= 0.0:
+                    shading = a[min(c, a.shape[0] - 1), i, j]
+                    r = miss(own[ALBEDO + c, j], shading, value[c, i, j])
+                    histogram[min(int(abs(r) * (BINS / WIDEST)), BINS - 1)] += 1
 
 
 @helper
@@ -168,98 +321,49 @@ def explain_row(
     scales, lagged, project, albedo, tensor, vector, sums, histogram, misfit, turning, slope,
 ):  # fmt: skip
     """One row of `explain`."""
-    width = active.shape[1]
     channels, _, count = vectors.shape
-    fx, fy, cx, cy = camera
-    near = nearness.max() > 0.0
-    n, du, dv, point = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    s, dot = np.empty((channels, 3, count)), np.empty((channels, count))
-    gain, a = np.empty((channels, count)), np.empty((channels, count))
-    value, good = np.empty((3, count)), np.empty((3, count))
-    w, total = np.empty((3, count)), np.empty(3)
-    away, pull, work = np.empty((3, count)), np.zeros(count), np.empty((5, count))
+    here = np.empty(STRIP, np.int64)
+    frame, light, turns = np.empty((FRAME, STRIP)), np.empty((LIGHT, STRIP)), np.empty((4, STRIP))
+    own, pixel = np.empty((OWN, STRIP)), np.empty((PIXEL, STRIP))
+    value = np.empty((3, count, STRIP), np.float32)
+    a, w = np.empty((channels, count, STRIP)), np.empty((3, count, STRIP))
     energy, squared, counted = 0.0, 0.0, 0.0
+    clear(row, active, albedo, tensor, vector)
     for k in range(BINS):
         histogram[row, k] = 0
-    for column in range(width):
-        if not active[row, column]:
-            for k in range(3):
-                albedo[row, column, k] = 0.0
-                tensor[row, column, k] = 0.0
-            vector[row, column, 0] = 0.0
-            vector[row, column, 1] = 0.0
-            continue
-        x, y = column - cx, row - cy
-        geometry(
-            gradient[row, column, 0], gradient[row, column, 1], x, y, fx, fy, n, du, dv, lagged
-        )
-        for k in range(3):
-            point[k] = points[row, column, k]
-        for c in range(channels):
-            shade(vectors[c], nearness[c], n, point, near, s[c], dot[c], gain[c])
+    size, column = next_strip(active, row, 0, here)
+    while size > 0:
+        stand(here, size, row, gradient, points, camera, lagged, frame)
+        decode(here, size, row, photos, table, value)
+        sharpen(here, size, row, scales, pixel)
+        begin(here, size, row, albedo, own, pixel)
+        for lamp in range(channels):
             for i in range(count):
-                a[c, i] = max(dot[c, i], 0.0) + ambients[c, i]
-        decode(photos, table, row, column, value, good)
-        scale, off, seen = scales[row, column], 0.0, 0.0
-        sharp = 1.0 / (scale * scale) if scale > 0.0 else 0.0
-        fit_albedo(a, value, good, sharp, albedo, row, column, w, total)
-        uu, uv, vv, bu, bv = 0.0, 0.0, 0.0, 0.0, 0.0
-        for c in range(3):
-            light_c, rho, tu, tv = min(c, channels - 1), albedo[row, column, c], 0.0, 0.0
+                q0, q1, q2 = vectors[lamp, 0, i], vectors[lamp, 1, i], vectors[lamp, 2, i]
+                arrive(q0, q1, q2, nearness[lamp, i], size, frame, light)
+                ambient = ambients[lamp, i]
+                for j in range(size):
+                    a[lamp, i, j] = max(light[DOT, j], 0.0) + ambient
+        rounds = ALBEDO_ROUNDS if total(pixel[SHARP], size) > 0.0 else 1
+        fit_albedo(rounds, size, a, value, w, own, pixel)
+        for lamp in range(channels):
+            first, last = (0, 3) if channels == 1 else (lamp, lamp + 1)
             for i in range(count):
-                r = good[c, i] * (rho * a[light_c, i] - value[c, i])
-                away[c, i] = r
-                squared += r * r
-                off += abs(r)
-                seen += good[c, i]
-                lit = rho * w[c, i] if dot[light_c, i] > 0.0 else 0.0
-                s0, s1, s2 = s[light_c, 0, i], s[light_c, 1, i], s[light_c, 2, i]
-                su = s0 * du[0] + s1 * du[1] + s2 * du[2]
-                sv = s0 * dv[0] + s1 * dv[1] + s2 * dv[2]
-                uu += lit * rho * su * su
-                uv += lit * rho * su * sv
-                vv += lit * rho * sv * sv
-                bu -= lit * su * r
-                bv -= lit * sv * r
-                tu += lit * su * a[light_c, i]
-                tv += lit * sv * a[light_c, i]
-            if project and total[c] > 1e-12:
-                uu -= tu * tu / total[c]
-                uv -= tu * tv / total[c]
-                vv -= tv * tv / total[c]
-            if 2 * c == (row + column) % 6:
-                for i in range(count):
-                    if good[c, i] > 0.0:
-                        bin_ = min(int(abs(away[c, i]) * (BINS / WIDEST)), BINS - 1)
-                        histogram[row, bin_] += 1
-            if scale == 0.0:
-                for i in range(count):
-                    energy += away[c, i] * away[c, i]
-            if turning:
-                for i in range(count):
-                    force = rho * away[c, i] / (1.0 + sharp * away[c, i] * away[c, i])
-                    slope[row, light_c, 4, i] += force
-                    pull[i] += force if dot[light_c, i] > 0.0 else 0.0
-                if channels == 3 or c == 2:
-                    turn(
-                        vectors[light_c], n, point, s[light_c], dot[light_c], gain[light_c],
-                        pull, work, slope[row, light_c],
-                    )  # fmt: skip
-                    for i in range(count):
-                        pull[i] = 0.0
-        if scale > 0.0:
-            energy += scale * scale * loss(away.ravel(), sharp)
-        counted += seen
-        misfit[row, column] = off / seen if seen > 0.0 else 0.0
-        # Rounding must not make a tensor of rank one indefinite.
-        uu, vv = max(uu, 0.0), max(vv, 0.0)
-        limit = np.sqrt(uu * vv)
-        uv = min(max(uv, -limit), limit)
-        tensor[row, column, 0] = uu
-        tensor[row, column, 1] = uv
-        tensor[row, column, 2] = vv
-        vector[row, column, 0] = bu
-        vector[row, column, 1] = bv
+                q0, q1, q2 = vectors[lamp, 0, i], vectors[lamp, 1, i], vectors[lamp, 2, i]
+                arrive(q0, q1, q2, nearness[lamp, i], size, frame, light)
+                compare(first, last, i, size, a[lamp], value, w, light, own, pixel)
+                if turning:
+                    turn(q0, q1, q2, nearness[lamp, i], size, frame, light, turns)
+                    pull(first, last, i, size, a[lamp], value, own, pixel, turns, slope[row, lamp])
+        follow(project, size, own, pixel)
+        put(here, size, row, own, pixel, albedo, tensor, vector, misfit)
+        count_residuals(here, size, row, a, value, own, histogram[row])
+        squared += total(pixel[SQUARED], size)
+        counted += total(pixel[SEEN], size)
+        for j in range(size):
+            loss, sharp = pixel[LOSS, j] + np.log(pixel[FACTOR, j]), pixel[SHARP, j]
+            energy += loss / sharp if sharp > 0.0 else pixel[SQUARED, j]
+        size, column = next_strip(active, row, column, here)
     sums[row, 0], sums[row, 1], sums[row, 2] = energy, squared, counted
 
 
@@ -286,29 +390,30 @@ def explain(
         )  # fmt: skip
 
 
-@helper
-def respond(
-    vectors, nearness, ambient, n, point, near, parameters, s, dot, gain, a, lit, work, turns
-):
-    """Fill a, lit (N) and turns (5, N): shading, 1 where it is, its derivatives with the light."""
-    shade(vectors, nearness, n, point, near, s, dot, gain)
-    for i in range(dot.size):
-        a[i] = max(dot[i], 0.0) + ambient[i]
-    for i in range(dot.size):
-        lit[i] = 1.0 if dot[i] > 0.0 else 0.0
-    for k in range(5):
-        for i in range(dot.size):
-            turns[k, i] = 0.0
-    turn(vectors, n, point, s, dot, gain, lit, work, turns)
-    # The ambient's; without the closeness it follows the vector's.
-    for i in range(dot.size):
-        turns[parameters - 1, i] = 1.0
+@inlined
+def weigh(c, i, size, lamps, value, w, own, pixel):
+    """Weights of photograph i in channel c, and the sums that eliminate its albedo."""
+    for j in range(size):
+        v, a = value[c, i, j], lamps[DOT, i, j]
+        r = miss(own[ALBEDO, j], a, v)
+        good = 1.0 if v >= 0.0 else 0.0
+        weight = good / (1.0 + pixel[SHARP, j] * r * r)
+        w[i, j] = weight
+        own[SQUARES, j] += weight * a * a
+        own[ALONG_U, j] += weight * a * lamps[SU, i, j]
+        own[ALONG_V, j] += weight * a * lamps[SV, i, j]
 
 
-@helper
-def take_products(hessian, rows):
-    """hessian (Q, Q) -= U^T U of rows U (M, Q)."""
-    hessian -= np.dot(rows.T, rows)
+@inlined
+def respond(c, i, size, lamps, value, w, own, pixel):
+    """What photograph i says in channel c of its lamp, of lamp and albedo, of lamp and depth."""
+    for j in range(size):
+        rho, a, weight, freed = own[ALBEDO, j], lamps[DOT, i, j], w[i, j], own[SQUARES, j]
+        pixel[KNOWN, j] = rho * rho * weight
+        pixel[FORCE, j] = rho * weight * miss(rho, a, value[c, i, j])
+        pixel[BEND, j] = rho * weight * a * np.sqrt(freed)
+        pixel[BU, j] = rho * rho * weight * (lamps[SU, i, j] - a * freed * own[ALONG_U, j])
+        pixel[BV, j] = rho * rho * weight * (lamps[SV, i, j] - a * freed * own[ALONG_V, j])
 
 
 @helper
@@ -317,90 +422,86 @@ def light_terms_of_block(
     scales, albedo, parameters, project, hessian, slope, cross, cell,
 ):  # fmt: skip
     """One block of `light_terms`."""
-    height, width = active.shape
     channels, _, count = vectors.shape
-    fx, fy, cx, cy = camera
-    near = nearness.max() > 0.0
-    blocks = hessian.shape[0]
-    n, du, dv, point = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    s, dot, gain = np.empty((3, count)), np.empty(count), np.empty(count)
-    a, lit, w = np.empty(count), np.empty(count), np.empty(count)
-    value, good = np.empty((3, count)), np.empty((3, count))
-    ju, jv, turns = np.empty(count), np.empty(count), np.empty((5, count))
-    u, work = np.empty((parameters, count)), np.empty((5, count))
-    own = np.zeros((channels, parameters, parameters, count))
-    stack, stacked = np.empty((channels, STACK, u.size)), np.zeros(channels, np.int64)
+    blocks, height = hessian.shape[0], active.shape[0]
+    here, cell_of = np.empty(STRIP, np.int64), np.empty(STRIP, np.int64)
+    frame, light, by_light = (
+        np.empty((FRAME, STRIP)),
+        np.empty((LIGHT, STRIP)),
+        np.empty((4, STRIP)),
+    )
+    own, pixel, mixed = np.empty((OWN, STRIP)), np.empty((PIXEL, STRIP)), np.empty((2, STRIP))
+    value = np.empty((3, count, STRIP), np.float32)
+    lamps, w = np.empty((LIGHT, count, STRIP)), np.empty((count, STRIP))
+    turns = np.ones((parameters, count, STRIP))
+    # What the albedo takes up: a column for each pixel and channel, the product of which counts.
+    taken = np.zeros((parameters * count, 3 // channels, STRIP))
     # Whole rows of cells to each block, so that no two blocks write to one cell.
     step = max(cell, 1)
     rows_of_cells = (height + step - 1) // step
-    first = (block * rows_of_cells // blocks) * step
-    last = min(((block + 1) * rows_of_cells // blocks) * step, height)
-    for row in range(first, last):
-        for column in range(width):
-            if not active[row, column]:
-                continue
-            gu, gv = gradient[row, column, 0], gradient[row, column, 1]
-            geometry(gu, gv, column - cx, row - cy, fx, fy, n, du, dv, False)
-            for k in range(3):
-                point[k] = points[row, column, k]
-            scale = scales[row, column]
-            sharp = 1.0 / (scale * scale) if scale > 0.0 else 0.0
-            decode(photos, table, row, column, value, good)
-            for c in range(3):
-                light_c = min(c, channels - 1)
-                if c < channels:
-                    respond(
-                        vectors[c], nearness[c], ambients[c], n, point, near, parameters,
-                        s, dot, gain, a, lit, work, turns,
-                    )  # fmt: skip
-                rho = albedo[row, column, c]
+    first_row = (block * rows_of_cells // blocks) * step
+    last_row = min(((block + 1) * rows_of_cells // blocks) * step, height)
+    for row in range(first_row, last_row):
+        size, column = next_strip(active, row, 0, here)
+        while size > 0:
+            stand(here, size, row, gradient, points, camera, False, frame)
+            decode(here, size, row, photos, table, value)
+            sharpen(here, size, row, scales, pixel)
+            for j in range(size):
+                cell_of[j] = here[j] // step
+            taken[:, :, size:] = 0.0
+            for lamp in range(channels):
                 for i in range(count):
-                    r = rho * a[i] - value[c, i]
-                    w[i] = good[c, i] / (1.0 + sharp * r * r)
-                for i in range(count):
-                    along = s[0, i] * du[0] + s[1, i] * du[1] + s[2, i] * du[2]
-                    ju[i] = rho * w[i] * lit[i] * along
-                for i in range(count):
-                    along = s[0, i] * dv[0] + s[1, i] * dv[1] + s[2, i] * dv[2]
-                    jv[i] = rho * w[i] * lit[i] * along
-                total, tu, tv = 0.0, 0.0, 0.0
-                for i in range(count):
-                    total += w[i] * a[i] * a[i]
-                    tu += ju[i] * a[i]
-                    tv += jv[i] * a[i]
-                for k in range(parameters):
+                    q0, q1, q2 = vectors[lamp, 0, i], vectors[lamp, 1, i], vectors[lamp, 2, i]
+                    arrive(q0, q1, q2, nearness[lamp, i], size, frame, light)
+                    turn(q0, q1, q2, nearness[lamp, i], size, frame, light, by_light)
+                    ambient = ambients[lamp, i]
+                    for j in range(size):
+                        lamps[DOT, i, j] = max(light[DOT, j], 0.0) + ambient
+                        lamps[SU, i, j] = light[SU, j]
+                        lamps[SV, i, j] = light[SV, j]
+                    # The last stay 1, the ambient's.
+                    for k in range(parameters - 1):
+                        for j in range(size):
+                            turns[k, i, j] = by_light[k, j]
+                first, last = (0, 3) if channels == 1 else (lamp, lamp + 1)
+                for c in range(first, last):
+                    for j in range(size):
+                        own[ALBEDO, j] = albedo[row, here[j], c]
+                        own[SQUARES, j] = 0.0
+                        own[ALONG_U, j] = 0.0
+                        own[ALONG_V, j] = 0.0
                     for i in range(count):
-                        u[k, i] = rho * w[i] * a[i] * turns[k, i]
+                        weigh(c, i, size, lamps, value, w, own, pixel)
+                    for j in range(size):
+                        squares = own[SQUARES, j]
+                        own[SQUARES, j] = 1.0 / squares if project and squares > 1e-12 else 0.0
                     for i in range(count):
-                        r = rho * a[i] - value[c, i]
-                        slope[block, light_c, k, i] += rho * w[i] * r * turns[k, i]
-                    for m in range(k, parameters):
-                        for i in range(count):
-                            own[light_c, k, m, i] += rho * rho * w[i] * turns[k, i] * turns[m, i]
-                free = project and total > 1e-12
-                if free:
-                    share = 1.0 / np.sqrt(total)
-                    for k in range(parameters):
-                        for i in range(count):
-                            stack[light_c, stacked[light_c], k * count + i] = share * u[k, i]
-                    stacked[light_c] += 1
-                    if stacked[light_c] == STACK:
-                        take_products(hessian[block, light_c], stack[light_c])
-                        stacked[light_c] = 0
-                if cell:
-                    mixed = cross[row // cell, column // cell, light_c]
-                    along_u, along_v = (tu / total, tv / total) if free else (0.0, 0.0)
-                    for k in range(parameters):
-                        for i in range(count):
-                            mixed[0, k, i] += ju[i] * rho * turns[k, i] - along_u * u[k, i]
-                        for i in range(count):
-                            mixed[1, k, i] += jv[i] * rho * turns[k, i] - along_v * u[k, i]
-    for c in range(channels):
-        take_products(hessian[block, c], stack[c, : stacked[c]])
-        for k in range(parameters):
-            for m in range(k, parameters):
-                for i in range(count):
-                    hessian[block, c, k * count + i, m * count + i] += own[c, k, m, i]
+                        respond(c, i, size, lamps, value, w, own, pixel)
+                        for k in range(parameters):
+                            at, along = k * count + i, 0.0
+                            for j in range(size):
+                                along += pixel[FORCE, j] * turns[k, i, j]
+                            slope[block, lamp, k, i] += along
+                            for j in range(size):
+                                taken[at, c - first, j] = pixel[BEND, j] * turns[k, i, j]
+                            for m in range(k, parameters):
+                                both = 0.0
+                                for j in range(size):
+                                    both += pixel[KNOWN, j] * turns[k, i, j] * turns[m, i, j]
+                                hessian[block, lamp, at, m * count + i] += both
+                            if cell:
+                                for j in range(size):
+                                    mixed[0, j] = pixel[BU, j] * turns[k, i, j]
+                                    mixed[1, j] = pixel[BV, j] * turns[k, i, j]
+                                for j in range(size):
+                                    cells = cross[row // step, cell_of[j], lamp]
+                                    cells[0, k, i] += mixed[0, j]
+                                    cells[1, k, i] += mixed[1, j]
+                if project:
+                    rows = taken.reshape(parameters * count, -1)
+                    hessian[block, lamp] -= np.dot(rows, rows.T)
+            size, column = next_strip(active, row, column, here)
 
 
 @kernel
