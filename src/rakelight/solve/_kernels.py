@@ -562,3 +562,18 @@ def prolong(north, south, coarse, x):
             between = x[2 * i]
             for j in range(1, coarse_w - 1):
                 between[2 * j - 1] += north[i, j] * upper[j] + south[i, j] * lower[j]
+
+
+# --- factors -------------------------------------------------------------------------------
+
+
+@helper
+def solve_lower(starts, rows, entries, columns):
+    """Replace columns (P, K) by L^-1 columns; L has a diagonal of ones and is sparse by columns."""
+    for j in range(len(columns)):
+        solved = columns[j]
+        for entry in range(starts[j], starts[j + 1]):
+            if rows[entry] > j:
+                below, factor = columns[rows[entry]], entries[entry]
+                for k in range(solved.size):
+                    below[k] -= factor * solved[k]

@@ -24,14 +24,15 @@ class BorderedSystem:
     """A eliminated: what is needed for steps of any damping.
 
     schur : (K, K) S; reduced : (K,) residual_numbers - C^T A^-1 residual_field
-    field, border : (P,) A^-1 residual_field and (P, K) A^-1 C on the mask's P pixels
-    diagonal : (K,) of H
+    field : (P,) A^-1 residual_field on the mask's P pixels
+    columns : (P, K) C; factor : of A, with a method `solve`; diagonal : (K,) of H
     """
 
     schur: Floats
     reduced: Floats
     field: Floats
-    border: Floats
+    columns: Floats
+    factor: Any
     diagonal: Floats
 
     def step(self, damping: float) -> tuple[Floats, Floats]:
@@ -45,7 +46,7 @@ class BorderedSystem:
         matrix = (self.schur + np.diag(ridge))[np.ix_(known, known)]
         numbers = np.zeros(known.size)
         numbers[known] = np.linalg.lstsq(matrix, self.reduced[known], rcond=1e-12)[0]
-        return self.field - self.border @ numbers, numbers
+        return self.field - self.factor.solve(self.columns @ numbers), numbers
 
 
 def border(
@@ -65,17 +66,26 @@ def border(
     """
     from scipy.sparse.linalg import splu
 
+    from rakelight.solve._kernels import solve_lower
+
     factor: Any = splu(
         matrix.tocsc(),
         permc_spec="MMD_AT_PLUS_A",
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
-    field, inverse = factor.solve(residual), factor.solve(np.ascontiguousarray(columns))
+    field = factor.solve(residual)
+    # A = L D L^T, its pixels in the factors' order: C^T A^-1 C needs L^-1 C alone, which side by
+    # side takes a quarter of the time that all of A^-1 C does.
+    lower, pivots = factor.L, factor.U.diagonal()
+    half = np.empty(columns.shape)
+    half[factor.perm_r] = columns
+    solve_lower(lower.indptr, lower.indices, lower.data, half)
     return BorderedSystem(
-        schur=hessian - columns.T @ inverse,
+        schur=hessian - half.T @ (half / pivots[:, None]),
         reduced=-slope - columns.T @ field,
         field=field,
-        border=inverse,
+        columns=columns,
+        factor=factor,
         diagonal=np.diag(hessian),
     )
