@@ -22,9 +22,10 @@ types: $(VENV)/dev.stamp
 	@echo "== types"
 	$(BIN)/mypy
 
+# Two files of tests at a time: most of a test runs on one core.
 pytest: $(VENV)/dev.stamp
 	@echo "== tests"
-	OMP_WAIT_POLICY=PASSIVE OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
+	OMP_WAIT_POLICY=PASSIVE OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
 
 format: $(VENV)/dev.stamp
 	$(BIN)/ruff check --fix $(SOURCES)
