@@ -391,29 +391,36 @@ def explain(
 
 
 @inlined
-def weigh(c, i, size, lamps, value, w, own, pixel):
-    """Weights of photograph i in channel c, and the sums that eliminate its albedo."""
+def weigh(c, i, size, shaded, value, w, own, pixel):
+    """Fill w with the weights of photograph i in channel c; add to the sums of `own`.
+
+    shaded (LIGHT, N, STRIP) : as `light`, of all photographs, but its DOT is the shading
+    """
     for j in range(size):
-        v, a = value[c, i, j], lamps[DOT, i, j]
+        v, a = value[c, i, j], shaded[DOT, i, j]
         r = miss(own[ALBEDO, j], a, v)
         good = 1.0 if v >= 0.0 else 0.0
         weight = good / (1.0 + pixel[SHARP, j] * r * r)
         w[i, j] = weight
         own[SQUARES, j] += weight * a * a
-        own[ALONG_U, j] += weight * a * lamps[SU, i, j]
-        own[ALONG_V, j] += weight * a * lamps[SV, i, j]
+        own[ALONG_U, j] += weight * a * shaded[SU, i, j]
+        own[ALONG_V, j] += weight * a * shaded[SV, i, j]
 
 
 @inlined
-def respond(c, i, size, lamps, value, w, own, pixel):
-    """What photograph i says in channel c of its lamp, of lamp and albedo, of lamp and depth."""
+def respond(c, i, size, shaded, value, w, own, pixel):
+    """What photograph i says in channel c of its lamp, for each number of which a turn follows.
+
+    KNOWN of two such numbers, FORCE of one, BEND of one and the albedo, BU and BV of one and the
+    depth.  SQUARES holds its inverse by now, 0 where the albedo is held.
+    """
     for j in range(size):
-        rho, a, weight, freed = own[ALBEDO, j], lamps[DOT, i, j], w[i, j], own[SQUARES, j]
+        rho, a, weight, freed = own[ALBEDO, j], shaded[DOT, i, j], w[i, j], own[SQUARES, j]
         pixel[KNOWN, j] = rho * rho * weight
         pixel[FORCE, j] = rho * weight * miss(rho, a, value[c, i, j])
         pixel[BEND, j] = rho * weight * a * np.sqrt(freed)
-        pixel[BU, j] = rho * rho * weight * (lamps[SU, i, j] - a * freed * own[ALONG_U, j])
-        pixel[BV, j] = rho * rho * weight * (lamps[SV, i, j] - a * freed * own[ALONG_V, j])
+        pixel[BU, j] = rho * rho * weight * (shaded[SU, i, j] - a * freed * own[ALONG_U, j])
+        pixel[BV, j] = rho * rho * weight * (shaded[SV, i, j] - a * freed * own[ALONG_V, j])
 
 
 @helper
@@ -425,14 +432,11 @@ def light_terms_of_block(
     channels, _, count = vectors.shape
     blocks, height = hessian.shape[0], active.shape[0]
     here, cell_of = np.empty(STRIP, np.int64), np.empty(STRIP, np.int64)
-    frame, light, by_light = (
-        np.empty((FRAME, STRIP)),
-        np.empty((LIGHT, STRIP)),
-        np.empty((4, STRIP)),
-    )
-    own, pixel, mixed = np.empty((OWN, STRIP)), np.empty((PIXEL, STRIP)), np.empty((2, STRIP))
+    frame, light = np.empty((FRAME, STRIP)), np.empty((LIGHT, STRIP))
+    own, pixel = np.empty((OWN, STRIP)), np.empty((PIXEL, STRIP))
+    by_light, mixed = np.empty((4, STRIP)), np.empty((2, STRIP))
     value = np.empty((3, count, STRIP), np.float32)
-    lamps, w = np.empty((LIGHT, count, STRIP)), np.empty((count, STRIP))
+    shaded, w = np.empty((LIGHT, count, STRIP)), np.empty((count, STRIP))
     turns = np.ones((parameters, count, STRIP))
     # What the albedo takes up: a column for each pixel and channel, the product of which counts.
     taken = np.zeros((parameters * count, 3 // channels, STRIP))
@@ -457,10 +461,10 @@ def light_terms_of_block(
                     turn(q0, q1, q2, nearness[lamp, i], size, frame, light, by_light)
                     ambient = ambients[lamp, i]
                     for j in range(size):
-                        lamps[DOT, i, j] = max(light[DOT, j], 0.0) + ambient
-                        lamps[SU, i, j] = light[SU, j]
-                        lamps[SV, i, j] = light[SV, j]
-                    # The last stay 1, the ambient's.
+                        shaded[DOT, i, j] = max(light[DOT, j], 0.0) + ambient
+                        shaded[SU, i, j] = light[SU, j]
+                        shaded[SV, i, j] = light[SV, j]
+                    # The last, the ambient's, stays 1.
                     for k in range(parameters - 1):
                         for j in range(size):
                             turns[k, i, j] = by_light[k, j]
@@ -472,12 +476,12 @@ def light_terms_of_block(
                         own[ALONG_U, j] = 0.0
                         own[ALONG_V, j] = 0.0
                     for i in range(count):
-                        weigh(c, i, size, lamps, value, w, own, pixel)
+                        weigh(c, i, size, shaded, value, w, own, pixel)
                     for j in range(size):
                         squares = own[SQUARES, j]
                         own[SQUARES, j] = 1.0 / squares if project and squares > 1e-12 else 0.0
                     for i in range(count):
-                        respond(c, i, size, lamps, value, w, own, pixel)
+                        respond(c, i, size, shaded, value, w, own, pixel)
                         for k in range(parameters):
                             at, along = k * count + i, 0.0
                             for j in range(size):
