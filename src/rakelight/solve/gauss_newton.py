@@ -75,8 +75,8 @@ def border(
         options={"SymmetricMode": True},
     )
     field = factor.solve(residual)
-    # A = L D L^T, its pixels in the factors' order: C^T A^-1 C needs L^-1 C alone, which side by
-    # side takes a quarter of the time that all of A^-1 C does.
+    # A = L D L^T, its pixels in the factors' order: C^T A^-1 C needs L^-1 C alone, half of the
+    # solve, with the columns of C side by side.
     lower, pivots = factor.L, factor.U.diagonal()
     half = np.empty(columns.shape)
     half[factor.perm_r] = columns
