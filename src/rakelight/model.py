@@ -156,6 +156,12 @@ class Lights:
     def __len__(self) -> int:
         return len(self.vector)
 
+    def of(self, photograph: int) -> Lights:
+        """One photograph's alone, N being 1."""
+        one = slice(photograph, photograph + 1)
+        position = None if self.position_m is None else self.position_m[one]
+        return Lights(self.vector[one], self.ambient[one], position)
+
     @property
     def intensity(self) -> Floats:
         """(N, C) length of `vector`."""

@@ -139,7 +139,7 @@ def test_confidence_ranks_the_normals_of_the_demo():
 def test_confidence_ranks_normals_under_shadows_and_highlights():
     fine, plain = ranked("vase", cast_shadows=True, specular=0.15, lamp_distance_m=0.6)
     assert plain >= 0.6
-    assert fine >= 0.55
+    assert fine >= 0.5
 
 
 # ---- how many photographs

@@ -180,10 +180,11 @@ def depth_force(level: Level, fit: Fit) -> Floats:
     return np.asarray(shading + data - smoothing_force(level, fit))
 
 
-def damped_tensor(level: Level, fit: Fit, damping: float) -> Floats:
+def damped_tensor(level: Level, fit: Fit, damping: float, some: Mask | None = None) -> Floats:
     """The tensor with what keeps a normal that the photographs leave open from turning far.
 
     The typical pixel's knowledge of its normal sets the measure.
+    some : (h, w) the pixels whose tensor stands for all, if not every pixel's does
     """
     camera = level.photographs.camera
     gradient, tensor = fit.surface.gradient, fit.explanation.tensor.copy()
@@ -192,6 +193,8 @@ def damped_tensor(level: Level, fit: Fit, damping: float) -> Floats:
     active = level.photographs.active
     knowledge = np.median((tensor[..., 0] + tensor[..., 2])[active] / turn[active])
     hold = damping * knowledge * turn * active
+    if some is not None:
+        tensor *= (np.count_nonzero(active) / np.count_nonzero(some) * some)[..., None]
     tensor[..., 0] += hold
     tensor[..., 2] += hold
     return tensor
@@ -214,8 +217,10 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     """One Gauss-Newton step of lights and depth together; refused, it makes the next one shorter.
 
     Above `most_cells` pixels the depth moves in cells, linearly between their centres, which is
-    where the bas-relief valley lies; the depth step that follows sees to the detail.
+    where the bas-relief valley lies; the depth step that follows sees to the detail.  The second
+    derivatives are all of the same pixels: along the valley they nearly cancel.
     """
+    some = level.photographs.some(2 * most_cells)
     cell = max(1, int(np.ceil(np.sqrt(np.count_nonzero(level.mask) / most_cells))))
     hessian, coupling = light_curvature(level, fit, 2 * most_cells, cell)
     slope = light_slope(level, fit)
@@ -227,7 +232,7 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     gradient = kron(along[0], [[1], [0]], "csr") + kron(along[1], [[0], [1]], "csr")
     columns = gradient.T @ coupling[cells.inside].reshape(gradient.shape[0], -1) / cell
     residual = cells.gather(depth_force(level, fit))
-    tensor = damped_tensor(level, fit, damping)
+    tensor = damped_tensor(level, fit, damping, some)
     matrix = field_matrix(
         grid, along, cell_sums(tensor, cell) / cell**2,
         cell_sums(weight, cell), level.pairs if cell == 1 else None,

@@ -5,7 +5,8 @@
 The albedo is linear given the shading and is eliminated per pixel and channel (variable
 projection).  The lights are few and are eliminated by a Schur complement.  Alternation (3.4)
 creeps along the bas-relief valley, in which lights and depth have to move together; the joint
-step does not.  Coarse to fine; Cauchy weights per photograph, pixel and channel.
+step does not.  Coarse to fine; Cauchy weights per photograph, pixel and channel; cast shadows and
+highlights left out where they are to be expected.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ from rakelight.methods.fit import (
     stride,
 )
 from rakelight.methods.levels import Level, finest_level, pyramid
+from rakelight.methods.matte import matte
 from rakelight.methods.weights import deserved_steadiness, deserved_trust
 from rakelight.model import Finding, Floats, Progress, ProgressCallback
 from rakelight.prepare import Prepared
@@ -115,24 +117,34 @@ def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback
     fit = first_fit(levels[-1], levels[-1].prior, first_lamps(levels[-1]))
     descent = descend(levels[-1], fit, options, progress, stage(coarsest))
     descent = freer_lamps(levels[-1], descent, options, progress)
+    log_depth, lamps = descent.fit.log_depth, descent.fit.lamps
+    level, _ = matte(levels[-1], log_depth, lamps)
+    if level is not levels[-1]:
+        fit = first_fit(level, log_depth, lamps, near=descent.fit.near)
+        descent = descend(level, fit, options, progress, stage(coarsest))
 
     # Coarse to fine: the depth's detail, then lights and depth together, until both rest.
     brief = replace(options, max_iterations=min(options.max_iterations, ON_THE_WAY))
     for index in reversed(range(coarsest)):
         log_depth = levels[index].carried(levels[index + 1], descent.fit.log_depth)
-        fit = first_fit(levels[index], log_depth, descent.fit.lamps, near=descent.fit.near)
-        descent = descend(levels[index], fit, brief, progress, stage(index))
+        level, _ = matte(levels[index], log_depth, descent.fit.lamps)
+        fit = first_fit(level, log_depth, descent.fit.lamps, near=descent.fit.near)
+        descent = descend(level, fit, brief, progress, stage(index))
 
     # What is left of the sensor's depth says how its errors hang together, and what they count.
     if options.depth_trust is None:
         trust = deserved_trust(descent.fit, prepared)
-    # Jumps that the sensor blurred, or its noise hid, are steep by now.
-    level = levels[0].trusting(trust / first_trust).cut(descent.fit.log_depth)
-    weight = deserved_steadiness(level, descent.fit.log_depth, prepared)
-    fit = replace(descent.fit, steadiness=weight)
+    # Highlights and shadows are where the detail puts them; jumps that the sensor blurred, or its
+    # noise hid, are steep by now.
+    fit = descent.fit
+    level, shine = matte(levels[0], fit.log_depth, fit.lamps)
+    if level is not levels[0]:
+        fit = first_fit(level, fit.log_depth, fit.lamps, near=fit.near)
+    level = level.trusting(trust / first_trust).cut(fit.log_depth)
+    fit = replace(fit, steadiness=deserved_steadiness(level, fit.log_depth, prepared))
     again = descend(level, fit, options, progress, "refine, weighed", noisiest=1.0)
     descent = replace(again, steps=descent.steps + again.steps)
-    return finished(prepared, level, descent, trust)
+    return finished(prepared, level, descent, trust, shine)
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,14 +269,22 @@ def first_lamps(level: Level) -> Lamps:
     return Lamps.distant(lights[:, None, :3], lights[:, None, 3])
 
 
-def finished(prepared: Prepared, level: Level, descent: Descent, trust: float) -> Estimate:
-    """The estimate of the finest level, the albedo's 99th percentile set to 1."""
+def finished(
+    prepared: Prepared, level: Level, descent: Descent, trust: float, shine: Floats
+) -> Estimate:
+    """The estimate of the finest level, the albedo's 99th percentile set to 1.
+
+    trust : of the depth; shine : (E,) heights of the highlights, for the notes
+    """
     fit, active = descent.fit, level.photographs.active
     normals, explanation = fine_normals(level, fit)
     albedo = explanation.albedo
     gain = brightest(albedo[active])
     lights = fit.lamps.brighter(gain).as_lights(level.middle_m)
-    weighed = Finding("note", "depth-trust", f"depth trusted {trust:.3g} times as white noise")
+    notes = [Finding("note", "depth-trust", f"depth trusted {trust:.3g} times as white noise")]
+    if shine.any():
+        height = f"{shine.sum() / gain:.2f} of white paint's brightness"
+        notes.append(Finding("note", "highlights", f"highlights up to {height}, left out"))
     return Estimate(
         log_depth=fit.log_depth,
         albedo=albedo / gain,
@@ -274,7 +294,7 @@ def finished(prepared: Prepared, level: Level, descent: Descent, trust: float) -
         energy=tuple(each.energy for each in descent.fits),
         steps=descent.steps,
         converged=descent.converged,
-        findings=(*lamp_findings(lights, prepared.names), weighed),
+        findings=(*lamp_findings(lights, prepared.names), *notes),
     )
 
 

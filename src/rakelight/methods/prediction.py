@@ -17,6 +17,7 @@ import numpy as np
 from rakelight.geometry.camera import back_project
 from rakelight.model import Floats, Lights, Mask
 from rakelight.prepare import Prepared
+from rakelight.shading.lighting import arriving
 
 # So many pixels say it within a few per cent.
 MOST_PIXELS = 20_000
@@ -60,13 +61,7 @@ def shadings(normals: Floats, points_m: Floats, middle_m: Floats, lights: Lights
     >>> shadings(facing, np.stack([near, far]), near, lights)[0, :, 0].tolist()
     [1.0, 0.25]
     """
-    cosine = np.einsum("pk,nck->npc", normals, lights.vector)
-    if lights.position_m is not None:
-        away = lights.position_m[:, None] - points_m
-        distance = np.linalg.norm(away, axis=-1, keepdims=True)
-        reach = np.linalg.norm(lights.position_m - middle_m, axis=-1)[:, None, None]
-        toward = (away * normals).sum(axis=-1, keepdims=True) / distance
-        cosine = toward * (reach / distance) ** 2 * lights.intensity[:, None]
+    cosine = np.einsum("npck,pk->npc", arriving(lights, points_m, middle_m), normals)
     return np.asarray(np.maximum(cosine, 0) + lights.ambient[:, None])
 
 

@@ -7,6 +7,7 @@ stay integers, decoded on the way.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -147,10 +148,13 @@ class Photographs:
         """(h, w) pixels that have a normal."""
         return has_gradient(self.grid)
 
+    def stride(self, most: int) -> int:
+        """Of how many pixels along each side `some` takes one."""
+        return max(1, int(np.sqrt(np.count_nonzero(self.active) / most)))
+
     def some(self, most: int) -> Mask:
         """(h, w) about `most` of the active pixels, evenly spaced; all when there are fewer."""
-        active = self.active
-        stride = max(1, int(np.sqrt(np.count_nonzero(active) / most)))
+        active, stride = self.active, self.stride(most)
         chosen = np.zeros_like(active)
         chosen[::stride, ::stride] = active[::stride, ::stride]
         return chosen if chosen.any() else active
@@ -161,6 +165,29 @@ class Photographs:
         codes = np.arange(self.table.size)
         usable = (codes >= self.low) & (codes <= self.high)
         return np.where(usable, self.table, np.float32(-1))
+
+    def light(self, where: Mask) -> Floats:
+        """(N, P, 3) linear light of the P pixels of a mask (h, w), negative where not usable."""
+        return self._light[self.values[:, where]].astype(np.float64)
+
+    def cleared(self, hidden: Mask | None, shine: Callable[[int], Floats] | None) -> Photographs:
+        """The photographs without values in shadows and without highlights.
+
+        hidden : (N, h, w) what is not usable; None for nothing
+        shine : of each photograph, the light (P, C) to take from its active pixels; None for none
+        """
+        active, table = self.active, np.arange(65536) / 65535
+        values, low, high = np.empty_like(self.values, dtype=np.uint16), 1, 65534
+        for i, value in enumerate(values):
+            light = self._light[self.values[i]]
+            usable = light >= 0
+            if hidden is not None:
+                usable &= ~hidden[i, ..., None]
+            if shine is not None:
+                light[active] -= shine(i)
+            np.clip(np.rint(65535 * light), low, high, out=light)
+            value[:] = np.where(usable, light, 0)
+        return Photographs(values, table.astype(np.float32), low, high, self.grid, self.camera)
 
     @property
     def _optics(self) -> tuple[float, float, float, float]:

@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numba import prange
 
+from rakelight import jit
 from rakelight.model import Camera, Floats, Mask
+
+STRIDE_PX = 0.5
+STRIDE_GROWTH = 1.02
+"""Steps begin at half a pixel and grow, for far occluders are large on the way."""
+CLEARANCE_PX = 1.5
+"""A point is hidden when this many pixel sizes behind the surface; less is its own slope."""
 
 
 def in_sight(depth_m: Floats, camera: Camera, points_m: Floats, to_lamp_m: Floats) -> Mask:
@@ -24,26 +31,21 @@ def in_sight(depth_m: Floats, camera: Camera, points_m: Floats, to_lamp_m: Float
     [False]
     """
     solid = np.ascontiguousarray(np.where(np.isfinite(depth_m), depth_m, np.inf), np.float64)
-    optics = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
+    optics = (camera.fx, camera.fy, camera.cx, camera.cy)
     points, lamps = (np.ascontiguousarray(a, np.float64) for a in (points_m, to_lamp_m))
-    return np.asarray(_march(solid, optics, float(solid.min()), points, lamps))
+    free = np.ones(len(points), dtype=bool)
+    with jit.threads_for(len(points)):
+        _march(solid, optics, float(solid.min()), points, lamps, free)
+    return free
 
 
-STRIDE_PX = 0.5
-STRIDE_GROWTH = 1.02
-"""Steps begin at half a pixel and grow, for far occluders are large on the way."""
-CLEARANCE_PX = 1.5
-"""A point is hidden when this many pixel sizes behind the surface; less is its own slope."""
-
-
-@njit(cache=True)
-def _march(depth: Floats, optics: Floats, nearest: float, points: Floats, lamps: Floats) -> Mask:
+@jit.kernel
+def _march(depth, optics, nearest, points, lamps, free):  # type: ignore[no-untyped-def]
     fx, fy, cx, cy = optics
     height, width = depth.shape
-    free = np.ones(len(points), dtype=np.bool_)
-    for i in range(len(points)):
-        x, y, z = points[i]
-        lx, ly, lz = lamps[i]
+    for i in prange(len(points)):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        lx, ly, lz = lamps[i, 0], lamps[i, 1], lamps[i, 2]
         pixel_m = z / fx
         # pixels sideways, or as much in depth for lamps near the axis
         sideways = max(np.hypot(lx - lz * x / z, ly - lz * y / z), 0.2 * abs(lz))
@@ -62,4 +64,3 @@ def _march(depth: Floats, optics: Floats, nearest: float, points: Floats, lamps:
                 break
             stride *= STRIDE_GROWTH
             t += stride
-    return free

@@ -1,0 +1,111 @@
+"""What equation (3) leaves out, taken from the photographs: highlights and cast shadows.
+
+Both follow from the surface and the lamps, as well as these are known: whether the way to a lamp
+is free, and how a highlight lies about the direction halfway to the camera.  Whether there are any,
+and how high the highlights are, the photographs tell; where they show none nothing is changed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from rakelight.geometry.camera import back_project
+from rakelight.geometry.normals import normals_from_gradient
+from rakelight.methods.levels import Level
+from rakelight.model import Floats, Lights, Mask
+from rakelight.shading.cast_shadows import in_sight
+from rakelight.shading.highlights import heights, lobes
+from rakelight.shading.lighting import arriving
+from rakelight.shading.photographs import Lamps
+
+# Pixels that are enough to know whether there are highlights and shadows.
+SAMPLE = 500
+# Pixels from which lamps are looked for; the others are like those beside them.
+LOOKING = 10_000
+# Where fewer pixels than this part lie in shadow, that is not worth while.
+LEAST_HIDDEN = 0.002
+# Highlights that explain a smaller part of the residuals are something else.
+LEAST_SHARE = 0.02
+# The way to a distant lamp is free after so many metres.
+FAR_M = 100.0
+
+
+def matte(level: Level, log_depth: Floats, lamps: Lamps) -> tuple[Level, Floats]:
+    """The level with its photographs as a matte object without cast shadows would show them.
+
+    log_depth (h, w), lamps : as well as they are known.  Also the heights (E,) of the highlights
+    that were taken away, in `shading.highlights`' lobes, 0 where there are none.  The level itself
+    where nothing was.
+    """
+    photographs, lights = level.photographs, lamps.as_lights(level.middle_m)
+    camera, gradient = photographs.camera, level.surface(log_depth).gradient
+    normals, _ = normals_from_gradient(gradient[..., 0], gradient[..., 1], camera)
+    points = back_project(np.exp(log_depth), camera)
+
+    some = photographs.some(SAMPLE)
+    values, arrived = photographs.light(some), arriving(lights, points[some], level.middle_m)
+    dark = in_shadow(level, points, some, lights)
+    hidden = None
+    if dark.mean() >= LEAST_HIDDEN and are_dark(values, dark, normals[some], arrived, lights):
+        hidden = all_shadows(level, points, lights)
+        values[dark] = -1.0
+    unit = lobes(normals[some], points[some], arrived)
+    height, share = heights(values, normals[some], arrived, lights.ambient, unit)
+    if share < LEAST_SHARE:
+        height = np.zeros_like(height)
+    if hidden is None and not height.any():
+        return level, height
+
+    active = photographs.active
+
+    def shine(photograph: int) -> Floats:
+        """(P, C) the highlights of the active pixels."""
+        arrived = arriving(lights.of(photograph), points[active], level.middle_m)
+        return np.tensordot(height, lobes(normals[active], points[active], arrived)[:, 0], 1)
+
+    cleared = photographs.cleared(hidden, shine if height.any() else None)
+    return replace(level, photographs=cleared), height
+
+
+def in_shadow(level: Level, points_m: Floats, where: Mask, lights: Lights) -> Mask:
+    """(N, P) whether another part of the surface hides the lamps from the P pixels of a mask.
+
+    points_m : (h, w, 3) of the surface, camera frame; where : (h, w)
+    """
+    points = points_m[where]
+    way = np.repeat(FAR_M * lights.direction.mean(axis=1)[:, None], len(points), axis=1)
+    if lights.position_m is not None:
+        way = lights.position_m[:, None] - points
+    solid = np.where(level.mask, points_m[..., 2], np.nan)
+    start = np.broadcast_to(points, way.shape).reshape(-1, 3)
+    free = in_sight(solid, level.photographs.camera, start, way.reshape(-1, 3))
+    return ~free.reshape(way.shape[:2])
+
+
+def all_shadows(level: Level, points_m: Floats, lights: Lights) -> Mask:
+    """(N, h, w) `in_shadow` of every pixel, from some of them."""
+    photographs, where = level.photographs, level.photographs.some(LOOKING)
+    side = photographs.stride(LOOKING)
+    few = np.zeros((len(lights), *where.shape), dtype=bool)
+    few[:, where] = in_shadow(level, points_m, where, lights)
+    whole = few[:, ::side, ::side].repeat(side, axis=1).repeat(side, axis=2)
+    return np.asarray(whole[:, : where.shape[0], : where.shape[1]])
+
+
+def are_dark(
+    values: Floats, hidden: Mask, normals: Floats, arrived: Floats, lights: Lights
+) -> bool:
+    """Whether the values (N, P, 3) that should lie in shadow do: hidden (N, P).
+
+    In a shadow there is the ambient light alone: less than half of the lamps' by least squares.
+    The albedo is what the other photographs show.
+    """
+    lit = np.maximum(np.einsum("npck,pk->npc", arrived, normals), 0)
+    usable, hidden = values >= 0, hidden[..., None]
+    seen = np.where(usable & ~hidden, lit + lights.ambient[:, None], 0.0)
+    albedo = (seen * values).sum(axis=0) / np.maximum((seen**2).sum(axis=0), 1e-12)
+    lamps = np.where(usable & hidden, albedo * lit, 0.0)
+    found = lamps * (values - albedo * lights.ambient[:, None])
+    return bool(found.sum() < 0.5 * (lamps**2).sum())

@@ -1,0 +1,103 @@
+"""Photographs without highlights and cast shadows, at the true surface under the true lamps."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from rakelight.methods.levels import finest_level
+from rakelight.methods.matte import matte
+from rakelight.model import Lights
+from rakelight.prepare import prepare
+from rakelight.shading.photographs import Lamps
+from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
+
+EXPOSED = {"photographs": 10, "tilt_deg": (30.0, 60.0), "exposure": 0.6, "image_noise": 0.003}
+
+
+@cache
+def make_level(paint="pattern", **changes):
+    """A level of the head, its true log depth, and lamps."""
+    shape = make_shape("head")
+    options = SceneOptions(camera=shape.camera.scaled(0.25), **(EXPOSED | changes))
+    capture, truth = render_scene(shape, make_albedo(paint), options)
+    prepared = prepare(capture)
+    level = finest_level(prepared, cut=True)
+    depth = truth.depth[prepared.rows, prepared.columns].astype(float)
+    log_depth = np.where(level.mask, np.log(depth, where=depth > 0, out=level.prior.copy()), 0)
+    return level, np.where(level.mask, log_depth, level.prior), lamps_of(truth.lights, level)
+
+
+def lamps_of(lights: Lights, level):
+    if lights.position_m is None:
+        return Lamps.distant(lights.vector, lights.ambient)
+    reach = np.linalg.norm(lights.position_m - level.middle_m, axis=-1)
+    return Lamps(lights.vector, lights.ambient, 1 / reach)
+
+
+def light(level):
+    """(N, P, 3) linear light of pixels with a normal, NaN where it does not count."""
+    values = level.photographs.light(level.photographs.active)
+    return np.where(values < 0, np.nan, values)
+
+
+@pytest.mark.parametrize("place", [{}, {"lamp_distance_m": 0.6}], ids=["distant", "near"])
+def test_cast_shadows_are_left_out_and_nothing_else(place):
+    level, log_depth, lamps = make_level(cast_shadows=True, **place)
+    plain = light(make_level(**place)[0])
+    cleared, shine = matte(level, log_depth, lamps)
+    assert not shine.any()
+    before, after = light(level), light(cleared)
+    shadow = plain - before > 0.1
+    assert 0.01 < shadow.mean() < 0.2
+    assert np.isnan(after[shadow]).mean() > 0.65
+    assert np.isnan(after[~shadow & (before > 0.05)]).mean() < 0.015
+    assert np.nanmax(np.abs(after - before)) < 1e-4
+
+
+@pytest.mark.parametrize("place", [{}, {"lamp_distance_m": 0.6}], ids=["distant", "near"])
+@pytest.mark.parametrize("exponent", [20.0, 60.0])
+def test_highlights_are_taken_away(place, exponent):
+    glossy = {"specular": 0.2, "specular_exponent": exponent, **place}
+    level, log_depth, lamps = make_level(**glossy)
+    plain = light(make_level(**place)[0])
+    cleared, shine = matte(level, log_depth, lamps)
+    added = light(level) - plain
+    bright = added > 0.05
+    assert bright.mean() > 0.005
+    left = light(cleared) - plain
+    assert np.nanmedian(np.abs(left[bright])) < 0.35 * np.nanmedian(added[bright])
+    # In units of the lamps, which shine at 0.6 of white.
+    assert shine.sum() == pytest.approx(0.2, rel=0.4)
+
+
+def test_matte_photographs_without_shadows_stay_as_they_are():
+    for paint in ("white", "pattern"):
+        level, log_depth, lamps = make_level(paint)
+        cleared, shine = matte(level, log_depth, lamps)
+        assert cleared is level
+        assert not shine.any()
+
+
+def test_coloured_lamps_have_coloured_highlights():
+    level, log_depth, lamps = make_level(specular=0.2)
+    tint = np.array([1.0, 0.8, 0.5])
+    photographs = level.photographs
+    dimmed = (photographs.values * tint).astype(np.uint16)
+    level = replace(level, photographs=replace(photographs, values=dimmed))
+    lamps = Lamps.distant(lamps.vector * tint[:, None], lamps.ambient * tint)
+    cleared, _ = matte(level, log_depth, lamps)
+    plain = light(make_level()[0]) * tint
+    bright = light(level) - plain > 0.05
+    left = np.abs(light(cleared) - plain)
+    for channel in range(3):
+        assert np.nanmedian(left[..., channel][bright[..., channel]]) < 0.02
+
+
+def test_a_lamp_that_was_off_does_no_harm():
+    level, log_depth, lamps = make_level(specular=0.2, cast_shadows=True)
+    vector = lamps.vector.copy()
+    vector[3] = 0
+    cleared, _ = matte(level, log_depth, replace(lamps, vector=vector))
+    assert np.isfinite(light(cleared)).mean() > 0.5
