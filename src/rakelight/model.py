@@ -157,7 +157,12 @@ class Lights:
         return len(self.vector)
 
     def of(self, photograph: int) -> Lights:
-        """One photograph's alone, N being 1."""
+        """One photograph's alone, N being 1.
+
+        >>> both = Lights(vector=np.eye(3)[:2, None], ambient=np.array([[0.1], [0.2]]))
+        >>> both.of(1).vector.tolist(), both.of(1).ambient.tolist()
+        ([[[0.0, 1.0, 0.0]]], [[0.2]])
+        """
         one = slice(photograph, photograph + 1)
         position = None if self.position_m is None else self.position_m[one]
         return Lights(self.vector[one], self.ambient[one], position)

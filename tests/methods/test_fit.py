@@ -225,6 +225,16 @@ def test_a_depth_step_leaves_the_lamps_and_cells_leave_the_detail(level, fit):
 # ---- strides
 
 
+def test_undamped_joint_steps_from_some_pixels_are_taken_under_near_lamps():
+    level, most_cells = make_level(), 60
+    assert 3 * np.count_nonzero(level.photographs.some(2 * most_cells)) < level.mask.sum()
+    fit = start(level, "near")
+    for _ in range(5):
+        before = depth_step(level, fit)
+        fit = joint_step(level, replace(before, joint_damping=1e-6), most_cells)
+        assert fit.energy < before.energy
+
+
 @pytest.mark.parametrize("name", ["prior", "near", "coloured"])
 def test_a_stride_goes_on_where_steps_are_short(level, name):
     before = start(level, name)

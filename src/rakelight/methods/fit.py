@@ -217,10 +217,13 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     """One Gauss-Newton step of lights and depth together; refused, it makes the next one shorter.
 
     Above `most_cells` pixels the depth moves in cells, linearly between their centres, which is
-    where the bas-relief valley lies; the depth step that follows sees to the detail.  The second
-    derivatives are all of the same pixels: along the valley they nearly cancel.
+    where the bas-relief valley lies; the depth step that follows sees to the detail.
+
+    Along the valley the second derivatives nearly cancel, those of some pixels only with those of
+    the same.  Under near lamps they have to.  Under distant ones `relief_step` sets the relief, and
+    the depth's, of all pixels, keep this step from sliding where errors of the photographs lead.
     """
-    some = level.photographs.some(2 * most_cells)
+    some = level.photographs.some(2 * most_cells) if fit.near else None
     cell = max(1, int(np.ceil(np.sqrt(np.count_nonzero(level.mask) / most_cells))))
     hessian, coupling = light_curvature(level, fit, 2 * most_cells, cell)
     slope = light_slope(level, fit)

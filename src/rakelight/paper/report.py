@@ -180,7 +180,8 @@ def _f(sheets: Sheets) -> Claim:
         f"these two are at {_list(later[PUBLISHED])}, and {_list(later[JOINT])}.",
         "A highlight moves with the lamp and the other photographs outvote it. Of four, with light "
         "and paint unknown, there is hardly a vote to spare; whoever lets go of the wrong one "
-        "cracks the surface. Our RGB-Fusion is held by its depth, so what it gets wrong is small.",
+        "cracks the surface. Our joint method subtracts the highlights that it recognises. Our "
+        "RGB-Fusion is held by its depth, so what it gets wrong is small.",
     )
 
 

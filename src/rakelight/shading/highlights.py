@@ -39,6 +39,7 @@ def lobes(normals: Floats, points_m: Floats, arriving: Floats) -> Floats:
         np.maximum(np.einsum("npck,pk->npc", way, normals), 0) for way in (halfway, toward)
     )
     cosine = along / np.maximum(np.linalg.norm(halfway, axis=-1), TINY)
+    # `EXPONENTS` by squaring: the eighth power, then fourth powers of the one before.
     power = np.square(np.square(np.square(cosine))) * (facing > 0)
     found = [strength * power]
     for _ in EXPONENTS[1:]:
@@ -71,11 +72,13 @@ def heights(
 
     albedo = (usable * shading * values).sum(axis=0)
     albedo /= np.maximum((usable * shading**2).sum(axis=0), TINY)
+    # What is free at each pixel: three channels' albedo, and two turns of the normal.
     channels = np.eye(3)[:, None, None, :]
     own = [of_pixels(shading * channel) for channel in channels]
     own += [of_pixels(albedo * turn) for turn in turned]
     free = np.stack(own, axis=-1)
     told = np.stack([of_pixels(each) for each in (*unit, values)], axis=-1)
+    # Lobes and values less what these explain.
     matrix = free.swapaxes(1, 2) @ free
     trace = np.trace(matrix, axis1=1, axis2=2)[:, None, None]
     matrix += (1e-9 * trace + TINY) * np.eye(free.shape[-1])
