@@ -222,9 +222,6 @@ def test_a_depth_step_leaves_the_lamps_and_cells_leave_the_detail(level, fit):
     assert sizes["joint, cells"] < 0.2 * sizes["joint"]
 
 
-# ---- strides
-
-
 def test_undamped_joint_steps_from_some_pixels_are_taken_under_near_lamps():
     level, most_cells = make_level(), 60
     assert 3 * np.count_nonzero(level.photographs.some(2 * most_cells)) < level.mask.sum()
@@ -233,6 +230,9 @@ def test_undamped_joint_steps_from_some_pixels_are_taken_under_near_lamps():
         before = depth_step(level, fit)
         fit = joint_step(level, replace(before, joint_damping=1e-6), most_cells)
         assert fit.energy < before.energy
+
+
+# ---- strides
 
 
 @pytest.mark.parametrize("name", ["prior", "near", "coloured"])

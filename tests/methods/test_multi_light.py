@@ -89,6 +89,7 @@ def test_white_distant_lamps_are_found_as_such(scene, result):
 def test_shadows_and_highlights_are_left_out(changes, monkeypatch):
     capture, truth = make_scene(**changes)
     result = run(capture)
+    assert scores(result, truth).normals.mae_deg < scores_before(result, truth).normals.mae_deg / 4
     assert "highlights" in codes(result)
     monkeypatch.setattr(multi_light, "matte", lambda level, *_: (level, np.zeros(3)))
     other = run(capture)

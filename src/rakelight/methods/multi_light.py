@@ -117,10 +117,8 @@ def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback
     fit = first_fit(levels[-1], levels[-1].prior, first_lamps(levels[-1]))
     descent = descend(levels[-1], fit, options, progress, stage(coarsest))
     descent = freer_lamps(levels[-1], descent, options, progress)
-    log_depth, lamps = descent.fit.log_depth, descent.fit.lamps
-    level, _ = matte(levels[-1], log_depth, lamps)
+    level, fit, _ = matted(levels[-1], descent.fit)
     if level is not levels[-1]:
-        fit = first_fit(level, log_depth, lamps, near=descent.fit.near)
         descent = descend(level, fit, options, progress, stage(coarsest))
 
     # Coarse to fine: the depth's detail, then lights and depth together, until both rest.
@@ -136,15 +134,20 @@ def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback
         trust = deserved_trust(descent.fit, prepared)
     # Highlights and shadows are where the detail puts them; jumps that the sensor blurred, or its
     # noise hid, are steep by now.
-    fit = descent.fit
-    level, shine = matte(levels[0], fit.log_depth, fit.lamps)
-    if level is not levels[0]:
-        fit = first_fit(level, fit.log_depth, fit.lamps, near=fit.near)
+    level, fit, shine = matted(levels[0], descent.fit)
     level = level.trusting(trust / first_trust).cut(fit.log_depth)
     fit = replace(fit, steadiness=deserved_steadiness(level, fit.log_depth, prepared))
     again = descend(level, fit, options, progress, "refine, weighed", noisiest=1.0)
     descent = replace(again, steps=descent.steps + again.steps)
     return finished(prepared, level, descent, trust, shine)
+
+
+def matted(level: Level, fit: Fit) -> tuple[Level, Fit, Floats]:
+    """`matte` where the fit is, and the fit to photographs that this changed: its loss anew."""
+    clear, shine = matte(level, fit.log_depth, fit.lamps)
+    if clear is not level:
+        fit = first_fit(clear, fit.log_depth, fit.lamps, near=fit.near)
+    return clear, fit, shine
 
 
 @dataclass(frozen=True, slots=True)
