@@ -16,6 +16,8 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from rakelight.errors import InputError
+
 Array: TypeAlias = npt.NDArray[Any]
 Floats: TypeAlias = npt.NDArray[np.floating[Any]]
 Mask: TypeAlias = npt.NDArray[np.bool_]
@@ -25,6 +27,9 @@ Lighting = Literal["moving-lamp", "rgb-leds", "ambient"]
 
 # Standard deviation of Gaussian noise over the median of its absolute deviations.
 MAD_TO_SIGMA = 1.4826
+
+# Where a distant lamp stands among near ones, metres from the object.
+FARTHEST_M = 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,12 +142,17 @@ class Lights:
     """First-order spherical harmonics of every photograph's light.
 
     Photograph i, channel c sees a surface of albedo rho and normal n as
-    rho * (max(0, vector[i, c] @ n) + ambient[i, c]).
+    rho * (max(0, s @ n) + ambient[i, c]).  Of a distant lamp s is vector[i, c] everywhere; of one
+    at P = position_m[i, c] it is that at M = middle_m, and at a point X
+
+        s = intensity[i, c] * (P - X) / |P - X| * (|P - M| / |P - X|)^2
 
     vector : (N, C, 3) direction towards the lamp times its intensity, camera frame; C is 1 for
         white lamps (shared by the channels) or 3 for coloured ones
     ambient : (N, C)
-    position_m : (N, 3) lamp positions in metres, None for distant lamps
+    position_m : (N, C, 3) lamp positions in metres, camera frame, None for distant lamps; a distant
+        one among near ones stands at `FARTHEST_M`
+    middle_m : (3,) the object's middle in metres, None for distant lamps
 
     >>> lights = Lights(vector=np.array([[[0.0, 0.0, -2.0]]]), ambient=np.array([[0.1]]))
     >>> lights.direction[0, 0].tolist(), float(lights.intensity[0, 0])
@@ -152,9 +162,19 @@ class Lights:
     vector: Floats
     ambient: Floats
     position_m: Floats | None = None
+    middle_m: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.vector)
+
+    def __post_init__(self) -> None:
+        if (self.position_m is None) != (self.middle_m is None):
+            raise InputError(
+                "lamps' positions and the middle of the object go together",
+                source="Lights",
+                seen="one of position_m and middle_m",
+                needed="both or none",
+            )
 
     def of(self, photograph: int) -> Lights:
         """One photograph's alone, N being 1.
@@ -165,7 +185,15 @@ class Lights:
         """
         one = slice(photograph, photograph + 1)
         position = None if self.position_m is None else self.position_m[one]
-        return Lights(self.vector[one], self.ambient[one], position)
+        return Lights(self.vector[one], self.ambient[one], position, self.middle_m)
+
+    @property
+    def distance_m(self) -> Floats | None:
+        """(N, C) of the lamps from the object's middle, infinite for distant ones; or None."""
+        if self.position_m is None or self.middle_m is None:
+            return None
+        distance = np.linalg.norm(self.position_m - self.middle_m, axis=-1)
+        return np.where(distance < 0.99 * FARTHEST_M, distance, np.inf)
 
     @property
     def intensity(self) -> Floats:

@@ -44,7 +44,8 @@ def small_truth():
         lights=Lights(
             vector=random.normal(size=(4, 3, 3)),
             ambient=random.normal(size=(4, 3)),
-            position_m=random.normal(size=(4, 3)),
+            position_m=random.normal(size=(4, 3, 3)),
+            middle_m=random.normal(size=3),
         ),
     )
 

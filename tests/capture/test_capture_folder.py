@@ -95,7 +95,7 @@ def test_truth_comes_back(tmp_path):
     again = load_truth(tmp_path / "c")
     for name in ("depth", "normals", "albedo"):
         assert same_bits(getattr(again, name), getattr(truth, name)), name
-    for name in ("vector", "ambient", "position_m"):
+    for name in ("vector", "ambient", "position_m", "middle_m"):
         assert same_bits(getattr(again.lights, name), getattr(truth.lights, name)), name
     write_capture(small_capture(), tmp_path / "d", truth=replace(truth, lights=None))
     assert load_truth(tmp_path / "d").lights is None

@@ -205,7 +205,7 @@ def assert_reads_back(folder, capture, truth):
     )
     for name in ("depth", "normals", "albedo"):
         np.testing.assert_array_equal(getattr(known, name), getattr(truth, name), err_msg=name)
-    for name in ("vector", "ambient", "position_m"):
+    for name in ("vector", "ambient", "position_m", "middle_m"):
         seen, expected = getattr(known.lights, name), getattr(truth.lights, name)
         np.testing.assert_array_equal(seen, expected, err_msg=name)
 

@@ -13,6 +13,7 @@ import pytest
 from rakelight.errors import InputError, MachineError, OutputExistsError
 from rakelight.export import load_result, save_result
 from rakelight.model import Finding, Lights
+from rakelight.shading.photographs import Lamps
 
 FILES = {
     "depth.tiff",
@@ -151,14 +152,29 @@ def test_lights_json(sphere, tmp_path):
     lights = Lights(
         vector=np.array([[[0, 0, -1.0], [0, 0, -2.0], [0, 0, -3.0]]]),
         ambient=np.zeros((1, 3)),
-        position_m=np.array([[0.1, 0.2, 0.3]]),
+        position_m=np.array([[[0.1, 0.2, 0.3], [0.1, 0.2, 0.4], [0.1, 0.2, 0.5]]]),
+        middle_m=np.array([0.0, 0.0, 0.9]),
     )
     near = replace(sphere, lights=lights, photograph_names=())
     save_result(near, tmp_path / "leds", mesh="none")
-    (only,) = strict_json(tmp_path / "leds" / "lights.json")["photographs"]
+    written = strict_json(tmp_path / "leds" / "lights.json")
+    (only,) = written["photographs"]
+    assert written["middle_m"] == [0, 0, 0.9]
     assert only["name"] is None
-    assert only["position_m"] == [0.1, 0.2, 0.3]
+    assert only["position_m"] == pytest.approx([0.1, 0.2, 0.4])
+    assert only["channels"]["blue"]["position_m"] == [0.1, 0.2, 0.5]
     assert [only["channels"][c]["intensity"] for c in ("red", "green", "blue")] == [1, 2, 3]
+
+
+def test_a_distant_lamp_among_near_ones_has_no_position(sphere, tmp_path):
+    lamps = Lamps(sphere.lights.vector, sphere.lights.ambient, np.array([[2.0], [0.0]]))
+    near = replace(sphere, lights=lamps.as_lights(np.array([0.0, 0.0, 0.9])))
+    save_result(near, tmp_path / "out", mesh="none")
+    first, second = strict_json(tmp_path / "out" / "lights.json")["photographs"]
+    assert first["position_m"] == pytest.approx(
+        np.array([0, 0, 0.9]) + 0.5 * near.lights.direction[0, 0]
+    )
+    assert second["position_m"] is second["channels"]["white"]["position_m"] is None
 
 
 def test_load_result_gives_back_what_was_saved(sphere, tmp_path):

@@ -89,7 +89,7 @@ def start(level, name):
         "lamps behind": (prior, replace(lamps, vector=-lamps.vector)),
         "no light": (prior, lamps.brighter(0.0)),
         "lamps alike": (prior, Lamps.distant(*alike)),
-        "near": (prior, replace(lamps, closeness=np.full(count, 3.0))),
+        "near": (prior, replace(lamps, closeness=np.full((count, 1), 3.0))),
     }.get(name, (prior, lamps))
     fit = first_fit(level, depth, light, near="near" in name)
     return rescaled(level, coloured(fit)) if "coloured" in name else fit

@@ -6,8 +6,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from rakelight.geometry.camera import back_project
 from rakelight.methods.levels import finest_level
-from rakelight.methods.matte import matte
+from rakelight.methods.matte import all_shadows, in_shadow, matte
 from rakelight.model import Lights
 from rakelight.prepare import prepare
 from rakelight.shading.photographs import Lamps
@@ -32,8 +33,7 @@ def make_level(paint="pattern", **changes):
 def lamps_of(lights: Lights, level):
     if lights.position_m is None:
         return Lamps.distant(lights.vector, lights.ambient)
-    reach = np.linalg.norm(lights.position_m - level.middle_m, axis=-1)
-    return Lamps(lights.vector, lights.ambient, 1 / reach)
+    return Lamps(lights.vector, lights.ambient, 1 / lights.distance_m)
 
 
 def light(level):
@@ -101,3 +101,21 @@ def test_a_lamp_that_was_off_does_no_harm():
     vector[3] = 0
     cleared, _ = matte(level, log_depth, replace(lamps, vector=vector))
     assert np.isfinite(light(cleared)).mean() > 0.5
+
+
+def test_shadows_looked_up_for_some_pixels_lie_where_they_are(monkeypatch):
+    level, log_depth, lamps = make_level(cast_shadows=True)
+    lights, active = lamps.as_lights(level.middle_m), level.photographs.active
+    points = back_project(np.exp(log_depth), level.photographs.camera)
+    exact = np.zeros((len(lights), *active.shape), dtype=bool)
+    exact[:, active] = in_shadow(level, points, active, lights)[..., 0]
+    monkeypatch.setattr("rakelight.methods.matte.LOOKING", 100)
+    assert level.photographs.stride(100) >= 4
+    few = all_shadows(level, points, lights)[..., 0] & active
+
+    def agreement(shift):
+        return (np.roll(few, (shift, shift), axis=(1, 2)) & exact).sum()
+
+    # Cells that stood at their pixel's corner would be a pixel and a half off.
+    assert max(range(-3, 4), key=agreement) == 0
+    assert agreement(0) > 0.55 * exact.sum()

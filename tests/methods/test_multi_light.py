@@ -144,7 +144,7 @@ def test_near_lamps_are_found_where_they_are():
     capture, truth = make_scene(lamp_distance_m=0.6)
     result = run(capture)
     middle = back_project(truth.depth, capture.camera)[truth.mask].mean(axis=0)
-    distance = np.linalg.norm(result.lights.position_m - middle, axis=1)
+    distance = np.linalg.norm(result.lights.position_m[:, 0] - middle, axis=1)
     assert np.median(distance) == pytest.approx(0.6, rel=0.2)
     distant = run(capture, distance="distant")
     assert distant.lights.position_m is None
@@ -280,6 +280,6 @@ def test_impossible_options_are_refused(name, value):
 def test_lamps_are_outside_the_object_and_their_distances_alike(radii, varied, expected):
     level = finest_level(prepare(make_scene()[0]))
     radius = np.linalg.norm(level.points[level.mask], axis=-1).max()
-    closeness = np.linspace(1 - varied, 1 + varied, 9) / (radii * radius)
+    closeness = np.linspace(1 - varied, 1 + varied, 9)[:, None] / (radii * radius)
     lamps = Lamps(np.ones((9, 1, 3)), np.zeros((9, 1)), closeness)
     assert sound(level, lamps) == expected

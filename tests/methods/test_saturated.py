@@ -16,18 +16,17 @@ from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_sc
 GAIN = 3.0
 
 
-def overexposed(distance_m=None, **changes):
+def overexposed(distance_m=None, gain=GAIN, **changes):
     """A capture with the brightest paint saturated in all photographs, and its truth."""
     sphere = make_shape("sphere")
     settings = {"camera": sphere.camera.scaled(0.2), "photographs": 5, "image_noise": 0.0}
     options = SceneOptions(**settings, lamp_distance_m=distance_m, **changes)
     capture, truth = render_scene(sphere, make_albedo("pattern"), options)
-    brighter = np.minimum(GAIN * capture.photographs.astype(float), capture.white)
+    brighter = np.minimum(gain * capture.photographs.astype(float), capture.white)
     capture = replace(capture, photographs=brighter.astype(capture.photographs.dtype))
     lights = truth.lights
-    return capture, replace(
-        truth, lights=Lights(GAIN * lights.vector, GAIN * lights.ambient, lights.position_m)
-    )
+    brighter = replace(lights, vector=gain * lights.vector, ambient=gain * lights.ambient)
+    return capture, replace(truth, lights=brighter)
 
 
 def given_truth(capture, truth, lights):
@@ -81,6 +80,26 @@ def test_without_light_there_is_no_bound():
     _, before, after, notes = given_truth(capture, truth, dark)
     assert (after == before).all()
     assert notes == ()
+
+
+def test_values_in_shadow_are_a_bound():
+    # Whoever left all of a pixel's values out for a shadow left no albedo.
+    capture, truth = overexposed(gain=1.0)
+    prepared, known, *_ = given_truth(capture, truth, truth.lights)
+    window = prepared.rows, prepared.columns
+    gone = np.zeros_like(prepared.mask)
+    gone.flat[np.flatnonzero(usable(prepared.photographs).all(axis=(0, 3)))[::5]] = True
+    gone &= prepared.mask
+    assert gone.sum() > 50
+    albedo = np.where(gone[..., None], 0.0, known)
+    lost = Estimate(np.zeros(gone.shape), albedo, np.zeros(gone.shape), truth.lights)
+    depth, normals = np.nan_to_num(truth.depth[window]), np.nan_to_num(truth.normals[window])
+    half = replace(prepared, photographs=prepared.photographs // 2)
+    for shown, expected in ((prepared, 1.0), (half, 0.5)):
+        found, (note,) = bounded_albedo(shown, depth, normals, lost)
+        share = found[gone] / truth.albedo[window][gone]
+        assert np.median(share) == pytest.approx(expected, rel=0.02)
+        assert note.code == "albedo-bound"
 
 
 def test_refine_leaves_no_hole_in_the_paint():

@@ -7,14 +7,14 @@ from rakelight.model import Lights
 from rakelight.report.charts import energy_curve, error_bars, lamp_facts, lamps, tilts
 
 
-def white(*vectors, position_m=None):
+def white(*vectors, **place):
     vector = np.array(vectors, float)[:, None]
-    return Lights(vector, np.full(vector.shape[:2], 0.1), position_m)
+    return Lights(vector, np.full(vector.shape[:2], 0.1), **place)
 
 
 def test_a_lamp_is_drawn_where_the_camera_sees_it():
     # right and down by 30 degrees, then straight above
-    drawn = lamps(white([0.5, 0, -np.sqrt(0.75)], [0, -2, 0]), ("a", "b"), np.zeros(3))
+    drawn = lamps(white([0.5, 0, -np.sqrt(0.75)], [0, -2, 0]), ("a", "b"))
     assert [(round(lamp.x), round(lamp.y)) for lamp in drawn] == [(50, 0), (0, -100)]
     assert [round(lamp.azimuth) for lamp in drawn] == [90, 0]
     assert [round(lamp.elevation) for lamp in drawn] == [60, 0]
@@ -24,15 +24,15 @@ def test_a_lamp_is_drawn_where_the_camera_sees_it():
 
 
 def test_near_lamps_have_a_distance_and_dark_ones_are_left_out():
-    positions = np.array([[0.0, 0, 0.1], [0, 0, 9]])
-    lights = white([0, 0, -1.0], [0, 0, 0], position_m=positions)
-    (lamp,) = lamps(lights, (), np.array([0, 0, 0.5]))
+    positions = np.array([[[0.0, 0, 0.1]], [[0, 0, 9]]])
+    lights = white([0, 0, -1.0], [0, 0, 0], position_m=positions, middle_m=[0, 0, 0.5])
+    (lamp,) = lamps(lights, ())
     assert (lamp.name, lamp.distance_m) == ("photograph 0", pytest.approx(0.4))
 
 
 def test_coloured_lamps_are_three_and_the_viewer_gets_their_middle():
     vector = np.array([[[0.6, 0, -0.8], [0, 0.6, -0.8], [0, 0, -1.0]]])
-    drawn = lamps(Lights(vector, np.zeros((1, 3))), ("x",), np.zeros(3))
+    drawn = lamps(Lights(vector, np.zeros((1, 3))), ("x",))
     assert [lamp.channel for lamp in drawn] == ["red", "green", "blue"]
     middle = lamp_facts(drawn)["0"]
     assert middle["azimuth"] == pytest.approx(135)

@@ -63,8 +63,7 @@ def shading_of(photographs, surface, lamps):
 
 def numbers(lamps):
     """vector (N, C, 3), ambient (N, C) and closeness (N, C)."""
-    closeness = np.repeat(lamps.closeness[:, None], lamps.ambient.shape[1], axis=1)
-    return lamps.vector, lamps.ambient, closeness
+    return lamps.vector, lamps.ambient, lamps.closeness
 
 
 def shading_by_gradient(photographs, surface, lamps, lagged):

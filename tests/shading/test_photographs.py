@@ -11,6 +11,7 @@ from rakelight.geometry.grid import has_gradient
 from rakelight.model import MAD_TO_SIGMA, Camera
 from rakelight.prepare.linear import linear_table, usable
 from rakelight.shading import _kernels
+from rakelight.shading.lighting import arriving
 from rakelight.shading.photographs import Lamps, Photographs, Surface
 
 HEIGHT, WIDTH, COUNT = 11, 13, 5
@@ -40,7 +41,8 @@ def some_lamps(channels=1, near=False, seed=1, count=COUNT):
     rng = np.random.default_rng(seed)
     vector = rng.normal(size=(count, channels, 3)) * [0.35, 0.35, 0.1] - [0, 0, 0.5]
     ambient = rng.uniform(0.02, 0.12, (count, channels))
-    return Lamps(vector, ambient, rng.uniform(0.5, 3, count) if near else np.zeros(count))
+    closeness = rng.uniform(0.5, 3, ambient.shape) if near else np.zeros_like(ambient)
+    return Lamps(vector, ambient, closeness)
 
 
 def seen(surface, lamps, camera=CAMERA, seed=2):
@@ -278,7 +280,6 @@ def test_slope_is_the_derivative_of_half_the_energy(lamps, scale, near):
     along = photographs.explain(surface, lamps, scale=scale, start=found.albedo, turning=True)
     shape = (*lamps.ambient.shape, 5 if near else 4)
     direction = np.random.default_rng(8).normal(size=shape)
-    direction[:, 1:, 3:-1] = direction[:, :1, 3:-1]  # a lamp has one place for all channels
     if near and not lamps.closeness.any():
         direction[..., 3] = np.abs(direction[..., 3])  # none is farther than infinity
 
@@ -298,7 +299,7 @@ def test_slope_is_the_derivative_of_half_the_energy(lamps, scale, near):
 
 def moved(lamps, step):
     """As Lamps.moved, without its bounds."""
-    closeness = lamps.closeness + (step[:, 0, 3] if step.shape[-1] == 5 else 0)
+    closeness = lamps.closeness + (step[..., 3] if step.shape[-1] == 5 else 0)
     return Lamps(lamps.vector + step[..., :3], lamps.ambient + step[..., -1], closeness)
 
 
@@ -418,7 +419,7 @@ def test_lamps_far_away_are_distant_lamps():
     photographs, surface = faulty(some_lamps())
     found = {}
     for closeness in (0.0, 1e-6, 0.5):
-        lamps = replace(some_lamps(), closeness=np.full(COUNT, closeness))
+        lamps = replace(some_lamps(), closeness=np.full((COUNT, 1), closeness))
         explanation = photographs.explain(surface, lamps)
         terms = photographs.light_terms(surface, lamps, explanation.albedo, near=True, cell=2)
         found[closeness] = (explanation.albedo, explanation.energy, explanation.tensor, *terms)
@@ -469,31 +470,36 @@ def test_the_same_numbers_on_one_core_and_on_two():
 
 def test_near_lamps_have_their_positions():
     vector = np.array([[[0.0, 0.0, -2.0]], [[3.0, 0.0, -4.0]]])
-    lamps = Lamps(vector, np.zeros((2, 1)), np.array([2.0, 0.5]))
+    lamps = Lamps(vector, np.zeros((2, 1)), np.array([[2.0], [0.5]]))
     lights = lamps.as_lights(np.array([0.1, 0.2, 0.8]))
-    expected = [[0.1, 0.2, 0.8 - 0.5], [0.1 + 2 * 0.6, 0.2, 0.8 - 2 * 0.8]]
+    expected = [[[0.1, 0.2, 0.8 - 0.5]], [[0.1 + 2 * 0.6, 0.2, 0.8 - 2 * 0.8]]]
     np.testing.assert_allclose(lights.position_m, expected, rtol=1e-12)
+    np.testing.assert_allclose(lights.distance_m, [[0.5], [2.0]], rtol=1e-12)
     np.testing.assert_array_equal(lights.vector, vector)
 
 
 def test_distant_lamps_have_none_and_a_dark_lamp_is_no_trouble():
     vector = np.array([[[0.0, 0.0, -2.0]], [[0.0, 0.0, 0.0]]])
     assert Lamps.distant(vector, np.zeros((2, 1))).as_lights(np.zeros(3)).position_m is None
-    lights = Lamps(vector, np.zeros((2, 1)), np.array([2.0, 0.0])).as_lights(np.zeros(3))
+    lights = Lamps(vector, np.zeros((2, 1)), np.array([[2.0], [0.0]])).as_lights(np.zeros(3))
     assert np.isfinite(lights.position_m).all()
-    np.testing.assert_allclose(lights.position_m[0], [0, 0, -0.5])
+    np.testing.assert_allclose(lights.position_m[0], [[0, 0, -0.5]])
 
 
-def test_positions_are_where_the_light_comes_from():
+@pytest.mark.parametrize("channels", [1, 3])
+def test_positions_are_where_the_light_comes_from(channels):
     # The lamp that as_lights names sends what the kernels say: along P - X, with 1 / |P - X|^2.
-    lamps, surface = some_lamps(near=True), some_surface()
-    position = lamps.as_lights(np.zeros(3)).position_m
-    for i in range(COUNT):
-        s = plain.light_at(lamps.vector[i, 0], lamps.closeness[i], surface.points)
-        toward = position[i] - surface.points
-        strength = np.linalg.norm(lamps.vector[i, 0]) * (position[i] ** 2).sum()
+    lamps, surface = some_lamps(near=True, channels=channels), some_surface()
+    lights = lamps.as_lights(np.zeros(3))
+    stated = arriving(lights, surface.points.reshape(-1, 3))
+    for i, c in np.ndindex(lamps.ambient.shape):
+        s = plain.light_at(lamps.vector[i, c], lamps.closeness[i, c], surface.points)
+        position = lights.position_m[i, c]
+        toward = position - surface.points
+        strength = np.linalg.norm(lamps.vector[i, c]) * (position**2).sum()
         law = strength * toward / np.linalg.norm(toward, axis=-1, keepdims=True) ** 3
         np.testing.assert_allclose(s, law, rtol=1e-12)
+        np.testing.assert_allclose(s.reshape(-1, 3), stated[i, :, c], rtol=1e-12)
 
 
 def test_moved_lamps():
@@ -502,7 +508,7 @@ def test_moved_lamps():
     step[0, 0, 3] = -9
     there = lamps.moved(step)
     np.testing.assert_array_equal(there.vector, lamps.vector + step[..., :3])
-    np.testing.assert_array_equal(there.closeness, np.maximum(lamps.closeness + step[:, 0, 3], 0))
+    np.testing.assert_array_equal(there.closeness, np.maximum(lamps.closeness + step[..., 3], 0))
     np.testing.assert_array_equal(there.ambient, np.maximum(lamps.ambient + step[..., 4], 0))
     assert (there.ambient == 0).any()
     assert (there.closeness == 0).any()

@@ -10,6 +10,7 @@ from rakelight.geometry.camera import back_project
 from rakelight.geometry.grid import area_mean
 from rakelight.model import Camera, RigidTransform
 from rakelight.prepare.linear import to_linear
+from rakelight.shading.lighting import arriving
 from rakelight.synthetic import (
     Albedo,
     DepthNoise,
@@ -109,7 +110,7 @@ def test_near_lamps_fade_with_the_square_of_their_distance():
     images, mask, truth = photographs(lamp_distance_m=0.3, supersampling=1)
     points = back_project(truth.depth.astype(float), SMALL)[mask]
     lights = truth.lights
-    for i, position in enumerate(lights.position_m):
+    for i, position in enumerate(lights.position_m[:, 0]):
         from_center = np.linalg.norm(position - points.mean(axis=0))
         assert from_center == pytest.approx(0.3, rel=1e-6)
         power = lights.intensity[i, 0] * from_center**2
@@ -119,9 +120,13 @@ def test_near_lamps_fade_with_the_square_of_their_distance():
         assert np.abs(images[i][mask] - np.minimum(0.5 * lit, 1)[:, None]).max() < STEP + 1e-6
 
 
-def test_near_leds_are_not_first_order():
-    _, _, truth = photographs(lighting="rgb-leds", lamp_distance_m=0.5)
-    assert truth.lights is None
+def test_near_leds_have_a_place_each():
+    images, mask, truth = photographs(lighting="rgb-leds", lamp_distance_m=0.5, supersampling=1)
+    points = back_project(truth.depth.astype(float), SMALL)[mask]
+    dot = np.einsum("npck,pk->npc", arriving(truth.lights, points), truth.normals[mask])
+    lit = np.maximum(dot, 0) + truth.lights.ambient[:, None]
+    assert truth.lights.position_m.shape == (1, 3, 3)
+    assert np.abs(images[:, mask] - np.minimum(0.5 * lit, 1)).max() < STEP + 1e-6
 
 
 def test_each_channel_sees_its_own_led():

@@ -52,7 +52,8 @@ class _LightsFile(msgspec.Struct, forbid_unknown_fields=True):
 
     vector: list[list[list[float]]]
     ambient: list[list[float]]
-    position_m: list[list[float]] | None = None
+    position_m: list[list[list[float]]] | None = None
+    middle_m: list[float] | None = None
 
 
 def write_truth(truth: Truth, folder: Path) -> None:
@@ -62,11 +63,12 @@ def write_truth(truth: Truth, folder: Path) -> None:
         pixels = np.asarray(getattr(truth, name), np.float32)
         write_bytes(folder / f"{name}.tiff", encode_tiff(pixels))
     if truth.lights is not None:
-        lights, position_m = truth.lights, truth.lights.position_m
+        lights = truth.lights
         stored = _LightsFile(
             vector=lights.vector.astype(float).tolist(),
             ambient=lights.ambient.astype(float).tolist(),
-            position_m=None if position_m is None else position_m.astype(float).tolist(),
+            position_m=None if lights.position_m is None else lights.position_m.tolist(),
+            middle_m=None if lights.middle_m is None else lights.middle_m.tolist(),
         )
         data = msgspec.json.format(msgspec.json.encode(stored), indent=1)
         write_bytes(folder / "lights.json", data)
@@ -94,15 +96,20 @@ def _read_lights(root: Root) -> Lights | None:
         stored = msgspec.json.decode(read_file(path, source), type=_LightsFile)
         vector, ambient = np.array(stored.vector), np.array(stored.ambient)
         position_m = None if stored.position_m is None else np.array(stored.position_m)
+        middle_m = None if stored.middle_m is None else np.array(stored.middle_m)
     except (msgspec.MsgspecError, ValueError) as error:
         raise CaptureError("not the lights of a capture", source=source, seen=str(error)) from error
     n, channels = ambient.shape if ambient.ndim == 2 else (-1, -1)
-    fits = vector.shape == (n, channels, 3) and (position_m is None or position_m.shape == (n, 3))
+    fits = vector.shape == (n, channels, 3)
+    fits = fits and (position_m is None) == (middle_m is None)
+    if position_m is not None and middle_m is not None:
+        fits = fits and position_m.shape == vector.shape and middle_m.shape == (3,)
     if not fits:
         raise CaptureError(
             "the lights do not fit each other",
             source=source,
             seen=f"vector {vector.shape}, ambient {ambient.shape}",
-            needed="vector (N, C, 3), ambient (N, C), position_m (N, 3)",
+            needed="vector (N, C, 3), ambient (N, C); both or none of position_m (N, C, 3) and "
+            "middle_m (3)",
         )
-    return Lights(vector=vector, ambient=ambient, position_m=position_m)
+    return Lights(vector, ambient, position_m, middle_m)

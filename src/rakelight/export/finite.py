@@ -26,7 +26,7 @@ def only_finite(result: Result) -> Result:
         raise InputError(
             "the result has no pixel with a finite depth and normal",
             source=result.source,
-            remedy="see its findings; `rakelight check` tells what is wrong with the capture",
+            remedy="see its findings",
         )
     shown = all_finite(result.albedo) & np.isfinite(result.confidence)
     bad = ~np.isnan(result.depth) & ~(inside & shown)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from rakelight.export.plain import json_bytes
-from rakelight.model import Lights
+from rakelight.model import Floats, Lights
 
 SCHEMA = "rakelight-lights/1"
 
@@ -22,30 +22,46 @@ def lights_table(lights: Lights, names: tuple[str, ...] = ()) -> dict[str, Any]:
 
     >>> lights = Lights(vector=np.array([[[0.0, 0.0, -2.0]]]), ambient=np.array([[0.1]]))
     >>> lights_table(lights, ("000.png",))["photographs"][0]["channels"]["white"]
-    {'direction': [0.0, 0.0, -1.0], 'intensity': 2.0, 'ambient': 0.1}
+    {'direction': [0.0, 0.0, -1.0], 'intensity': 2.0, 'ambient': 0.1, 'position_m': None}
     """
     channels = ("white",) if lights.vector.shape[1] == 1 else ("red", "green", "blue")
-    direction, intensity = lights.direction, lights.intensity
     photographs = [
         {
             "name": names[i] if i < len(names) else None,
-            "channels": {
-                channel: {
-                    "direction": np.asarray(direction[i, c], np.float64).tolist(),
-                    "intensity": float(intensity[i, c]),
-                    "ambient": float(lights.ambient[i, c]),
-                }
-                for c, channel in enumerate(channels)
-            },
-            "position_m": None
-            if lights.position_m is None
-            else np.asarray(lights.position_m[i], np.float64).tolist(),
+            "channels": {channel: _lamp(lights, i, c) for c, channel in enumerate(channels)},
+            "position_m": _position(lights, i, slice(None)),
         }
         for i in range(len(lights))
     ]
     return {
         "schema": SCHEMA,
         "frame": "camera: x right, y down, z forward; directions point towards the lamp",
-        "model": "value = albedo * (intensity * max(0, direction . normal) + ambient)",
+        "model": "value = albedo * (max(0, s . normal) + ambient), s = intensity * direction at "
+        "middle_m and for distant lamps everywhere; at X from a lamp at P = position_m, "
+        "s = intensity * (P - X) / |P - X| * (|P - middle_m| / |P - X|)^2",
+        "middle_m": None if lights.middle_m is None else _numbers(lights.middle_m),
         "photographs": photographs,
     }
+
+
+def _lamp(lights: Lights, i: int, channel: int) -> dict[str, Any]:
+    return {
+        "direction": _numbers(lights.direction[i, channel]),
+        "intensity": float(lights.intensity[i, channel]),
+        "ambient": float(lights.ambient[i, channel]),
+        "position_m": _position(lights, i, slice(channel, channel + 1)),
+    }
+
+
+def _position(lights: Lights, i: int, channels: slice) -> list[float] | None:
+    """Mean place of a photograph's lamps in some channels, None if one of them is distant."""
+    distance_m = lights.distance_m
+    if lights.position_m is None or distance_m is None:
+        return None
+    if not np.isfinite(distance_m[i, channels]).all():
+        return None
+    return _numbers(lights.position_m[i, channels].mean(axis=0))
+
+
+def _numbers(values: Floats) -> list[float]:
+    return [float(value) for value in values]

@@ -360,11 +360,9 @@ def stride(level: Level, before: Fit, fit: Fit) -> Fit:
 
 def lamps_step(before: Lamps, after: Lamps) -> Floats:
     """What `Lamps.moved` takes from one to the other."""
-    closer = np.broadcast_to(
-        (after.closeness - before.closeness)[:, None, None], (*before.ambient.shape, 1)
-    )
-    ambient = (after.ambient - before.ambient)[..., None]
-    return np.concatenate([after.vector - before.vector, closer, ambient], axis=-1)
+    closer, ambient = after.closeness - before.closeness, after.ambient - before.ambient
+    change = [after.vector - before.vector, closer[..., None], ambient[..., None]]
+    return np.concatenate(change, axis=-1)
 
 
 def gauge(fit: Fit, hessian: Floats) -> Floats:

@@ -45,12 +45,12 @@ def matte(level: Level, log_depth: Floats, lamps: Lamps) -> tuple[Level, Floats]
     points = back_project(np.exp(log_depth), camera)
 
     some = photographs.some(SAMPLE)
-    values, arrived = photographs.light(some), arriving(lights, points[some], level.middle_m)
+    values, arrived = photographs.light(some), arriving(lights, points[some])
     dark = in_shadow(level, points, some, lights)
     hidden = None
     if dark.mean() >= LEAST_HIDDEN and are_dark(values, dark, normals[some], arrived, lights):
         hidden = all_shadows(level, points, lights)
-        values[dark] = -1.0
+        values[np.broadcast_to(dark, values.shape)] = -1.0
     unit = lobes(normals[some], points[some], arrived)
     height, share = heights(values, normals[some], arrived, lights.ambient, unit)
     if share < LEAST_SHARE:
@@ -62,7 +62,7 @@ def matte(level: Level, log_depth: Floats, lamps: Lamps) -> tuple[Level, Floats]
 
     def shine(photograph: int) -> Floats:
         """(P, C) the highlights of the active pixels."""
-        arrived = arriving(lights.of(photograph), points[active], level.middle_m)
+        arrived = arriving(lights.of(photograph), points[active])
         return np.tensordot(height, lobes(normals[active], points[active], arrived)[:, 0], 1)
 
     cleared = photographs.cleared(hidden, shine if height.any() else None)
@@ -70,40 +70,41 @@ def matte(level: Level, log_depth: Floats, lamps: Lamps) -> tuple[Level, Floats]
 
 
 def in_shadow(level: Level, points_m: Floats, where: Mask, lights: Lights) -> Mask:
-    """(N, P) whether another part of the surface hides the lamps from the P pixels of a mask.
+    """(N, P, C) whether another part of the surface hides the lamps from the P pixels of a mask.
 
     points_m : (h, w, 3) of the surface, camera frame; where : (h, w)
     """
     points = points_m[where]
-    way = np.repeat(FAR_M * lights.direction.mean(axis=1)[:, None], len(points), axis=1)
+    start = np.broadcast_to(points[:, None], (len(lights), len(points), *lights.vector.shape[1:]))
+    way = np.broadcast_to(FAR_M * lights.direction[:, None], start.shape)
     if lights.position_m is not None:
-        way = lights.position_m[:, None] - points
+        way = lights.position_m[:, None] - start
     solid = np.where(level.mask, points_m[..., 2], np.nan)
-    start = np.broadcast_to(points, way.shape).reshape(-1, 3)
-    free = in_sight(solid, level.photographs.camera, start, way.reshape(-1, 3))
-    return ~free.reshape(way.shape[:2])
+    free = in_sight(solid, level.photographs.camera, start.reshape(-1, 3), way.reshape(-1, 3))
+    return ~free.reshape(way.shape[:3])
 
 
 def all_shadows(level: Level, points_m: Floats, lights: Lights) -> Mask:
-    """(N, h, w) `in_shadow` of every pixel, from some of them."""
-    photographs, where = level.photographs, level.photographs.some(LOOKING)
-    side = photographs.stride(LOOKING)
-    few = np.zeros((len(lights), *where.shape), dtype=bool)
-    few[:, where] = in_shadow(level, points_m, where, lights)
-    whole = few[:, ::side, ::side].repeat(side, axis=1).repeat(side, axis=2)
-    return np.asarray(whole[:, : where.shape[0], : where.shape[1]])
+    """(N, h, w, C) `in_shadow` of every pixel, from the nearest of some of them."""
+    from scipy.ndimage import distance_transform_edt
+
+    where = level.photographs.some(LOOKING)
+    number = np.zeros(where.shape, dtype=int)
+    number[where] = np.arange(np.count_nonzero(where))
+    rows, columns = distance_transform_edt(~where, return_distances=False, return_indices=True)
+    return in_shadow(level, points_m, where, lights)[:, number[rows, columns]]
 
 
 def are_dark(
     values: Floats, hidden: Mask, normals: Floats, arrived: Floats, lights: Lights
 ) -> bool:
-    """Whether the values (N, P, 3) that should lie in shadow do: hidden (N, P).
+    """Whether the values (N, P, 3) that should lie in shadow do: hidden (N, P, C).
 
     In a shadow there is the ambient light alone: less than half of the lamps' by least squares.
     The albedo is what the other photographs show.
     """
     lit = np.maximum(np.einsum("npck,pk->npc", arrived, normals), 0)
-    usable, hidden = values >= 0, hidden[..., None]
+    usable = values >= 0
     seen = np.where(usable & ~hidden, lit + lights.ambient[:, None], 0.0)
     albedo = (seen * values).sum(axis=0) / np.maximum((seen**2).sum(axis=0), 1e-12)
     lamps = np.where(usable & hidden, albedo * lit, 0.0)

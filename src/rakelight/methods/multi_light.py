@@ -241,10 +241,8 @@ def near(fit: Fit) -> Fit:
 def coloured(fit: Fit) -> Fit:
     """The fit with a light of its own for each channel."""
     lamps = fit.lamps
-    each = Lamps(
-        np.repeat(lamps.vector, 3, axis=1), np.repeat(lamps.ambient, 3, axis=1), lamps.closeness
-    )
-    return replace(fit, lamps=each)
+    each = (np.repeat(part, 3, axis=1) for part in (lamps.vector, lamps.ambient, lamps.closeness))
+    return replace(fit, lamps=Lamps(*each))
 
 
 def stage(index: int) -> str:

@@ -40,10 +40,7 @@ def prediction_errors(
     chosen = np.flatnonzero(prepared.mask)
     chosen = chosen[:: max(1, -(-len(chosen) // MOST_PIXELS))]
     points = back_project(depth_m, prepared.camera)
-    middle = points[prepared.mask].mean(axis=0)
-    shading = shadings(
-        normals.reshape(-1, 3)[chosen], points.reshape(-1, 3)[chosen], middle, lights
-    )
+    shading = shadings(normals.reshape(-1, 3)[chosen], points.reshape(-1, 3)[chosen], lights)
     few = np.zeros_like(prepared.mask)
     few.flat[chosen] = True
     sample = replace(prepared, mask=few)
@@ -52,16 +49,16 @@ def prediction_errors(
     return leave_one_out(images, good, shading)
 
 
-def shadings(normals: Floats, points_m: Floats, middle_m: Floats, lights: Lights) -> Floats:
+def shadings(normals: Floats, points_m: Floats, lights: Lights) -> Floats:
     """Shading (N, P, C) of P points under every light; near lamps fall off from their positions.
 
-    >>> lights = Lights(np.array([[[0.0, 0.0, -1.0]]]), np.zeros((1, 1)), np.zeros((1, 3)))
     >>> near, far = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 2.0])
-    >>> facing = np.array([[0.0, 0.0, -1.0]] * 2)
-    >>> shadings(facing, np.stack([near, far]), near, lights)[0, :, 0].tolist()
+    >>> toward, none, place = np.array([[[0.0, 0.0, -1.0]]]), np.zeros((1, 1)), np.zeros((1, 1, 3))
+    >>> facing, lights = np.array([[0.0, 0.0, -1.0]] * 2), Lights(toward, none, place, near)
+    >>> shadings(facing, np.stack([near, far]), lights)[0, :, 0].tolist()
     [1.0, 0.25]
     """
-    cosine = np.einsum("npck,pk->npc", arriving(lights, points_m, middle_m), normals)
+    cosine = np.einsum("npck,pk->npc", arriving(lights, points_m), normals)
     return np.asarray(np.maximum(cosine, 0) + lights.ambient[:, None])
 
 

@@ -1,4 +1,4 @@
-"""The albedo where a channel is saturated in every photograph that shows it."""
+"""The albedo where a channel has no value that counts: saturated, or in the dark of a shadow."""
 
 from __future__ import annotations
 
@@ -18,14 +18,16 @@ DARK = 0.2
 def bounded_albedo(
     prepared: Prepared, depth_m: Floats, normals: Floats, estimate: Estimate
 ) -> tuple[Floats, tuple[Finding, ...]]:
-    """The estimate's albedo (h, w, 3), a lower bound where saturated values are all there is.
+    """The estimate's albedo (h, w, 3), a lower bound where no value told it.
 
     depth_m, normals : (h, w), (h, w, 3) the refined surface in the prepared window
 
-    Without a usable value a channel's albedo rho is left open, and 0.  But a saturated value says
-    that rho a_i is at least the brightest usable one, a_i the shading of equation (3), and so
+    Without a value that counts a channel's albedo rho is left open, and 0.  But a saturated value
+    says that rho a_i is at least the brightest usable one, a_i the shading of equation (3), and a
+    value I_i in a cast shadow that rho a_i is at least I_i:
 
-        rho >= limit / min_i a_i        over the photographs i that are saturated there
+        rho >= limit / min_i a_i                    over the photographs i that are saturated there
+        rho >= sum_i a_i I_i / sum_i a_i^2          over those that are usable
 
     Also a note that says how much of the object this is about.
     """
@@ -34,21 +36,28 @@ def bounded_albedo(
         return albedo, ()
     unknown = (albedo <= 0) & prepared.mask[..., None]
     rows, columns = np.nonzero(unknown.any(axis=-1))
+    unknown = unknown[rows, columns]
     values = prepared.photographs[:, rows, columns]
     limit = int(np.ceil(SATURATED * np.iinfo(values.dtype).max))
-    saturated = values >= limit
+    saturated, seen = values >= limit, usable(values)
+    light = linear_table(values.dtype, prepared.encoding)
     points = back_project(depth_m, prepared.camera)
-    middle = points[prepared.mask].mean(axis=0)
-    shading = shadings(normals[rows, columns], points[rows, columns], middle, lights)
+    shading = shadings(normals[rows, columns], points[rows, columns], lights)
     told = saturated & (shading > DARK * shading.max(axis=0))
-    bounded = unknown[rows, columns] & told.any(axis=0) & ~usable(values).any(axis=0)
-    if not bounded.any():
+    bright = light[limit] / np.where(told, shading, np.inf).min(axis=0)
+    squares = np.sum(seen * shading**2, axis=0)
+    dark = np.divide(
+        np.sum(seen * shading * light[values], axis=0), squares,
+        out=np.zeros_like(squares), where=squares > 0,
+    )  # fmt: skip
+    least = np.where(unknown, np.maximum(bright, dark), 0.0)
+    if not least.any():
         return albedo, ()
-    darkest = np.where(told, shading, np.inf).min(axis=0)
-    least = linear_table(values.dtype, prepared.encoding)[limit] / darkest
     filled = albedo.copy()
-    filled[rows, columns] = np.where(bounded, least, albedo[rows, columns])
-    share = np.count_nonzero(bounded.any(axis=-1)) / np.count_nonzero(prepared.mask)
-    message = f"{share:.1%} of the object has a channel saturated in all photographs: its albedo "
-    note = Finding("note", "albedo-bound", message + "is a lower bound", "expose one shorter")
-    return filled, (note,)
+    filled[rows, columns] += least
+    share = np.count_nonzero(least.any(axis=-1)) / np.count_nonzero(prepared.mask)
+    message = (
+        f"{share:.1%} of the object has a channel that is saturated or in shadow in all "
+        "photographs: its albedo is a lower bound"
+    )
+    return filled, (Finding("note", "albedo-bound", message, "expose one shorter"),)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rakelight.model import Floats, Lights
+from rakelight.model import Lights
 
 # Radius of the hemisphere's drawing.
 RADIUS = 100.0
@@ -41,13 +41,11 @@ class Lamp:
     distance_m: float | None
 
 
-def lamps(lights: Lights, names: tuple[str, ...], middle_m: Floats) -> list[Lamp]:
+def lamps(lights: Lights, names: tuple[str, ...]) -> list[Lamp]:
     """Every lamp that shines, one per channel where they are coloured.
 
-    middle_m : the object's middle, for the distances of near lamps
-
     >>> lights = Lights(np.array([[[0.6, 0.0, -0.8]]]), np.zeros((1, 1)))
-    >>> lamp = lamps(lights, ("000.png",), np.zeros(3))[0]
+    >>> lamp = lamps(lights, ("000.png",))[0]
     >>> round(lamp.x), round(lamp.y), round(lamp.azimuth), round(lamp.tilt)
     (60, 0, 90, 37)
     """
@@ -61,8 +59,8 @@ def lamps(lights: Lights, names: tuple[str, ...], middle_m: Floats) -> list[Lamp
             if not isfinite(x + y + z) or strength <= 0:
                 continue
             distance = None
-            if lights.position_m is not None:
-                distance = float(np.linalg.norm(lights.position_m[i] - middle_m))
+            if lights.distance_m is not None and np.isfinite(lights.distance_m[i, c]):
+                distance = float(lights.distance_m[i, c])
             drawn.append(
                 Lamp(
                     photograph=i,

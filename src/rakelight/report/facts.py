@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from rakelight.errors import printable
-from rakelight.export.pictures import known_before, object_window
+from rakelight.export.pictures import known_before
 from rakelight.export.plain import plain
-from rakelight.geometry.camera import back_project
-from rakelight.model import Floats, Result
+from rakelight.model import Result
 
 Rows = list[tuple[str, str]]
 
@@ -24,13 +23,6 @@ def title_of(result: Result) -> str:
     """
     source = printable(result.source)
     return PurePath(source).name or source or "result"
-
-
-def middle_m(result: Result) -> Floats:
-    """(3,) the mean of the object's points, metres, camera frame."""
-    window = object_window(result.mask)
-    points = back_project(result.depth[window], result.camera.cropped(*window))
-    return np.asarray(np.nanmean(points, axis=(0, 1)))
 
 
 def capture_rows(result: Result) -> Rows:

@@ -35,7 +35,7 @@ def report_html(result: Result, truth: Truth | None = None) -> bytes:
     truth : at the result's resolution, for the errors; None for none
     """
     names = tuple(map(printable, result.photograph_names))
-    lamps = charts.lamps(result.lights, names, facts.middle_m(result))
+    lamps = charts.lamps(result.lights, names)
     maps = viewer_maps(result)
     planes, viewer = pack(maps)
     viewer |= {

@@ -22,24 +22,24 @@ def frontal_lights(count: int) -> Lights:
     return Lights(vector=vector, ambient=np.zeros((count, 1)))
 
 
-def arriving(lights: Lights, points_m: Floats, middle_m: Floats) -> Floats:
+def arriving(lights: Lights, points_m: Floats) -> Floats:
     """(N, P, C, 3) light vectors s at P points; near lamps fall off from their positions.
 
-    points_m : (P, 3); middle_m : (3,) the object's middle, where `lights.vector` holds
+    points_m : (P, 3) camera frame
 
-    >>> lights = Lights(np.array([[[0.0, 0.0, -1.0]]]), np.zeros((1, 1)), np.zeros((1, 3)))
     >>> points = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 2.0]])
-    >>> arriving(lights, points, points[0])[0, :, 0].tolist()
+    >>> toward, none, place = np.array([[[0.0, 0.0, -1.0]]]), np.zeros((1, 1)), np.zeros((1, 1, 3))
+    >>> arriving(Lights(toward, none, place, middle_m=points[0]), points)[0, :, 0].tolist()
     [[0.0, 0.0, -1.0], [0.0, 0.0, -0.25]]
     """
-    if lights.position_m is None:
+    if lights.position_m is None or lights.middle_m is None:
         shape = (len(lights), len(points_m), *lights.vector.shape[1:])
         return np.broadcast_to(lights.vector[:, None], shape)
-    away = lights.position_m[:, None] - points_m
-    distance = np.linalg.norm(away, axis=-1, keepdims=True)
-    reach = np.linalg.norm(lights.position_m - middle_m, axis=-1)[:, None, None]
-    falling = away / distance * (reach / distance) ** 2
-    return np.asarray(falling[:, :, None] * lights.intensity[:, None, :, None])
+    away = lights.position_m[:, None] - points_m[:, None]
+    distance = np.linalg.norm(away, axis=-1)
+    reach = np.linalg.norm(lights.position_m - lights.middle_m, axis=-1)
+    strength = lights.intensity[:, None] * (reach[:, None] / distance) ** 2
+    return np.asarray(away * (strength / distance)[..., None])
 
 
 def estimate_light(

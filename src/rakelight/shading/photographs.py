@@ -14,7 +14,7 @@ import numpy as np
 
 from rakelight.geometry.grid import Grid, Links, has_gradient
 from rakelight.jit import threads_for
-from rakelight.model import MAD_TO_SIGMA, Array, Camera, Floats, Lights, Mask
+from rakelight.model import FARTHEST_M, MAD_TO_SIGMA, Array, Camera, Floats, Lights, Mask
 
 # Rows are summed in this many blocks, however many cores there are: the same numbers everywhere.
 BLOCKS = 16
@@ -28,7 +28,7 @@ class Lamps:
 
     vector : (N, C, 3) towards the lamp times irradiance at the object's middle; C is 1 or 3
     ambient : (N, C)
-    closeness : (N,) 1/metre, inverse distance from the object's middle; 0 for a distant lamp
+    closeness : (N, C) 1/metre, inverse distance from the object's middle; 0 for a distant lamp
     """
 
     vector: Floats
@@ -38,12 +38,12 @@ class Lamps:
     @classmethod
     def distant(cls, vector: Floats, ambient: Floats) -> Lamps:
         """Lamps at infinity."""
-        return cls(vector, ambient, np.zeros(len(vector)))
+        return cls(vector, ambient, np.zeros_like(ambient))
 
     @property
     def arrays(self) -> tuple[Floats, Floats, Floats]:
         """Vector q (C, 3, N), ambient (C, N) and |q| closeness (C, N) as kernels take them."""
-        nearness = np.linalg.norm(self.vector, axis=-1) * self.closeness[:, None]
+        nearness = np.linalg.norm(self.vector, axis=-1) * self.closeness
         vector, ambient, nearness = (
             np.ascontiguousarray(each.T, dtype=np.float64)
             for each in (self.vector.swapaxes(1, 2), self.ambient, nearness)
@@ -54,7 +54,7 @@ class Lamps:
         """The lamps after a step (N, C, 4 or 5): vector, [closeness,] ambient."""
         closeness = self.closeness
         if step.shape[-1] == 5:
-            closeness = np.maximum(closeness + step[..., 3].mean(axis=1), 0.0)
+            closeness = np.maximum(closeness + step[..., 3], 0.0)
         ambient = np.maximum(self.ambient + step[..., -1], 0.0)
         return Lamps(self.vector + step[..., :3], ambient, closeness)
 
@@ -64,13 +64,12 @@ class Lamps:
 
     def as_lights(self, middle_m: Floats) -> Lights:
         """As a result states them; near lamps get their positions."""
-        position = None
-        if (self.closeness > 0).any():
-            direction = self.vector.mean(axis=1)
-            length = np.linalg.norm(direction, axis=-1, keepdims=True)
-            direction = direction / np.maximum(length, np.finfo(float).tiny)
-            position = middle_m + direction / np.maximum(self.closeness, 1e-6)[:, None]
-        return Lights(self.vector, self.ambient, position)
+        lights = Lights(self.vector, self.ambient)
+        if not (self.closeness > 0).any():
+            return lights
+        distance = 1 / np.maximum(self.closeness, 1 / FARTHEST_M)
+        position = middle_m + distance[..., None] * lights.direction
+        return replace(lights, position_m=position, middle_m=middle_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +172,7 @@ class Photographs:
     def cleared(self, hidden: Mask | None, shine: Callable[[int], Floats] | None) -> Photographs:
         """The photographs without values in shadows and without highlights.
 
-        hidden : (N, h, w) what is not usable; None for nothing
+        hidden : (N, h, w, C) what is not usable; None for nothing
         shine : of each photograph, the light (P, C) to take from its active pixels; None for none
         """
         active, table = self.active, np.arange(65536) / 65535
@@ -182,7 +181,7 @@ class Photographs:
             light = self._light[self.values[i]]
             usable = light >= 0
             if hidden is not None:
-                usable &= ~hidden[i, ..., None]
+                usable &= ~hidden[i]
             if shine is not None:
                 light[active] -= shine(i)
             np.clip(np.rint(65535 * light), low, high, out=light)

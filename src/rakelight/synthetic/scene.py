@@ -161,8 +161,7 @@ def render_scene(
     The truth is exact at the pixel centres of the colour camera.  Its mask, and the capture's,
     leaves out the pixels that the object does not cover whole.  Its lights are those of the
     photographs' linear values, white being 1: photograph = albedo * (max(0, s.n) + ambient),
-    where nothing is shaded or shines.  For near lamps s is that in the middle (mean) of the
-    visible points; near coloured lamps, which `Lights` cannot hold, are None.
+    where nothing is shaded or shines.  The middle of near lamps is the visible points' mean.
 
     Raises InputError when the camera does not see the object, or its size is not a multiple of
     depth_factor, MachineError when there is too little memory.
@@ -301,16 +300,15 @@ class _Lamps:
             return np.broadcast_to(100.0 * toward, points_m.shape)
         return np.asarray(self.center_m + self.distance_m * toward - points_m)
 
-    def as_lights(self, level: float) -> Lights | None:
+    def as_lights(self, level: float) -> Lights:
         channels = self.toward.shape[1]
         gain = level * self.gain
         ambient = np.repeat((gain * self.ambient)[:, None], channels, axis=1)
         vector = gain[:, None, None] * self.toward
         if self.distance_m is None:
             return Lights(vector, ambient)
-        if channels > 1:
-            return None
-        return Lights(vector, ambient, self.center_m + self.distance_m * self.toward[:, 0])
+        position = self.center_m + self.distance_m * self.toward
+        return Lights(vector, ambient, position, self.center_m)
 
 
 def _lamps(options: SceneOptions, center_m: Floats) -> _Lamps:
