@@ -28,6 +28,10 @@ Lighting = Literal["moving-lamp", "rgb-leds", "ambient"]
 # Standard deviation of Gaussian noise over the median of its absolute deviations.
 MAD_TO_SIGMA = 1.4826
 
+# Sensors bend before they clip; below the lower level a pixel holds little but its own offset.
+SATURATED = 0.98  # of the largest value
+BLACK = 0.004
+
 # Where a distant lamp stands among near ones, metres from the object.
 FARTHEST_M = 1e6
 
@@ -318,12 +322,15 @@ class Result:
     camera : of these arrays
     prepared_depth : (H, W) float32 metres, the depth that the method started from
     method, options : name and every parameter with its value
-    energy : one value per iteration; converged says whether it came to rest
+    iterations : how many steps were taken, those of the finest level of several
+    energy : one value per step since the loss last changed; converged says whether it came to rest
     timings_s : seconds per stage
     capture : what was read, in figures: photographs, photograph_size, bits, encoding, lighting,
         depth_maps, depth_size, depth_checksum; depth_to_color as corrected, where it was registered
     prediction_errors : of every photograph from the others' albedo, as a fraction of its mean
         brightness; empty where there are fewer than three
+    findings : what a person should know
+    source, photograph_names : of the capture, for messages
     """
 
     depth: Floats

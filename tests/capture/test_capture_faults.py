@@ -462,7 +462,7 @@ def exposed(share, value):
 @pytest.mark.parametrize(
     ("value", "words"),
     [
-        ((250, 9, 99), ("saturated", "expose shorter")),
+        ((250, 251, 255), ("saturated", "expose shorter")),
         ((1, 0, 1), ("black", "expose longer")),
     ],
 )
@@ -479,6 +479,12 @@ def test_too_little_of_the_object_is_usable(tmp_path, value, words):
 def test_bright_and_dark_are_usable(tmp_path, value):
     write_capture(exposed(0.25, value), tmp_path / "c")
     assert not {"saturated", "black"} & set(codes(tmp_path / "c"))
+
+
+def test_a_channel_that_clips_leaves_the_others(tmp_path):
+    write_capture(exposed(0.25, (250, 9, 99)), tmp_path / "c")
+    found = {finding.code: finding.message for finding in load_capture(tmp_path / "c").findings}
+    assert "12.5% of the object on average, most in 000.png (25.0%)" in found["saturated"]
 
 
 def test_two_photographs_may_be_saturated(tmp_path):

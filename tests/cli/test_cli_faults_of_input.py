@@ -1,4 +1,4 @@
-"""faults.md 1-12, 14, 17, 19, 20, 31: `rakelight refine` on captures that are wrong."""
+"""faults.md 1-12, 14, 17-20, 31: `rakelight refine` on captures that are wrong."""
 
 import io
 import json
@@ -272,7 +272,7 @@ def test_14_8_bit_beside_16_bit(capture, refine_refused):
     refine_refused("rgb", "8-bit images beside 16-bit ones", "001.png 48x36x3 uint8")
 
 
-# --- 17, 19: masks ---
+# --- 17, 18, 19: masks ---
 
 
 def test_17_masks_that_are_refused(capture, refine_refused):
@@ -307,7 +307,9 @@ def test_19_thin_parts_and_single_pixels_keep_the_prepared_depth(capture, run, t
     mask = thin | broad
     assert not (mask & ~whole).any()
     (capture / "mask.png").write_bytes(encode_png(mask.astype(np.uint8)))
-    refined(run, capture, tmp_path / "out")
+    listed = refined(run, capture, tmp_path / "out")["thin-parts"]
+    assert "keep the prepared depth: 10 pixels at (" in listed
+    assert "7 at (" in listed
     result = load_result(tmp_path / "out")
     np.testing.assert_array_equal(np.isfinite(result.depth), mask)
     assert np.isfinite(result.normals[mask]).all()

@@ -268,7 +268,7 @@ def test_26_interrupted(run, capture, tmp_path, monkeypatch, where):
     before = contents(tmp_path)
     ran = run("refine", capture, "-o", tmp_path / "out")
     assert (ran.code, ran.out) == (130, "")
-    assert ran.err.strip() == "error: interrupted; nothing was left behind"
+    assert ran.err.strip() == "error: interrupted; nothing unfinished was left behind"
     assert contents(tmp_path) == before
 
 

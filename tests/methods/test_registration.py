@@ -154,3 +154,24 @@ def test_the_motion_of_points_is_that_of_the_pose():
         np.testing.assert_allclose(
             ahead[..., k], np.log(after[..., 2] / before[..., 2]) / 1e-6, atol=1e-4
         )
+
+
+def thin_capture(width):
+    """A capture whose mask is a bar, `width` colour pixels wide, at half-resolution depth."""
+    capture, _ = scene(depth_factor=2)
+    rows, columns = (int(np.median(each)) for each in np.nonzero(capture.mask))
+    bar = np.zeros_like(capture.mask)
+    bar[rows - 10 : rows + 10, columns : columns + width] = True
+    return replace(capture, mask=bar & capture.mask, register=True)
+
+
+@pytest.mark.parametrize("width", [1, 3])
+def test_a_thin_object_keeps_its_pose(width):
+    # One pixel holds no block of the depth's, three hold one: neither has a normal there.
+    capture = thin_capture(width)
+    result = refine(capture, "multi-light")
+    found = codes(result.findings)
+    assert "nowhere two depth pixels wide" in found["registration-doubtful"].message
+    assert "registered" not in found
+    assert ("too-thin" in found) == (width == 1)
+    assert np.isfinite(result.depth[result.mask]).all()

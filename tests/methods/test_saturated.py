@@ -8,9 +8,9 @@ import pytest
 from rakelight.methods import refine
 from rakelight.methods.estimate import Estimate
 from rakelight.methods.saturated import bounded_albedo
-from rakelight.model import Lights
+from rakelight.model import SATURATED, Lights
 from rakelight.prepare import prepare
-from rakelight.prepare.linear import SATURATED, usable
+from rakelight.prepare.linear import usable
 from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
 
 GAIN = 3.0

@@ -1,5 +1,6 @@
 """`prepare`: scales, cameras, windows, and what it refuses."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -148,15 +149,27 @@ def test_photographs_are_averaged_in_linear_light():
     codes = np.random.default_rng(2).integers(20, 240, (1, *CAMERA.shape, 3)).astype(np.uint8)
     capture = make_capture(2, photographs=codes, encoding="srgb", mask=np.ones(CAMERA.shape, bool))
     prepared = prepare(capture, 1)
-    assert prepared.encoding == "linear"
+    assert prepared.encoding == "srgb"
     assert prepared.photographs.dtype == np.uint16
     code = codes[0] / 255
     light = np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
     blocks = (light[::2, ::2] + light[1::2, ::2] + light[::2, 1::2] + light[1::2, 1::2]) / 4
-    np.testing.assert_allclose(prepared.photographs[0] / 65535, blocks, atol=0.6 / 65535)
+    seen, _ = prepared.pixels(0)
+    np.testing.assert_allclose(seen, blocks.reshape(-1, 3), rtol=1e-4)
     wrong = (code[::2, ::2] + code[1::2, ::2] + code[::2, 1::2] + code[1::2, 1::2]) / 4
     wrong = ((wrong + 0.055) / 1.055) ** 2.4
     assert np.abs(wrong - blocks).max() > 0.05
+
+
+def test_dark_is_as_usable_at_a_lower_resolution():
+    # sRGB's code 2 is the first that is not black, and 0.0006 of white.
+    photographs = np.full((1, *CAMERA.shape, 3), 2, np.uint8)
+    for encoding, scale in itertools.product(("srgb", "linear"), (2, 1)):
+        capture = make_capture(2, photographs=photographs, encoding=encoding)
+        seen, good = prepare(capture, scale).pixels(0)
+        assert good.all(), (encoding, scale)
+        dark = 2 / 255 / (12.92 if encoding == "srgb" else 1)
+        np.testing.assert_allclose(seen, dark, rtol=5e-3)
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])

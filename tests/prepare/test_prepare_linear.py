@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from rakelight.prepare.linear import BLACK, SATURATED, linear_table, to_linear, usable
+from rakelight.model import BLACK, SATURATED
+from rakelight.prepare.linear import linear_table, to_linear, usable
 
 DTYPES = [np.uint8, np.uint16]
 

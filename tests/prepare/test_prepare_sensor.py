@@ -10,7 +10,7 @@ from rakelight.errors import CaptureError, InputError
 from rakelight.geometry.grid import area_mean
 from rakelight.model import Camera, Capture, RigidTransform, SensorNoise
 from rakelight.prepare import prepare
-from rakelight.prepare.sensor import Grid, SensorDepth, overlaps
+from rakelight.prepare.sensor import SensorDepth, SensorGrid, overlaps
 
 HERE = RigidTransform(np.eye(3), np.zeros(3))
 TRUTH = depth_of(COLOUR)
@@ -58,7 +58,7 @@ def test_overlaps_beyond_the_window_are_left_out():
 def test_blocks_are_a_special_case(factor):
     random = np.random.default_rng(0)
     mask = random.random((12, 18)) < 0.15
-    grid = Grid((12 // factor, 18 // factor), mask.shape)
+    grid = SensorGrid((12 // factor, 18 // factor), mask.shape)
     assert grid.factor == factor
     np.testing.assert_array_equal(grid.touched(mask), area_mean(mask, factor) > 0)
     image = random.random(grid.sensor)
@@ -81,7 +81,7 @@ def test_average_is_over_the_objects_part_of_a_pixel():
 @pytest.mark.parametrize("sensor", [(20, 30), (27, 31), (60, 90)])
 def test_averages_of_a_plane_are_its_values_at_the_middles(sensor):
     shape = (40, 60)
-    grid = Grid(sensor, shape)
+    grid = SensorGrid(sensor, shape)
     rows, columns = slice(7, 33), slice(11, 48)
     measured = np.ones(sensor, bool)
     window = grid.window(np.ones(sensor), np.ones(sensor), measured, rows, columns)
@@ -193,7 +193,7 @@ def test_flying_pixels_of_the_object_are_not_measured():
     # the sensor's depth beside the post is the post's, the ball's, or the wall's
     beyond = (sensor.depth_m > 0.83) & (sensor.depth_m < 0.95)
     assert not beyond.any()
-    raw = depth[0][Grid(camera.shape, mask.shape).touched(mask)]
+    raw = depth[0][SensorGrid(camera.shape, mask.shape).touched(mask)]
     assert ((raw > 0.83) & (raw < 0.95)).any()
 
 

@@ -13,7 +13,7 @@ The format is in docs/conventions.md.  What a file may be:
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -48,12 +48,13 @@ from rakelight.model import (
 )
 
 
-def load_capture(folder: str | PathLike[str]) -> Capture:
+def load_capture(folder: str | PathLike[str], photographs: Sequence[int] | None = None) -> Capture:
     """Read a capture folder, strictly; nothing in it is changed.
 
     Parameters
     ----------
     folder : the folder with capture.toml
+    photographs : read only these, by their numbers from 0 in the order of rgb/; all when None
 
     Returns
     -------
@@ -64,6 +65,8 @@ def load_capture(folder: str | PathLike[str]) -> Capture:
     ------
     CaptureError
         something is missing, damaged or contradicts itself; says which file and what to do
+    InputError
+        there are not so many photographs
     MachineError
         a file cannot be read, or memory does not suffice
 
@@ -78,6 +81,8 @@ def load_capture(folder: str | PathLike[str]) -> Capture:
     camera = table.intrinsics.camera()
 
     rgb = list_images(root, "rgb", "photographs")
+    if photographs is not None:
+        rgb = rgb.chosen(photographs)
     depth = list_images(root, "depth", "depth maps")
     _check_photograph_kind(rgb)
     check_depth_kind(depth, table, root)
@@ -92,13 +97,13 @@ def load_capture(folder: str | PathLike[str]) -> Capture:
     if depth_noise is not None:
         validate.check_noise(depth_noise, root.shown(CONFIG))
 
-    photographs = _read_photographs(rgb)
+    images = _read_photographs(rgb)
     names = tuple(map(printable, rgb.names))
-    validate.check_not_twice(photographs, names, rgb.source)
+    validate.check_not_twice(images, names, rgb.source)
     depth_m, holes = read_depth(depth, table.depth_scale)
-    encoding, lighting, assumed = _defaults(table, photographs)
+    encoding, lighting, assumed = _defaults(table, images)
     capture = Capture(
-        photographs=photographs,
+        photographs=images,
         depth_m=depth_m,
         mask=np.ones(rgb.shape, bool),
         camera=camera,
@@ -122,7 +127,7 @@ def load_capture(folder: str | PathLike[str]) -> Capture:
             *file_findings(depth),
             *mask_findings,
             *validate.check_depth(depth_m, holes, on_object, depth.source, table.depth_scale),
-            *validate.check_exposure(photographs, mask, names, rgb.source),
+            *validate.check_exposure(images, mask, names, rgb.source),
         ),
     )
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from rakelight.capture.headers import Header, read_header
 from rakelight.capture.images import decode_image
-from rakelight.errors import CaptureError, MachineError, printable
+from rakelight.errors import CaptureError, InputError, MachineError, printable
 from rakelight.files import clear_errors, in_threads, read_bytes
 from rakelight.memory import require_memory
 from rakelight.model import Array, Finding
@@ -45,6 +45,20 @@ class Images:
     def shape(self) -> tuple[int, int]:
         """(height, width) of every image."""
         return self.headers[0].height, self.headers[0].width
+
+    def chosen(self, numbers: Sequence[int]) -> Images:
+        """Some of the images, by their numbers from 0; raises InputError for one that is not."""
+        count = len(self.names)
+        beyond = [number for number in numbers if not 0 <= number < count]
+        if beyond or not numbers:
+            raise InputError(
+                "no such photographs",
+                source="photographs",
+                seen=f"number {beyond[0]}" if beyond else "none",
+                needed=f"numbers from 0 to {count - 1}",
+            )
+        names, headers = zip(*((self.names[i], self.headers[i]) for i in numbers), strict=True)
+        return replace(self, names=names, headers=headers)
 
     def read(self, index: int) -> Array:
         """The pixels of one image, as stored."""

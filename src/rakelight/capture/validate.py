@@ -11,10 +11,18 @@ import numpy as np
 
 from rakelight.capture.headers import Header
 from rakelight.errors import CaptureError
-from rakelight.model import Array, Camera, Finding, Floats, Mask, RigidTransform, SensorNoise
+from rakelight.model import (
+    BLACK,
+    SATURATED,
+    Array,
+    Camera,
+    Finding,
+    Floats,
+    Mask,
+    RigidTransform,
+    SensorNoise,
+)
 
-SATURATED = 0.98  # of the largest value, in any channel
-BLACK = 0.004  # of the largest value, in all channels
 NEEDED_PHOTOGRAPHS = 3  # an albedo and a normal are three unknowns per pixel
 MOST_UNUSABLE = 0.20  # of the object
 LEAST_MEASURED = 0.01  # of the object
@@ -257,7 +265,8 @@ def check_exposure(
     photographs : (N, H, W, 3) as stored; mask : (H, W) True = object
 
     With three photographs or more, raises CaptureError when more than 20 % of the object has
-    fewer than three usable ones.
+    fewer than three that a channel is usable of.  The notes count pixels with a saturated channel,
+    and pixels black in all.
     """
     white = np.iinfo(photographs.dtype).max
     inside = np.flatnonzero(mask)
@@ -266,9 +275,11 @@ def check_exposure(
     for photograph in photographs:
         r, g, b = photograph.reshape(-1, 3).take(inside, axis=0).T
         brightest = np.maximum(np.maximum(r, g), b)
-        too_bright, too_dark = brightest >= SATURATED * white, brightest <= BLACK * white
-        usable += ~(too_bright | too_dark)
-        saturated.append(float(too_bright.mean()))
+        too_dark = brightest <= BLACK * white
+        # Where one channel clips, the others still say how bright the light was.
+        told = [(v > BLACK * white) & (v < SATURATED * white) for v in (r, g, b)]
+        usable += told[0] | told[1] | told[2]
+        saturated.append(float((brightest >= SATURATED * white).mean()))
         black.append(float(too_dark.mean()))
     if len(photographs) >= NEEDED_PHOTOGRAPHS:
         unusable = float((usable < NEEDED_PHOTOGRAPHS).mean())
@@ -290,7 +301,8 @@ def check_exposure(
             "note",
             code,
             f"{code}: {np.mean(shares):.1%} of the object on average, "
-            f"most in {names[int(np.argmax(shares))]} ({max(shares):.1%}); left out there",
+            f"most in {names[int(np.argmax(shares))]} ({max(shares):.1%}); "
+            "such values are left out",
             remedy,
         )
         for code, shares, remedy in (

@@ -118,7 +118,7 @@ def _run(arguments: list[str]) -> int:
         message = " ".join(error.format_message().split()).rstrip(".")
         return _fail(message + _where_to_look(error), 2, debug)
     except (KeyboardInterrupt, click.Abort):
-        return _fail("interrupted; nothing was left behind", 130, debug)
+        return _fail("interrupted; nothing unfinished was left behind", 130, debug)
     except SystemExit:  # click's answer when the reader of our output has gone, as after `| head`
         return 0
     except MemoryError:

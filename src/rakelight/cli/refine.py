@@ -38,7 +38,7 @@ from rakelight.model import Progress, Result
     "--scale",
     default="auto",
     show_default=True,
-    help="Output resolution over the depth's: 1, 2, 4; auto is the colour camera's.",
+    help="Output resolution over the depth's, a whole number; auto is the colour camera's.",
 )
 @click.option("--photographs", metavar="LIST", help="Use only these, as 0-14,17; all if left away.")
 @click.option("--overwrite", is_flag=True, help="Replace an older result at OUT.")
@@ -76,15 +76,14 @@ def command(
     from rakelight.methods import refine
 
     wanted = parse_scale(scale)
+    chosen = None if photographs is None else parse_photographs(photographs)
     refuse_input_as_output(capture, output)
     require_free(output, overwrite=overwrite, marker="result.json")
     began = perf_counter()
     with shown_progress(quiet or as_json) as progress:
         progress(Progress("read"))
-        loaded = load_capture(capture)
+        loaded = load_capture(capture, chosen)
         truth = load_truth(capture) if has_truth(capture) else None
-        if photographs is not None:
-            loaded = loaded.select(parse_photographs(photographs, len(loaded.photographs)))
         read_s = perf_counter() - began
         result = refine(loaded, method, scale=wanted, progress=progress)
         progress(Progress("write"))

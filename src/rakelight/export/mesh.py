@@ -11,10 +11,10 @@ import struct
 import msgspec
 import numpy as np
 
-from rakelight.export.albedo import srgb
 from rakelight.export.pictures import object_window
 from rakelight.geometry.mesh import Mesh, triangulate
 from rakelight.model import Array, Floats, Result
+from rakelight.prepare.linear import srgb
 
 # Camera frame (x right, y down, z forward) to glTF's (x right, y up, z to the viewer): a half
 # turn around x, so the triangles keep their winding.

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight.capture.images import encode_png
-from rakelight.export.albedo import srgb
 from rakelight.export.normals import normal_map
 from rakelight.geometry.grid import bounding_window
 from rakelight.geometry.normals import normals_from_depth
 from rakelight.model import Array, Floats, Mask, Result
+from rakelight.prepare.linear import srgb
 
 BACKGROUND = 32
 

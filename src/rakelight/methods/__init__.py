@@ -15,18 +15,17 @@ from typing import Any
 
 import numpy as np
 
-from rakelight.errors import CaptureError, MethodError
-from rakelight.geometry.grid import has_gradient
+from rakelight.errors import MethodError
 from rakelight.geometry.normals import surface_normals
 from rakelight.jit import one_blas_thread
 from rakelight.memory import require_memory
 from rakelight.methods.estimate import Estimate
 from rakelight.methods.prediction import prediction_errors
 from rakelight.methods.saturated import bounded_albedo
+from rakelight.methods.thin import too_thin
 from rakelight.model import (
     Capture,
     Finding,
-    Lights,
     Progress,
     ProgressCallback,
     Result,
@@ -49,11 +48,6 @@ METHODS = {
 # What a method needs at the least, bytes per pixel of the object's window: measured, rounded down.
 _BYTES_PER_PIXEL = {"multi-light": 1500}
 _BYTES_PER_PIXEL_OF_OTHERS = 500
-
-# What `auto` picks, best first, by what the capture holds.
-_FOR_MANY: tuple[str, ...] = ("multi-light", "multi-light-alternating")
-_FOR_LEDS: tuple[str, ...] = ("rgb-ratio",)
-_FOR_ONE: tuple[str, ...] = ("fusion-like",)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,22 +76,10 @@ def load_method(name: str) -> Method:
 
 
 def choose_method(capture: Capture) -> str:
-    """The method that `auto` stands for: by the number of photographs and the kind of lamps.
-
-    Raises MethodError when no method of this version fits the capture.
-    """
-    one = _FOR_LEDS if capture.lighting == "rgb-leds" else _FOR_ONE
-    wanted = _FOR_MANY if len(capture.photographs) > 1 else one
-    for name in wanted:
-        if name in METHODS:
-            return name
-    raise MethodError(
-        f"one photograph needs the method {wanted[0]!r}, which is not available in this version",
-        source=capture.source,
-        seen="1 photograph",
-        needed="several photographs under a moving lamp, for one of " + ", ".join(METHODS),
-        remedy="keep the camera fixed, move a lamp and take at least 4 photographs",
-    )
+    """The method that `auto` stands for: by the number of photographs and the kind of lamps."""
+    if len(capture.photographs) > 1:
+        return "multi-light"
+    return "rgb-ratio" if capture.lighting == "rgb-leds" else "fusion-like"
 
 
 def refine(
@@ -145,7 +127,7 @@ def refine(
         checked = checks.result()
     prepared_at = perf_counter()
     with one_blas_thread():
-        estimate = _too_thin(prepared) or chosen.run(prepared, options, progress)
+        estimate = too_thin(prepared) or chosen.run(prepared, options, progress)
     refined_at = perf_counter()
 
     depth_m = np.exp(estimate.log_depth)
@@ -209,38 +191,6 @@ def _figures(capture: Capture) -> dict[str, Any]:
         rotation, translation = pose.rotation.tolist(), pose.translation_m.tolist()
         figures["depth_to_color"] = {"rotation": rotation, "translation": translation}
     return figures
-
-
-def _too_thin(prepared: Prepared) -> Estimate | None:
-    """The prepared depth, where the object is nowhere two pixels wide and so has no normals.
-
-    Raises CaptureError where no photograph has a usable value on the rest.
-    """
-    inner = has_gradient(prepared.mask)[prepared.mask]
-    if inner.any():
-        if not any(prepared.pixels(i)[1][inner].any() for i in range(len(prepared))):
-            raise CaptureError(
-                "the photographs show nothing of the object",
-                source=prepared.source,
-                seen="only black and saturated pixels",
-                remedy="change the exposure, or the mask if it is elsewhere",
-            )
-        return None
-    nothing = Finding(
-        "warning",
-        "too-thin",
-        "the object is nowhere two pixels wide, so the photographs say nothing about its slope",
-        "check the mask",
-    )
-    black, count = np.zeros((*prepared.mask.shape, 3)), len(prepared.photographs)
-    return Estimate(
-        log_depth=np.log(prepared.depth_m),
-        albedo=black,
-        confidence=black[..., 0],
-        lights=Lights(np.zeros((count, 1, 3)), np.zeros((count, 1))),
-        converged=True,
-        findings=(nothing,),
-    )
 
 
 def _convergence(estimate: Estimate) -> tuple[Finding, ...]:

@@ -20,10 +20,10 @@ from rakelight.geometry.grid import (
     pair_slices,
     surface_links,
 )
-from rakelight.model import Floats, Mask
+from rakelight.model import BLACK, SATURATED, Floats, Mask
 from rakelight.prepare import Prepared
 from rakelight.prepare.inpaint import nearest_fill
-from rakelight.prepare.linear import BLACK, SATURATED, linear_table
+from rakelight.prepare.linear import linear_table
 from rakelight.shading.photographs import Photographs, Surface
 
 # Depth that was filled in is worth this fraction of what the sensor measured.
@@ -146,10 +146,8 @@ class Level:
 
     def carried(self, coarse: Level, log_depth: Floats) -> Floats:
         """The coarse level's log depth on this level's grid, without the prior's fine noise."""
-        # Continued beyond the coarse mask as the prior goes on.
-        correction = nearest_fill(log_depth - coarse.prior, coarse.mask)
-        continued = np.where(coarse.mask, log_depth, coarse.prior + correction)
-        return spread(continued, 2, self.mask.shape)
+        # Beyond the coarse mask it goes on flat, as the coarse prior does.
+        return spread(nearest_fill(log_depth, coarse.mask), 2, self.mask.shape)
 
 
 def finest_level(prepared: Prepared, *, cut: bool = False, unbiased: bool = False) -> Level:

@@ -22,9 +22,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rakelight.errors import CaptureError
 from rakelight.geometry.camera import back_project, pixel_rays
 from rakelight.geometry.grid import mean_gradient, surface_links
 from rakelight.methods.multi_light import Options, multi_light
+from rakelight.methods.thin import too_thin
 from rakelight.model import (
     MAD_TO_SIGMA,
     Camera,
@@ -76,12 +78,16 @@ def registered(capture: Capture, options: Options, progress: ProgressCallback = 
     """The capture with the pose of its depth camera corrected, and a finding that says by what.
 
     Depth that covers the colour image's view gets a camera of its own.  A capture that is right
-    to a twentieth of a pixel is returned with its pose as it is.
+    to a twentieth of a pixel is returned with its pose as it is, and so is one of an object that
+    has no normals at the depth's resolution.
     """
     own = capture.depth_camera or capture.camera.resized(*capture.depth_m.shape[:0:-1])
     start = capture.depth_to_color or RigidTransform(np.eye(3), np.zeros(3))
     scale = coarsest_scale(capture)
     options = replace(options, depth_trust=TRUST, max_iterations=min(options.max_iterations, BRIEF))
+    if not _wide_enough(capture, scale):
+        doubt = _doubt("the object is nowhere two depth pixels wide")
+        return replace(capture, findings=(*capture.findings, doubt))
     pose = start
     middle: Floats = np.zeros(3)
     total: Floats = np.zeros(6)
@@ -250,5 +256,17 @@ def _doubts(total: Floats, moved_px: float, known: Floats) -> tuple[Finding, ...
         why = f"still moving by {moved_px:.2f} depth pixels after {ROUNDS} rounds"
     else:
         return ()
+    return (_doubt(why),)
+
+
+def _doubt(why: str) -> Finding:
     fix = "calibrate the cameras, or take register = true out of capture.toml"
-    return (Finding("warning", "registration-doubtful", f"registration: {why}", fix),)
+    return Finding("warning", "registration-doubtful", f"registration: {why}", fix)
+
+
+def _wide_enough(capture: Capture, scale: int) -> bool:
+    """Whether the object has normals at this scale, and a photograph that shows them."""
+    try:
+        return too_thin(prepare(capture, scale)) is None
+    except CaptureError:  # refining says what it is, where it is not the scale
+        return False

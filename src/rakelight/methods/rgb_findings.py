@@ -6,9 +6,8 @@ from itertools import combinations
 
 import numpy as np
 
-from rakelight.model import Finding, Floats
+from rakelight.model import SATURATED, Finding, Floats
 from rakelight.prepare import Prepared
-from rakelight.prepare.linear import SATURATED
 
 CLOSEST_DEG, DARK, EQUAL_MEANS, MANY_SATURATED = 30.0, 0.05, 0.02, 0.01
 

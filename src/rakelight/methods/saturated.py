@@ -7,9 +7,9 @@ import numpy as np
 from rakelight.geometry.camera import back_project
 from rakelight.methods.estimate import Estimate
 from rakelight.methods.prediction import shadings
-from rakelight.model import Finding, Floats
+from rakelight.model import SATURATED, Finding, Floats
 from rakelight.prepare import Prepared
-from rakelight.prepare.linear import SATURATED, linear_table, usable
+from rakelight.prepare.linear import linear_table, usable
 
 # Lamps that leave a saturated pixel this much darker than the brightest does are wrong there.
 DARK = 0.2

@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 
 from rakelight.capture.images import as_rgb
-from rakelight.export.albedo import srgb
 from rakelight.export.pictures import BACKGROUND, object_window, shaded
 from rakelight.geometry.mesh import triangulate
 from rakelight.geometry.normals import normals_from_depth
 from rakelight.metrics import color_errors
 from rakelight.model import Array, Camera, Floats, Mask
+from rakelight.prepare.linear import srgb
 
 Window = tuple[slice, slice]
 """Rows and columns."""

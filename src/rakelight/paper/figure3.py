@@ -21,7 +21,7 @@ from rakelight.paper.runs import MAIN, Runs
 from rakelight.paper.scenes import PAPER_OPTIONS, paper_camera
 from rakelight.paper.sheet import Sheet
 from rakelight.prepare.linear import to_linear
-from rakelight.prepare.sensor import Grid
+from rakelight.prepare.sensor import SensorGrid
 from rakelight.synthetic import DepthNoise, make_albedo, render_scene
 
 # A structured-light sensor's: noise that is smooth over a few pixels, steps, holes.
@@ -80,7 +80,7 @@ def figure3(runs: Runs) -> Sheet:
 def depth_mask(capture: Capture) -> Mask:
     """(h, w) the object at the depth map's resolution."""
     height, width = capture.depth_m.shape[1:]
-    return Grid((height, width), capture.mask.shape).touched(capture.mask)
+    return SensorGrid((height, width), capture.mask.shape).touched(capture.mask)
 
 
 def depth_camera(capture: Capture) -> Camera:

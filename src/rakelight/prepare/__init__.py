@@ -15,12 +15,12 @@ import numpy as np
 from rakelight.errors import CaptureError, InputError
 from rakelight.files import in_threads
 from rakelight.geometry.grid import area_mean, bounding_window, surface_links
-from rakelight.model import Array, Camera, Capture, Encoding, Finding, Floats, Mask
+from rakelight.model import SATURATED, Array, Camera, Capture, Encoding, Finding, Floats, Mask
 from rakelight.prepare.denoise import bilateral
-from rakelight.prepare.holes import hole_findings, unseen, within_reach
+from rakelight.prepare.holes import hole_findings, thin_finding, unseen, within_reach
 from rakelight.prepare.inpaint import inpaint
-from rakelight.prepare.linear import SATURATED, to_linear, usable
-from rakelight.prepare.sensor import Grid, SensorDepth, check_sizes, sensed, sensor_shape
+from rakelight.prepare.linear import srgb, to_linear, usable
+from rakelight.prepare.sensor import SensorDepth, SensorGrid, check_sizes, sensed, sensor_shape
 from rakelight.prepare.surfaces import beside_the_object
 from rakelight.prepare.upsample import upsample
 
@@ -88,7 +88,7 @@ def prepare(capture: Capture, scale: Scale = "auto") -> Prepared:
     object has no depth.
     """
     check_sizes(capture)
-    colour = Grid(sensor_shape(capture), capture.camera.shape)
+    colour = SensorGrid(sensor_shape(capture), capture.camera.shape)
     shrink = _shrink(colour, scale)
     camera = capture.camera.scaled(1 / shrink)
     mask = capture.mask if shrink == 1 else area_mean(capture.mask, shrink) == 1
@@ -100,10 +100,8 @@ def prepare(capture: Capture, scale: Scale = "auto") -> Prepared:
             needed=f"a block of {shrink} x {shrink}",
             remedy="check the mask, or leave --scale away",
         )
-    photographs, encoding = capture.photographs, capture.encoding
-    if shrink > 1:
-        photographs, encoding = _shrunk(capture, shrink), "linear"
-    grid = Grid(colour.sensor, camera.shape)
+    photographs = capture.photographs if shrink == 1 else _shrunk(capture, shrink)
+    grid = SensorGrid(colour.sensor, camera.shape)
 
     average, sigma = sensed(capture, capture.mask)
     sensor_mask = grid.touched(mask)
@@ -116,7 +114,7 @@ def prepare(capture: Capture, scale: Scale = "auto") -> Prepared:
     carried = within_reach(measured, sensor_mask)
     seen = mask & grid.spread(carried)
     seen &= ~unseen(photographs, seen & ~grid.spread(measured), round(grid.factor))
-    findings = hole_findings(mask, seen, grid.spread(measured))
+    findings = hole_findings(mask, seen, grid.spread(measured)) + thin_finding(seen)
 
     filled = inpaint(np.where(measured, average, np.nan), carried)
     typical_m, typical_sigma_m = (
@@ -128,7 +126,7 @@ def prepare(capture: Capture, scale: Scale = "auto") -> Prepared:
     everywhere_m = np.where(measured, sigma, typical_sigma_m)
     return Prepared(
         photographs=photographs[:, rows, columns],
-        encoding=encoding,
+        encoding=capture.encoding,
         mask=seen[rows, columns],
         depth_m=upsample(smooth, camera.shape, links, (rows, columns)),
         sigma_m=grid.spread(everywhere_m)[rows, columns],
@@ -157,10 +155,10 @@ def coarsest_scale(capture: Capture) -> int:
     1
     """
     check_sizes(capture)
-    return min(_scales(Grid(sensor_shape(capture), capture.camera.shape)))
+    return min(_scales(SensorGrid(sensor_shape(capture), capture.camera.shape)))
 
 
-def _shrink(colour: Grid, scale: Scale) -> int:
+def _shrink(colour: SensorGrid, scale: Scale) -> int:
     """Colour pixels along each side of an output pixel."""
     if scale == "auto":
         return 1
@@ -176,7 +174,7 @@ def _shrink(colour: Grid, scale: Scale) -> int:
     return scales[scale]
 
 
-def _scales(colour: Grid) -> dict[int, int]:
+def _scales(colour: SensorGrid) -> dict[int, int]:
     """Scale, the nearest whole number -> colour pixels along each side of an output pixel.
 
     Where the colour camera has a whole number of pixels per depth pixel, so has every output.
@@ -191,9 +189,10 @@ def _scales(colour: Grid) -> dict[int, int]:
 
 
 def _shrunk(capture: Capture, shrink: int) -> Array:
-    """The photographs averaged over blocks in linear light, as linear 16-bit values.
+    """The photographs averaged over blocks in linear light, as 16-bit values, encoded as they were.
 
-    A block with a saturated pixel stays saturated in that channel: its mean would be a lie.
+    So black is the same at every scale.  A block with a saturated pixel stays saturated in that
+    channel: its mean would be a lie.
     """
     white = np.iinfo(np.uint16).max
     height, width = (side // shrink for side in capture.mask.shape)
@@ -203,7 +202,7 @@ def _shrunk(capture: Capture, shrink: int) -> Array:
         mean = area_mean(to_linear(capture.photographs[i], capture.encoding), shrink)
         clipped = capture.photographs[i] >= SATURATED * capture.white
         mean[area_mean(clipped, shrink) > 0] = 1.0
-        small[i] = np.round(mean * white)
+        small[i] = np.round(white * (srgb(mean) if capture.encoding == "srgb" else mean))
 
     in_threads(shrink_one, range(len(small)))
     return small

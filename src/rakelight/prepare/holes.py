@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from rakelight.geometry.grid import has_gradient
 from rakelight.model import Array, Finding, Mask
 from rakelight.prepare.inpaint import dilate
 from rakelight.prepare.linear import usable
@@ -40,6 +41,24 @@ def unseen(photographs: Array, unmeasured: Mask, margin: int) -> Mask:
     dark = np.zeros(unmeasured.shape, dtype=bool)
     dark[rows, columns] = ~shown
     return dark & ~dilate(~dark, max(margin, 1)) if dark.any() else dark
+
+
+def thin_finding(mask: Mask) -> tuple[Finding, ...]:
+    """What to say of parts of a mask (h, w) that are nowhere two pixels wide, if others are.
+
+    >>> mask = np.array([[1, 1, 0, 1], [1, 1, 0, 0]], bool)
+    >>> thin_finding(mask)[0].message.endswith("the prepared depth: 1 pixel at (3, 0)")
+    True
+    """
+    from scipy.ndimage import label
+
+    parts, _ = label(mask)
+    wide = np.unique(parts[has_gradient(mask)])
+    thin = mask & ~np.isin(parts, wide)
+    if not (len(wide) and thin.any()):
+        return ()
+    message = f"parts of the mask nowhere two pixels wide keep the prepared depth: {_places(thin)}"
+    return (Finding("note", "thin-parts", message, "leave them out of mask.png"),)
 
 
 def hole_findings(mask: Mask, seen: Mask, measured: Mask) -> tuple[Finding, ...]:
@@ -82,6 +101,6 @@ def _places(mask: Mask) -> str:
     sizes = np.bincount(parts.ravel())[1:]
     corners = [(columns.start, rows.start) for rows, columns in find_objects(parts)]
     first, *others = np.argsort(-sizes, kind="stable")[:LISTED]
-    words = [f"{sizes[first]} pixels at {corners[first]}"]
+    words = [f"{sizes[first]} pixel{'s' if sizes[first] > 1 else ''} at {corners[first]}"]
     words += [f"{sizes[i]} at {corners[i]}" for i in others]
     return ", ".join(words) + (f" and {count - LISTED} more" if count > LISTED else "")

@@ -6,11 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from rakelight.model import Array, Encoding, Floats, Mask
-
-# Sensors bend before they clip; below the lower level a pixel holds little but its own offset.
-SATURATED = 0.98
-BLACK = 0.004
+from rakelight.model import BLACK, SATURATED, Array, Encoding, Floats, Mask
 
 
 def to_linear(values: Array, encoding: Encoding) -> Floats:
@@ -30,6 +26,19 @@ def linear_table(dtype: np.dtype[Any], encoding: Encoding) -> Floats:
     if encoding == "srgb":
         code = np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
     return code.astype(np.float32)
+
+
+def srgb(linear: Floats) -> Floats:
+    """Linear light, clipped to 0..1, to sRGB code values 0..1 (IEC 61966-2-1).
+
+    >>> srgb(np.array([-1.0, 0.002, 1.0, 2.0])).round(5).tolist()
+    [0.0, 0.02584, 1.0, 1.0]
+    """
+    light = np.clip(linear, 0, 1)
+    code = np.asarray(12.92 * light)
+    bright = light > 0.0031308
+    code[bright] = 1.055 * np.power(light[bright], 1 / 2.4) - 0.055
+    return code
 
 
 def usable(values: Array) -> Mask:

@@ -12,7 +12,7 @@ from rakelight.geometry.grid import bounding_window
 from rakelight.model import Array, Camera, Capture, Finding, Floats, Mask
 from rakelight.prepare.inpaint import dilate
 from rakelight.prepare.linear import to_linear
-from rakelight.prepare.sensor import Grid, sensed
+from rakelight.prepare.sensor import SensorGrid, sensed
 from rakelight.prepare.surfaces import surfaces
 
 REMEDY = "draw the object white on black at the photographs' size and save it as mask.png"
@@ -45,7 +45,7 @@ def cut_out(capture: Capture) -> tuple[Mask, tuple[Finding, ...]]:
     what colours say, or where nothing stands out: then all that has depth is the object.
     """
     depth, sigma = sensed(capture)
-    grid = Grid(depth.shape, capture.camera.shape)
+    grid = SensorGrid(depth.shape, capture.camera.shape)
     camera = capture.camera.resized(*depth.shape[::-1])
     known = np.isfinite(depth)
     found = nearest_object(depth, sigma, camera)
@@ -225,7 +225,7 @@ def _picture(capture: Capture) -> Array:
     return np.asarray(255 * np.sqrt(np.clip(mean / brightest, 0, 1)), np.uint8)[..., ::-1]
 
 
-def outlined(mask: Mask, known: Mask, picture: Array, grid: Grid) -> tuple[Mask, float]:
+def outlined(mask: Mask, known: Mask, picture: Array, grid: SensorGrid) -> tuple[Mask, float]:
     """The mask (hs, ws) at the picture's resolution with the outline where colours change.
 
     known : (hs, ws) where there is depth; picture : (H, W, 3) uint8

@@ -15,7 +15,7 @@ import numpy as np
 from rakelight.errors import CaptureError
 from rakelight.model import Capture, Finding, Floats, Mask
 from rakelight.prepare.motion import in_words
-from rakelight.prepare.sensor import Grid, sensed
+from rakelight.prepare.sensor import SensorGrid, sensed
 from rakelight.prepare.surfaces import surfaces
 
 # Depth pixels: a shift is at least this, and this much more than the outline lies off all around.
@@ -94,7 +94,7 @@ def seen_by_sensor(capture: Capture) -> tuple[Mask, float]:
     from scipy.ndimage import binary_fill_holes
 
     depth, _ = sensed(replace(capture, depth_m=capture.depth_m[:1]))
-    grid = Grid(depth.shape, capture.camera.shape)
+    grid = SensorGrid(depth.shape, capture.camera.shape)
     number, count = surfaces(depth, capture.camera.resized(*depth.shape[::-1]))
     known = number >= 0
     inside = np.bincount(number[known & grid.touched(capture.mask)], minlength=count)

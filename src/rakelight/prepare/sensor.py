@@ -48,7 +48,7 @@ class SensorDepth:
 
 
 @dataclass(frozen=True, slots=True)
-class Grid:
+class SensorGrid:
     """A sensor's pixels (hs, ws) over the same view as an image's (h, w).
 
     Where `shape` is a multiple of `sensor`, sensor pixels are blocks.
@@ -71,7 +71,7 @@ class Grid:
     def touched(self, mask: Mask) -> Mask:
         """(hs, ws) the sensor pixels that any of the mask's (h, w) lies in.
 
-        >>> Grid((1, 2), (2, 3)).touched(np.array([[0, 1, 0], [0, 0, 0]], bool)).tolist()
+        >>> SensorGrid((1, 2), (2, 3)).touched(np.array([[0, 1, 0], [0, 0, 0]], bool)).tolist()
         [[True, True]]
         """
         return self._area(mask) > LEAST_SHARE
@@ -79,7 +79,7 @@ class Grid:
     def covered(self, mask: Mask) -> Mask:
         """(hs, ws) the sensor pixels that lie in the mask (h, w) whole.
 
-        >>> Grid((1, 2), (2, 3)).covered(np.array([[1, 1, 0], [1, 1, 0]], bool)).tolist()
+        >>> SensorGrid((1, 2), (2, 3)).covered(np.array([[1, 1, 0], [1, 1, 0]], bool)).tolist()
         [[True, False]]
         """
         return self._area(~mask) <= LEAST_SHARE
@@ -92,7 +92,7 @@ class Grid:
     def spread(self, image: Array) -> Array:
         """(h, w) the value of the sensor pixel (hs, ws) that holds each pixel's centre.
 
-        >>> Grid((1, 2), (1, 3)).spread(np.array([[5, 6]])).tolist()
+        >>> SensorGrid((1, 2), (1, 3)).spread(np.array([[5, 6]])).tolist()
         [[5, 6, 6]]
         """
         return at_centres(image, (self.edges(0), self.edges(1)), self.shape)
@@ -187,7 +187,9 @@ def sensed(capture: Capture, mask: Mask | None = None) -> tuple[Floats, Floats]:
         )
         grid = sensor_grid(capture.camera, capture.depth_camera)
         return register(depth, sigma, capture.depth_camera, pose, grid)
-    on_object = np.ones(shape, bool) if mask is None else Grid(shape, mask.shape).touched(mask)
+    on_object = (
+        np.ones(shape, bool) if mask is None else SensorGrid(shape, mask.shape).touched(mask)
+    )
     depth, sigma = np.full(shape, np.nan), np.full(shape, np.nan)
     if on_object.any():
         part = bounding_window(on_object, margin=NEIGHBOURHOOD_PX)

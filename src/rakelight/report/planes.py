@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from rakelight.export.albedo import srgb
 from rakelight.export.confidence import confidence_values
 from rakelight.export.finite import all_finite
 from rakelight.export.pictures import known_before, object_window
 from rakelight.geometry.grid import STEEPEST, area_mean
 from rakelight.geometry.normals import normals_from_depth
 from rakelight.model import Array, Camera, Floats, Mask, Result
+from rakelight.prepare.linear import srgb
 
 MOST_TRIANGLES = 150_000
 # Maps are averaged over blocks until they have at most so many pixels, as textures and downloads

@@ -28,6 +28,7 @@ from rakelight.model import (
     RigidTransform,
     Truth,
 )
+from rakelight.prepare.linear import srgb
 from rakelight.synthetic.albedo import Albedo, make_albedo
 from rakelight.synthetic.implicit import Surface, seen_from, trace
 from rakelight.synthetic.noise import PERFECT, DepthNoise, add_depth_noise
@@ -406,14 +407,8 @@ def _develop(light: Floats, options: SceneOptions) -> Array:
     for image, value in zip(light, values, strict=True):
         noise = options.image_noise * rng.standard_normal(image.shape, dtype=np.float32)
         exposed = np.clip(image + noise, 0, 1)
-        value[:] = np.rint(white * (_srgb(exposed) if options.encoding == "srgb" else exposed))
+        value[:] = np.rint(white * (srgb(exposed) if options.encoding == "srgb" else exposed))
     return values
-
-
-def _srgb(light: Floats) -> Floats:
-    """Linear light 0..1 to sRGB values 0..1 (IEC 61966-2-1)."""
-    bent = 1.055 * np.power(light, 1 / 2.4) - 0.055
-    return np.where(light <= 0.0031308, 12.92 * light, bent)
 
 
 # ---- depth
