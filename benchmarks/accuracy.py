@@ -206,7 +206,7 @@ def maps(arguments: argparse.Namespace) -> Iterator[str]:
     """One picture: depth errors above, normal errors below; before left, after right."""
     capture, truth, result = refined(arguments)
     window = object_window(truth.mask)
-    before = normals_from_depth(result.prepared_depth, truth.mask, capture.camera)
+    before = surface_normals(result.prepared_depth, truth.mask, capture.camera)
     rows = []
     for errors, largest in (
         ([depth_error_map_mm(d, truth.depth, truth.mask)
@@ -248,7 +248,7 @@ def _scans(arguments: argparse.Namespace, conditions: dict[str, Any]) -> Iterato
             began = time.perf_counter()
             result = refine(capture, arguments.method)
             seconds = time.perf_counter() - began
-            flat = normals_from_depth(result.prepared_depth, truth.mask, capture.camera)
+            flat = surface_normals(result.prepared_depth, truth.mask, capture.camera)
             before = evaluate(result.prepared_depth, flat, truth)
             after = evaluate(result.depth, result.normals, truth)
             whole_m = np.where(truth.mask, truth.depth, 1.0).astype(np.float64)

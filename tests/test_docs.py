@@ -24,6 +24,7 @@ from rakelight.cli import rakelight as program
 from rakelight.errors import InputError, MachineError, RakelightError
 from rakelight.export.summary import Conventions, Summary
 from rakelight.methods import METHODS
+from rakelight.methods.multi_light import Options
 from rakelight.model import Camera, Lights, Result
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -134,12 +135,19 @@ def test_the_capture_toml_of_the_readme_is_read():
 
 
 def test_the_python_of_the_readme_uses_names_that_exist():
-    (example,) = blocks(text_of("README.md"), "python")
-    fields = set(Result.__dataclass_fields__) | set(dir(Result))
-    for node in ast.walk(ast.parse(example)):
+    examples = blocks(text_of("README.md"), "python")
+    assert len(examples) == 2
+    known = {
+        "rakelight": set(rakelight.__all__),
+        "result": set(Result.__dataclass_fields__) | set(dir(Result)),
+    }
+    for node in ast.walk(ast.parse("".join(examples))):
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-            known = {"rakelight": set(rakelight.__all__), "result": fields}[node.value.id]
-            assert node.attr in known
+            assert node.attr in known[node.value.id]
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            options = {option.arg for option in node.keywords}
+            assert node.func.id == "Options"
+            assert options <= set(Options.__dataclass_fields__)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

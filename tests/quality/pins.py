@@ -13,7 +13,7 @@ import json
 import sys
 from pathlib import Path
 
-from rakelight.geometry.normals import normals_from_depth
+from rakelight.geometry.normals import surface_normals
 from rakelight.methods import METHODS, refine
 from rakelight.metrics import evaluate
 from rakelight.prepare import prepare
@@ -67,7 +67,7 @@ def measure(method, name):
     if method == "input":
         prepared = prepare(capture)
         depth = prepared.embed(prepared.depth_m, float("nan"))
-        normals, counted = normals_from_depth(depth, truth.mask, capture.camera), {}
+        normals, counted = surface_normals(depth, truth.mask, capture.camera), {}
     else:
         result = refine(capture, method)
         depth, normals = result.depth, result.normals

@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rakelight.model import Lights
-from rakelight.shading.albedo import AlbedoFit
 from rakelight.shading.harmonics import lit, shading
 from rakelight.shading.lighting import estimate_light, frontal_lights
 from rakelight.shading.render import render
@@ -216,50 +215,13 @@ def test_frontal_lights_shine_from_the_camera():
     np.testing.assert_array_equal(lights.ambient, np.zeros((3, 1)))
 
 
-# ---- albedo
-
-
-def test_albedo_is_least_squares_per_pixel_and_channel():
-    rng = np.random.default_rng(5)
-    shades, images = rng.uniform(0, 1, (7, 20)), rng.uniform(0, 1, (7, 20, 3))
-    weights = rng.uniform(0, 2, (7, 20, 3))
-    fit = AlbedoFit(20)
-    for image, shade, weight in zip(images, shades, weights, strict=True):
-        fit.add(image, shade, weight)
-    for p, c in np.ndindex(20, 3):
-        root = np.sqrt(weights[:, p, c])
-        best = np.linalg.lstsq((root * shades[:, p])[:, None], root * images[:, p, c], rcond=None)
-        assert fit.albedo()[p, c] == pytest.approx(best[0][0], rel=1e-12)
-
-
-def test_albedo_of_clean_photographs_is_exact():
-    normals, albedo, fit = cap(), paint(), AlbedoFit(400)
-    for azimuth in (0, 120, 240):
-        vector = toward(45, azimuth)
-        image = photograph(normals, albedo, vector, 0.1)
-        weight = np.random.default_rng(azimuth).random(image.shape) < 0.8
-        fit.add(np.where(weight, image, 9e9), shading(normals, vector, 0.1), weight)
-    shown = fit.albedo() > 0
-    assert shown.mean() > 0.98
-    np.testing.assert_allclose(fit.albedo()[shown], albedo[shown], rtol=1e-12)
-
-
-def test_albedo_that_no_photograph_shows_is_nought():
-    fit = AlbedoFit(2, channels=1)
-    assert fit.albedo().tolist() == [[0], [0]]
-    fit.add(np.array([[0.4], [0.4]]), np.array([0.8, 0.0]), np.ones((2, 1)))
-    np.testing.assert_allclose(fit.albedo(), [[0.5], [0]])
-
-
 def test_render_then_estimate():
-    # With the true albedo the lights come back, with the true lights the albedo.
+    # With the true albedo the lights come back.
     normals, albedo = cap(), paint()
     vectors = np.stack([toward(30, azimuth, 0.5 + azimuth / 500) for azimuth in range(0, 360, 60)])
     lights = Lights(vector=vectors[:, None], ambient=np.linspace(0.02, 0.2, 6)[:, None])
-    fit, ones = AlbedoFit(400), np.ones(albedo.shape)
+    ones = np.ones(albedo.shape)
     for i in range(6):
         image = render(normals, albedo, lights, i)
         light = estimate_light(image, ones, albedo, normals, FRONTAL)
         np.testing.assert_allclose(light, [*vectors[i], lights.ambient[i, 0]], atol=1e-9)
-        fit.add(image, shading(normals, light[:3], light[3]), ones)
-    np.testing.assert_allclose(fit.albedo(), albedo, rtol=1e-8)

@@ -34,7 +34,7 @@ def command(output: Path, as_json: bool, quiet: bool, debug: bool) -> None:
     """
     from rakelight.capture import load_capture, write_capture
     from rakelight.files import require_free
-    from rakelight.geometry.normals import normals_from_depth
+    from rakelight.geometry.normals import surface_normals
     from rakelight.methods import refine
     from rakelight.metrics import evaluate
     from rakelight.synthetic import demo_scene
@@ -51,7 +51,7 @@ def command(output: Path, as_json: bool, quiet: bool, debug: bool) -> None:
         result.save(result_folder, overwrite=True, truth=truth)
     before = evaluate(
         result.prepared_depth,
-        normals_from_depth(result.prepared_depth, truth.mask, result.camera),
+        surface_normals(result.prepared_depth, truth.mask, result.camera),
         truth,
     )
     after = evaluate(result.depth, result.normals, truth)

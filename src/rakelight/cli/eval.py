@@ -50,7 +50,7 @@ def command(
     from rakelight.capture import load_depth, load_truth
     from rakelight.export import load_result
     from rakelight.files import require_free
-    from rakelight.geometry.normals import normals_from_depth
+    from rakelight.geometry.normals import surface_normals
     from rakelight.metrics import evaluate
 
     if maps is not None:
@@ -59,7 +59,7 @@ def command(
     after = evaluate(loaded.depth, loaded.normals, known)
     before = evaluate(
         loaded.prepared_depth,
-        normals_from_depth(loaded.prepared_depth, known.mask, loaded.summary.camera),
+        surface_normals(loaded.prepared_depth, known.mask, loaded.summary.camera),
         known,
     )
     made_from, source = loaded.summary.capture.get("depth_checksum"), loaded.summary.source

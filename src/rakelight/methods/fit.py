@@ -39,10 +39,13 @@ from rakelight.solve.gauss_newton import border
 from rakelight.solve.robust import cauchy_scales
 
 FOURTH_DIFFERENCE = (0.125, -0.5, 0.75, -0.5, 0.125)
+# Weight of the fourth differences over the photographs' own of the gradient; in a joint step's
+# matrix also that of one-sided differences over mean ones, of pixels or of cells.
 STIFFNESS = 0.03
 CELL_STIFFNESS = 0.5
 # No photograph is better than this (white is 1), even if the model explains it exactly.
 SMALLEST_NOISE = 1e-5
+# On the way no photograph is taken for worse: rough residuals would hand the surface to the sensor.
 NOISIEST = 0.01
 # Levenberg-Marquardt: a refused step is tried again with so many times the damping.
 STRONGER, WEAKEST, STRONGEST, TRIES = 8.0, 1e-6, 1e2, 3

@@ -75,7 +75,8 @@ class Options:
         along the bas-relief valley.
     lamps : "white" for one light in all channels, "coloured" for one per channel, "auto"
     distance : "distant" for parallel light, "near" for lamps at a place, "auto"
-    max_iterations : Gauss-Newton steps at each level of the pyramid
+    max_iterations : most Gauss-Newton steps at the coarsest level and, twice, at the finest; the
+        others take at most three
     tolerance : a level ends when a step lowers the energy by less than this fraction
     coarse_pixels : size of the coarsest level, where lights and depth move together exactly
     """
@@ -102,7 +103,7 @@ class Options:
 def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback) -> Estimate:
     """Refine the prepared depth by all photographs at once.
 
-    Raises MethodError for fewer than 3 photographs.
+    Raises MethodError for fewer than 3 photographs, or than the square of the scale.
     """
     require_photographs(prepared, "multi-light", 3)
     trust = first_trust = options.depth_trust or FIRST_TRUST * prepared.factor**2

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rakelight.export.pictures import object_window
-from rakelight.geometry.normals import normals_from_depth
+from rakelight.geometry.normals import surface_normals
 from rakelight.metrics import evaluate
 from rakelight.model import Array, Result
 from rakelight.paper.drawing import (
@@ -38,7 +38,7 @@ def figure1(runs: Runs) -> Sheet:
     """The bust before and after our joint method; somebody's capture too."""
     _, truth = runs.scene(MAIN, "moving-lamp")
     result = runs.joint()
-    before = normals_from_depth(result.prepared_depth, truth.mask, result.camera)
+    before = surface_normals(result.prepared_depth, truth.mask, result.camera)
     rows = []
     for name, depth_m, normals in (
         ("input", result.prepared_depth, before),

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from rakelight.export.normals import normal_map
 from rakelight.export.pictures import object_window
-from rakelight.geometry.normals import normals_from_depth
+from rakelight.geometry.normals import surface_normals
 from rakelight.metrics import depth_errors, normal_errors
 from rakelight.model import Array, Capture, Floats, Mask, Progress, Truth, silent
 from rakelight.paper.drawing import (
@@ -90,7 +90,7 @@ def _surfaces(
         row = row_of(method)
         result = row.run(_seen_by(row, capture), silent)
         before = result.prepared_depth
-        surfaces["input"] = before, normals_from_depth(before, truth.mask, capture.camera)
+        surfaces["input"] = before, surface_normals(before, truth.mask, capture.camera)
         surfaces[row.label] = result.depth, result.normals
     return surfaces
 

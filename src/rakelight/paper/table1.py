@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rakelight.export.pictures import object_window, shaded, side_by_side
-from rakelight.geometry.normals import normals_from_depth
+from rakelight.geometry.normals import surface_normals
 from rakelight.metrics import Evaluation, evaluate
 from rakelight.model import Array, Progress, ProgressCallback, Truth, silent
 from rakelight.paper.rows import ROWS, Row
@@ -80,7 +80,7 @@ def _score(row: Row, scenario: str, runs: Runs) -> tuple[Evaluation, Array]:
     if row.method is None:
         prepared = prepare(capture)
         depth = prepared.embed(prepared.depth_m, float("nan"))
-        normals = normals_from_depth(depth, truth.mask, capture.camera)
+        normals = surface_normals(depth, truth.mask, capture.camera)
     else:
         result = runs.result(row, scenario)
         depth, normals = result.depth, result.normals

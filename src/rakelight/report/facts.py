@@ -69,7 +69,9 @@ def method_rows(result: Result) -> Rows:
          f"{100 * np.mean(confidence > 0.5):.0f} % of the object")
     )  # fmt: skip
     stages = {
-        name: s for name, s in result.timings_s.items() if name in ("read", "prepare", "refine")
+        name: seconds
+        for name, seconds in result.timings_s.items()
+        if name in ("read", "register", "prepare", "refine")
     }
     if stages:
         parts = ", ".join(f"{name} {seconds:.1f}" for name, seconds in stages.items())

@@ -18,7 +18,7 @@ from markupsafe import Markup
 from rakelight.errors import printable
 from rakelight.export.pictures import CONFIDENCE_COLORS
 from rakelight.export.summary import program_version
-from rakelight.geometry.normals import normals_from_depth
+from rakelight.geometry.normals import surface_normals
 from rakelight.metrics import evaluate
 from rakelight.model import Result, Truth
 from rakelight.report import charts, facts
@@ -85,7 +85,7 @@ def _prediction(result: Result, names: tuple[str, ...]) -> dict[str, Any] | None
 
 
 def _against(result: Result, truth: Truth) -> dict[str, Any]:
-    normals = normals_from_depth(result.prepared_depth, truth.mask, result.camera)
+    normals = surface_normals(result.prepared_depth, truth.mask, result.camera)
     before, after = (result.prepared_depth, normals), (result.depth, result.normals)
     return {
         "rows": [("before", evaluate(*before, truth)), ("after", evaluate(*after, truth))],

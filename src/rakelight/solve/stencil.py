@@ -115,26 +115,6 @@ class DepthSystem:
         """(H, W) the diagonal."""
         return self.stencil[0, 1:-1, 1:-1]
 
-    @property
-    def east(self) -> Floats:
-        """(H, W) the entries with (row, col+1)."""
-        return self.stencil[1, 1:-1, 1:-1]
-
-    @property
-    def south(self) -> Floats:
-        """(H, W) the entries with (row+1, col)."""
-        return self.stencil[2, 1:-1, 1:-1]
-
-    @property
-    def south_east(self) -> Floats:
-        """(H, W) the entries with (row+1, col+1)."""
-        return self.stencil[3, 1:-1, 1:-1]
-
-    @property
-    def south_west(self) -> Floats:
-        """(H, W) the entries with (row+1, col-1)."""
-        return self.stencil[4, 1:-1, 1:-1]
-
     def apply(self, x: Floats) -> Floats:
         """A x, (H, W) float64, zero outside the mask, where x is not read."""
         padded = np.pad(np.where(self.mask, x, 0.0), 1)
