@@ -29,8 +29,9 @@ STRIP = 64
 NORMAL, BY_U, BY_V, POINT, FRAME = 0, 3, 6, 9, 12
 # Rows of `light`: s . n and the derivatives of max(0, s . n) with g_u and g_v.
 DOT, SU, SV, LIGHT = range(4)
-# Rows of `own`, three each, one a channel: albedo, sums of w a^2, w a I, w a su and w a sv.
-ALBEDO, SQUARES, PRODUCTS, ALONG_U, ALONG_V, OWN = range(0, 18, 3)
+# Rows of `own`, three each, one a channel: albedo, sums of w a^2, w a I, w a su and w a sv; the
+# inverse of the first sum.
+ALBEDO, SQUARES, PRODUCTS, ALONG_U, ALONG_V, FREED, OWN = range(0, 21, 3)
 # Rows of `pixel`: sums over photographs and channels, with the loss as a logarithm and a factor;
 # 1 / scale^2 of the loss; sums over the channels of one lamp.
 UU, UV, VV, BU, BV, SQUARED, OFF, SEEN, LOSS, FACTOR, SHARP, BEND, KNOWN, FORCE, PIXEL = range(15)
@@ -391,20 +392,50 @@ def explain(
 
 
 @inlined
-def weigh(c, i, size, shaded, value, w, own, pixel):
-    """Fill w with the weights of photograph i in channel c; add to the sums of `own`.
+def shine(lamp, size, vectors, ambients, nearness, frame, light, by_light, shaded, turns):
+    """Fill shaded and turns (parameters, N, STRIP) with what each photograph's lamp does.
+
+    The last of the turns, the ambient's, stays 1.
+    """
+    for i in range(vectors.shape[2]):
+        q0, q1, q2 = vectors[lamp, 0, i], vectors[lamp, 1, i], vectors[lamp, 2, i]
+        arrive(q0, q1, q2, nearness[lamp, i], size, frame, light)
+        turn(q0, q1, q2, nearness[lamp, i], size, frame, light, by_light)
+        ambient = ambients[lamp, i]
+        for j in range(size):
+            shaded[DOT, i, j] = max(light[DOT, j], 0.0) + ambient
+            shaded[SU, i, j] = light[SU, j]
+            shaded[SV, i, j] = light[SV, j]
+        for k in range(turns.shape[0] - 1):
+            for j in range(size):
+                turns[k, i, j] = by_light[k, j]
+
+
+@inlined
+def weigh(c, here, size, row, albedo, project, shaded, value, w, own, pixel):
+    """Fill w with the weights of all photographs in channel c, and own with the albedo's sums.
 
     shaded (LIGHT, N, STRIP) : as `light`, of all photographs, but its DOT is the shading
+    FREED is the inverse of the sum of w a^2, 0 where the albedo is held.
     """
     for j in range(size):
-        v, a = value[c, i, j], shaded[DOT, i, j]
-        r = miss(own[ALBEDO, j], a, v)
-        good = 1.0 if v >= 0.0 else 0.0
-        weight = good / (1.0 + pixel[SHARP, j] * r * r)
-        w[i, j] = weight
-        own[SQUARES, j] += weight * a * a
-        own[ALONG_U, j] += weight * a * shaded[SU, i, j]
-        own[ALONG_V, j] += weight * a * shaded[SV, i, j]
+        own[ALBEDO, j] = albedo[row, here[j], c]
+        own[SQUARES, j] = 0.0
+        own[ALONG_U, j] = 0.0
+        own[ALONG_V, j] = 0.0
+    for i in range(value.shape[1]):
+        for j in range(size):
+            v, a = value[c, i, j], shaded[DOT, i, j]
+            r = miss(own[ALBEDO, j], a, v)
+            good = 1.0 if v >= 0.0 else 0.0
+            weight = good / (1.0 + pixel[SHARP, j] * r * r)
+            w[i, j] = weight
+            own[SQUARES, j] += weight * a * a
+            own[ALONG_U, j] += weight * a * shaded[SU, i, j]
+            own[ALONG_V, j] += weight * a * shaded[SV, i, j]
+    for j in range(size):
+        squares = own[SQUARES, j]
+        own[FREED, j] = 1.0 / squares if project and squares > 1e-12 else 0.0
 
 
 @inlined
@@ -412,15 +443,49 @@ def respond(c, i, size, shaded, value, w, own, pixel):
     """What photograph i says in channel c of its lamp, for each number of which a turn follows.
 
     KNOWN of two such numbers, FORCE of one, BEND of one and the albedo, BU and BV of one and the
-    depth.  SQUARES holds its inverse by now, 0 where the albedo is held.
+    depth.
     """
     for j in range(size):
-        rho, a, weight, freed = own[ALBEDO, j], shaded[DOT, i, j], w[i, j], own[SQUARES, j]
+        rho, a, weight, freed = own[ALBEDO, j], shaded[DOT, i, j], w[i, j], own[FREED, j]
         pixel[KNOWN, j] = rho * rho * weight
         pixel[FORCE, j] = rho * weight * miss(rho, a, value[c, i, j])
         pixel[BEND, j] = rho * weight * a * np.sqrt(freed)
         pixel[BU, j] = rho * rho * weight * (shaded[SU, i, j] - a * freed * own[ALONG_U, j])
         pixel[BV, j] = rho * rho * weight * (shaded[SV, i, j] - a * freed * own[ALONG_V, j])
+
+
+@inlined
+def add_lamp(i, size, turns, pixel, hessian, slope, taken):
+    """Add to hessian (Q, Q) and slope (parameters, N) of a channel what photograph i says.
+
+    taken (Q, STRIP) : what the albedo takes up of each of the lamp's numbers is put there
+    """
+    parameters, count = turns.shape[0], turns.shape[1]
+    for k in range(parameters):
+        at, along = k * count + i, 0.0
+        for j in range(size):
+            along += pixel[FORCE, j] * turns[k, i, j]
+        slope[k, i] += along
+        for j in range(size):
+            taken[at, j] = pixel[BEND, j] * turns[k, i, j]
+        for m in range(k, parameters):
+            both = 0.0
+            for j in range(size):
+                both += pixel[KNOWN, j] * turns[k, i, j] * turns[m, i, j]
+            hessian[at, m * count + i] += both
+
+
+@inlined
+def add_cells(i, size, cell_of, lamp, turns, pixel, mixed, cross):
+    """Add to cross, a row of cells, how photograph i's lamp and the depth hang together."""
+    for k in range(turns.shape[0]):
+        for j in range(size):
+            mixed[0, j] = pixel[BU, j] * turns[k, i, j]
+            mixed[1, j] = pixel[BV, j] * turns[k, i, j]
+        for j in range(size):
+            cells = cross[cell_of[j], lamp]
+            cells[0, k, i] += mixed[0, j]
+            cells[1, k, i] += mixed[1, j]
 
 
 @helper
@@ -439,7 +504,7 @@ def light_terms_of_block(
     shaded, w = np.empty((LIGHT, count, STRIP)), np.empty((count, STRIP))
     turns = np.ones((parameters, count, STRIP))
     # What the albedo takes up: a column for each pixel and channel, the product of which counts.
-    taken = np.zeros((parameters * count, 3 // channels, STRIP))
+    taken = np.zeros((3 // channels, parameters * count, STRIP))
     # Whole rows of cells to each block, so that no two blocks write to one cell.
     step = max(cell, 1)
     rows_of_cells = (height + step - 1) // step
@@ -455,56 +520,25 @@ def light_terms_of_block(
                 cell_of[j] = here[j] // step
             taken[:, :, size:] = 0.0
             for lamp in range(channels):
-                for i in range(count):
-                    q0, q1, q2 = vectors[lamp, 0, i], vectors[lamp, 1, i], vectors[lamp, 2, i]
-                    arrive(q0, q1, q2, nearness[lamp, i], size, frame, light)
-                    turn(q0, q1, q2, nearness[lamp, i], size, frame, light, by_light)
-                    ambient = ambients[lamp, i]
-                    for j in range(size):
-                        shaded[DOT, i, j] = max(light[DOT, j], 0.0) + ambient
-                        shaded[SU, i, j] = light[SU, j]
-                        shaded[SV, i, j] = light[SV, j]
-                    # The last, the ambient's, stays 1.
-                    for k in range(parameters - 1):
-                        for j in range(size):
-                            turns[k, i, j] = by_light[k, j]
+                shine(
+                    lamp, size, vectors, ambients, nearness, frame, light, by_light, shaded, turns
+                )
                 first, last = (0, 3) if channels == 1 else (lamp, lamp + 1)
                 for c in range(first, last):
-                    for j in range(size):
-                        own[ALBEDO, j] = albedo[row, here[j], c]
-                        own[SQUARES, j] = 0.0
-                        own[ALONG_U, j] = 0.0
-                        own[ALONG_V, j] = 0.0
-                    for i in range(count):
-                        weigh(c, i, size, shaded, value, w, own, pixel)
-                    for j in range(size):
-                        squares = own[SQUARES, j]
-                        own[SQUARES, j] = 1.0 / squares if project and squares > 1e-12 else 0.0
+                    weigh(c, here, size, row, albedo, project, shaded, value, w, own, pixel)
                     for i in range(count):
                         respond(c, i, size, shaded, value, w, own, pixel)
-                        for k in range(parameters):
-                            at, along = k * count + i, 0.0
-                            for j in range(size):
-                                along += pixel[FORCE, j] * turns[k, i, j]
-                            slope[block, lamp, k, i] += along
-                            for j in range(size):
-                                taken[at, c - first, j] = pixel[BEND, j] * turns[k, i, j]
-                            for m in range(k, parameters):
-                                both = 0.0
-                                for j in range(size):
-                                    both += pixel[KNOWN, j] * turns[k, i, j] * turns[m, i, j]
-                                hessian[block, lamp, at, m * count + i] += both
-                            if cell:
-                                for j in range(size):
-                                    mixed[0, j] = pixel[BU, j] * turns[k, i, j]
-                                    mixed[1, j] = pixel[BV, j] * turns[k, i, j]
-                                for j in range(size):
-                                    cells = cross[row // step, cell_of[j], lamp]
-                                    cells[0, k, i] += mixed[0, j]
-                                    cells[1, k, i] += mixed[1, j]
+                        add_lamp(
+                            i, size, turns, pixel, hessian[block, lamp], slope[block, lamp],
+                            taken[c - first],
+                        )  # fmt: skip
+                        if cell:
+                            add_cells(
+                                i, size, cell_of, lamp, turns, pixel, mixed, cross[row // step]
+                            )
                 if project:
-                    rows = taken.reshape(parameters * count, -1)
-                    hessian[block, lamp] -= np.dot(rows, rows.T)
+                    for c in range(len(taken)):
+                        hessian[block, lamp] -= np.dot(taken[c], taken[c].T)
             size, column = next_strip(active, row, column, here)
 
 
