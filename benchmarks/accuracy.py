@@ -8,6 +8,7 @@
     python benchmarks/accuracy.py scans                laser scans, white depth noise
     python benchmarks/accuracy.py hard                 shadows, highlights, near lamps together
     python benchmarks/accuracy.py scales               a depth sensor 1, 2 and 4 times coarser
+    python benchmarks/accuracy.py noise                the paper's sensor, from its input's errors
 
 `off the jumps` leaves out 4 pixels around the depth jumps, which are neighbouring pixels whose
 true depths differ by more than 5 mm.  `smooth` is the rms of the depth error under a Gaussian of
@@ -30,12 +31,18 @@ from scipy.ndimage import binary_dilation, gaussian_filter
 from rakelight.capture.images import encode_png
 from rakelight.export.pictures import object_window, side_by_side
 from rakelight.geometry.camera import pixel_rays
-from rakelight.geometry.normals import normals_from_depth, surface_normals
+from rakelight.geometry.normals import surface_normals
 from rakelight.methods import refine
 from rakelight.methods.bas_relief import best_relief
 from rakelight.methods.levels import finest_level
 from rakelight.methods.weights import deserved_steadiness
-from rakelight.metrics import color_errors, depth_error_map_mm, evaluate, normal_error_map_deg
+from rakelight.metrics import (
+    color_errors,
+    depth_error_map_mm,
+    evaluate,
+    evaluate_depth,
+    normal_error_map_deg,
+)
 from rakelight.model import Array, Camera, Capture, Lights, Mask, Result, Truth
 from rakelight.paper.scenes import PAPER_OPTIONS, paper_object
 from rakelight.prepare import prepare
@@ -45,11 +52,13 @@ from rakelight.synthetic import (
     DepthNoise,
     SceneOptions,
     Shape,
+    calibrate_noise,
     make_albedo,
     make_shape,
     render_scene,
     shape_from_file,
 )
+from rakelight.synthetic.noise import PAPER_NOISE
 
 JUMP_M = 0.005
 AROUND_PX = 4
@@ -140,7 +149,7 @@ def limits(arguments: argparse.Namespace) -> Iterator[str]:
         ("the true one, bas-relief from the sensor", true_but_relief(capture, truth, steady=False)),
         ("the same, and from the lamps' brightness", true_but_relief(capture, truth, steady=True)),
     ):
-        normals = normals_from_depth(depth, mask, camera)
+        normals = surface_normals(depth, mask, camera)
         whole, off = (evaluate(depth, normals, truth, where) for where in (mask, kept))
         numbers = [f"{e.depth.rmse_mm:.2f} | {e.normals.mae_deg:.2f}" for e in (whole, off)]
         yield (
@@ -248,8 +257,7 @@ def _scans(arguments: argparse.Namespace, conditions: dict[str, Any]) -> Iterato
             began = time.perf_counter()
             result = refine(capture, arguments.method)
             seconds = time.perf_counter() - began
-            flat = surface_normals(result.prepared_depth, truth.mask, capture.camera)
-            before = evaluate(result.prepared_depth, flat, truth)
+            before = evaluate_depth(result.prepared_depth, capture.camera, truth)
             after = evaluate(result.depth, result.normals, truth)
             whole_m = np.where(truth.mask, truth.depth, 1.0).astype(np.float64)
             best = surface_normals(whole_m, truth.mask, capture.camera)
@@ -288,6 +296,22 @@ def scales(arguments: argparse.Namespace) -> Iterator[str]:
             yield f"| {file.stem} | {factor} | {numbers} |"
 
 
+def noise(arguments: argparse.Namespace) -> Iterator[str]:
+    """The depth noise that leaves the errors of the paper's input; beside `PAPER_NOISE`."""
+
+    def errors(tried: DepthNoise) -> tuple[float, float]:
+        capture, truth = make(arguments, paper_object(), depth_noise=tried, photographs=1)
+        prepared = prepare(capture)
+        scores = evaluate_depth(prepared.embed(prepared.depth_m, np.nan), capture.camera, truth)
+        return scores.depth.rmse_mm, scores.normals.mae_deg
+
+    yield "| depth noise | rms, mm | correlated over, px | RMSE, mm | MAE, deg |"
+    yield "| --- | --- | --- | --- | --- |"
+    for name, tried in (("PAPER_NOISE", PAPER_NOISE), ("found", calibrate_noise(errors))):
+        numbers = (tried.rms_mm, tried.correlation_length_px, *errors(tried))
+        yield f"| {name} | " + " | ".join(f"{number:.4g}" for number in numbers) + " |"
+
+
 def refined(arguments: argparse.Namespace) -> tuple[Capture, Truth, Result]:
     """The paper's scene and its result."""
     capture, truth = make(arguments, paper_object())
@@ -315,7 +339,8 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     tables = {
-        f.__name__: f for f in (photographs, causes, limits, slant, maps, scans, hard, scales)
+        f.__name__: f
+        for f in (photographs, causes, limits, slant, maps, scans, hard, scales, noise)
     }
     parser.add_argument("table", choices=tables)
     parser.add_argument("--method", default="multi-light-alternating")

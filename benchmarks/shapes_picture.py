@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from rakelight.export.albedo import srgb
 from rakelight.export.pictures import shaded
 from rakelight.model import Array
+from rakelight.prepare.linear import srgb
 from rakelight.synthetic import SHAPES, SceneOptions, make_albedo, make_shape, render_scene
 
 ALBEDOS = ("simple", "pattern", "complicated")

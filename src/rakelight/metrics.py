@@ -22,7 +22,8 @@ import numpy as np
 import numpy.typing as npt
 
 from rakelight.errors import InputError
-from rakelight.model import Floats, Mask, Truth
+from rakelight.geometry.normals import surface_normals
+from rakelight.model import Camera, Floats, Mask, Truth
 
 DEPTH_CHARGE = 0.1
 """Largest error that counts, and the error of a missing pixel, as a fraction of the true depth."""
@@ -80,6 +81,19 @@ def evaluate(depth: Floats, normals: Floats, truth: Truth, mask: Mask | None = N
         depth=depth_errors(depth, truth.depth, chosen),
         normals=normal_errors(normals, truth.normals, chosen),
     )
+
+
+def evaluate_depth(depth: Floats, camera: Camera, truth: Truth) -> Evaluation:
+    """Scores of a depth map (H, W) metres alone, as of a result's: its normals are its own.
+
+    camera : of the depth map; the normals are not taken across depth jumps.  Raises as `evaluate`.
+
+    >>> camera = Camera(2, 2, fx=2.0, fy=2.0, cx=0.5, cy=0.5)
+    >>> truth = Truth(np.ones((2, 2)), np.full((2, 2, 3), [0.0, 0.0, -1.0]), np.ones((2, 2, 3)))
+    >>> evaluate_depth(truth.depth, camera, truth).normals.mae_deg
+    0.0
+    """
+    return evaluate(depth, surface_normals(depth, truth.mask, camera), truth)
 
 
 def depth_errors(depth_m: Floats, truth_m: Floats, mask: Mask) -> DepthErrors:

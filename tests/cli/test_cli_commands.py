@@ -13,7 +13,7 @@ from cli_helpers import contents, small_scene
 from rakelight.capture import load_capture, load_truth
 from rakelight.capture.images import decode_image, encode_png
 from rakelight.export import load_result
-from rakelight.geometry.normals import normals_from_depth
+from rakelight.geometry.normals import surface_normals
 from rakelight.methods import METHODS
 from rakelight.metrics import evaluate
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
@@ -323,7 +323,7 @@ def result(run, capture, tmp_path):
 def scores_of(result, truth):
     """(prepared, refined) as rakelight.metrics finds them."""
     loaded, known = load_result(result), load_truth(truth)
-    prepared_normals = normals_from_depth(loaded.prepared_depth, known.mask, loaded.summary.camera)
+    prepared_normals = surface_normals(loaded.prepared_depth, known.mask, loaded.summary.camera)
     return (
         evaluate(loaded.prepared_depth, prepared_normals, known),
         evaluate(loaded.depth, loaded.normals, known),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rakelight.errors import InputError, MethodError
-from rakelight.geometry.normals import normals_from_depth, normals_from_gradient
+from rakelight.geometry.normals import normals_from_gradient, surface_normals
 from rakelight.methods import refine
 from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light_alternating import (
@@ -57,7 +57,7 @@ def test_normals_are_three_times_better_than_the_prepared_ones(factor):
     noise = DepthNoise(rms_mm=2.5, correlation_length_px=6.0)
     capture, truth = make_scene(depth_factor=factor, depth_noise=noise, photographs=8)
     result = run(capture, options=replace(Options(), max_iterations=40))
-    before = normals_from_depth(result.prepared_depth, truth.mask, result.camera)
+    before = surface_normals(result.prepared_depth, truth.mask, result.camera)
     first = evaluate(result.prepared_depth, before, truth)
     last = evaluate(result.depth, result.normals, truth)
     assert last.normals.mae_deg < first.normals.mae_deg / 3

@@ -8,7 +8,7 @@ import pytest
 import rakelight.synthetic.scene as scenes
 from rakelight.errors import InputError, MethodError
 from rakelight.geometry.camera import back_project
-from rakelight.geometry.normals import normals_from_depth, surface_normals
+from rakelight.geometry.normals import surface_normals
 from rakelight.methods import multi_light, refine
 from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light import Options, sound
@@ -46,7 +46,7 @@ def scores(result, truth):
 
 
 def scores_before(result, truth):
-    normals = normals_from_depth(result.prepared_depth, truth.mask, result.camera)
+    normals = surface_normals(result.prepared_depth, truth.mask, result.camera)
     return evaluate(result.prepared_depth, normals, truth)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rakelight.geometry.normals import normals_from_depth
+from rakelight.geometry.normals import surface_normals
 from rakelight.methods import refine
 from rakelight.methods.prediction import prediction_errors
 from rakelight.prepare import prepare
@@ -37,7 +37,7 @@ def test_the_truth_predicts_every_photograph(distance_m):
 def test_a_wrong_relief_does_not():
     capture, truth = scene()
     smooth = truth.depth + 0.004 * np.sin(np.arange(truth.depth.shape[1]) / 3)
-    normals = normals_from_depth(smooth, truth.mask, capture.camera)
+    normals = surface_normals(smooth, truth.mask, capture.camera)
     assert errors_of(capture, truth, smooth, normals).min() > 0.02
 
 

@@ -7,7 +7,7 @@ import pytest
 from report_scenes import HOSTILE, enlarged, hostile_result, vase_result
 
 from rakelight.geometry.camera import back_project
-from rakelight.geometry.normals import normals_from_depth
+from rakelight.geometry.normals import surface_normals
 from rakelight.methods import refine
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
@@ -123,7 +123,7 @@ def test_dragging_moves_the_lamp_there(report, vase):
 def test_the_wipe_shows_the_surface_before_on_its_left(report, vase):
     for key, value in (("azimuth", 0), ("elevation", 40), ("ambient", 0.1), ("wipe", 0.5)):
         set_range(report, key, value)
-    prepared = normals_from_depth(vase.prepared_depth, vase.mask, vase.camera)
+    prepared = surface_normals(vase.prepared_depth, vase.mask, vase.camera)
     lamp, middle = lamp_at(0, 40), report.box["width"] / 2
     old = seen_and_expected(report, vase, prepared, lamp, 1, 0.1)
     new = seen_and_expected(report, vase, vase.normals, lamp, 1, 0.1)

@@ -10,7 +10,7 @@ import pytest
 from rakelight.capture import load_capture
 from rakelight.capture.truth import load_truth
 from rakelight.cli import main
-from rakelight.geometry.normals import normals_from_depth
+from rakelight.geometry.normals import surface_normals
 from rakelight.methods import refine
 from rakelight.metrics import evaluate
 from rakelight.synthetic import (
@@ -39,7 +39,7 @@ def test_refine_improves_a_scan(file):
     result = refine(capture, "multi-light-alternating")
     before = evaluate(
         result.prepared_depth,
-        normals_from_depth(result.prepared_depth, truth.mask, capture.camera),
+        surface_normals(result.prepared_depth, truth.mask, capture.camera),
         truth,
     )
     after = evaluate(result.depth, result.normals, truth)

@@ -34,9 +34,8 @@ def command(output: Path, as_json: bool, quiet: bool, debug: bool) -> None:
     """
     from rakelight.capture import load_capture, write_capture
     from rakelight.files import require_free
-    from rakelight.geometry.normals import surface_normals
     from rakelight.methods import refine
-    from rakelight.metrics import evaluate
+    from rakelight.metrics import evaluate, evaluate_depth
     from rakelight.synthetic import demo_scene
 
     folder, result_folder = output / "capture", output / "result"
@@ -49,11 +48,7 @@ def command(output: Path, as_json: bool, quiet: bool, debug: bool) -> None:
         result = refine(load_capture(folder), progress=progress)
         progress(Progress("write"))
         result.save(result_folder, overwrite=True, truth=truth)
-    before = evaluate(
-        result.prepared_depth,
-        surface_normals(result.prepared_depth, truth.mask, result.camera),
-        truth,
-    )
+    before = evaluate_depth(result.prepared_depth, result.camera, truth)
     after = evaluate(result.depth, result.normals, truth)
     if as_json:
         scores = {"prepared": asdict(before), "refined": asdict(after)}

@@ -50,18 +50,13 @@ def command(
     from rakelight.capture import load_depth, load_truth
     from rakelight.export import load_result
     from rakelight.files import require_free
-    from rakelight.geometry.normals import surface_normals
-    from rakelight.metrics import evaluate
+    from rakelight.metrics import evaluate, evaluate_depth
 
     if maps is not None:
         require_free(maps, overwrite=overwrite, marker=_MAPS_MARKER)
     loaded, known = load_result(result), load_truth(truth)
     after = evaluate(loaded.depth, loaded.normals, known)
-    before = evaluate(
-        loaded.prepared_depth,
-        surface_normals(loaded.prepared_depth, known.mask, loaded.summary.camera),
-        known,
-    )
+    before = evaluate_depth(loaded.prepared_depth, loaded.summary.camera, known)
     made_from, source = loaded.summary.capture.get("depth_checksum"), loaded.summary.source
     # Results of earlier versions have none.
     if made_from is not None and made_from != checksum(load_depth(truth)):

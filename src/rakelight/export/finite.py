@@ -29,6 +29,7 @@ def only_finite(result: Result) -> Result:
             remedy="see its findings",
         )
     shown = all_finite(result.albedo) & np.isfinite(result.confidence)
+    outside = ~np.isnan(result.depth) & ~inside
     bad = ~np.isnan(result.depth) & ~(inside & shown)
     lights_bad = not (
         np.isfinite(result.lights.vector).all() and np.isfinite(result.lights.ambient).all()
@@ -39,6 +40,7 @@ def only_finite(result: Result) -> Result:
     return replace(
         result,
         depth=np.where(inside, result.depth, np.nan),
+        prepared_depth=np.where(outside, np.nan, result.prepared_depth),
         normals=np.where(inside[..., None], result.normals, np.nan),
         albedo=np.where((inside & shown)[..., None], result.albedo, 0),
         confidence=np.where(inside & shown, result.confidence, 0),

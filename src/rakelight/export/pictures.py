@@ -7,7 +7,7 @@ import numpy as np
 from rakelight.capture.images import encode_png
 from rakelight.export.normals import normal_map
 from rakelight.geometry.grid import bounding_window
-from rakelight.geometry.normals import normals_from_depth
+from rakelight.geometry.normals import surface_normals
 from rakelight.model import Array, Floats, Mask, Result
 from rakelight.prepare.linear import srgb
 
@@ -117,7 +117,7 @@ def preview(result: Result) -> Array:
     """The prepared depth (left) and the refined one (right) as clay, cropped to the object."""
     window = object_window(result.mask)
     camera, known = result.camera.cropped(*window), known_before(result)[window]
-    before = shaded(normals_from_depth(result.prepared_depth[window], known, camera), known)
+    before = shaded(surface_normals(result.prepared_depth[window], known, camera), known)
     return side_by_side(before, shaded(result.normals[window], result.mask[window]))
 
 

@@ -26,8 +26,8 @@ CLAY_LAMP = (0.6, -0.6, -0.6)
 class Explanation:
     """A scene: what varies over it, and how its picture differs from the first scene's.
 
-    albedo_range, tilt_range_deg, light_range : largest minus smallest albedo, angle between the
-        normal and the first pixel's, strength of the light
+    albedo_range, tilt_range_deg, light_range : largest minus smallest albedo, angle between normal
+        and optical axis, strength of the light
     largest_difference : between its 16-bit pixel values and the first scene's
     """
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rakelight.export.pictures import object_window
-from rakelight.model import Array, Camera, Capture, Mask, Truth
+from rakelight.model import Array, Camera, Capture, Floats, Mask, Truth
 from rakelight.paper.drawing import (
     clay,
     close_up,
@@ -21,7 +21,7 @@ from rakelight.paper.runs import MAIN, Runs
 from rakelight.paper.scenes import PAPER_OPTIONS, paper_camera
 from rakelight.paper.sheet import Sheet
 from rakelight.prepare.linear import to_linear
-from rakelight.prepare.sensor import SensorGrid
+from rakelight.prepare.sensor import SensorGrid, sensed, sensor_shape
 from rakelight.synthetic import DepthNoise, make_albedo, render_scene
 
 # A structured-light sensor's: noise that is smooth over a few pixels, steps, holes.
@@ -79,17 +79,24 @@ def figure3(runs: Runs) -> Sheet:
 
 def depth_mask(capture: Capture) -> Mask:
     """(h, w) the object at the depth map's resolution."""
-    height, width = capture.depth_m.shape[1:]
-    return SensorGrid((height, width), capture.mask.shape).touched(capture.mask)
+    return SensorGrid(sensor_shape(capture), capture.mask.shape).touched(capture.mask)
 
 
 def depth_camera(capture: Capture) -> Camera:
-    """The camera of the depth map, which covers the photographs' view."""
-    return capture.camera.scaled(capture.depth_m.shape[-1] / capture.camera.width)
+    """The camera of the depth map, or of what it is registered to: it has the photographs' view."""
+    height, width = sensor_shape(capture)
+    return capture.camera.resized(width, height)
+
+
+def first_map_m(capture: Capture) -> Floats:
+    """(h, w) the first depth map, registered to the colour camera if it has a camera of its own."""
+    if capture.depth_camera is None:
+        return np.asarray(capture.depth_m[0])
+    return sensed(replace(capture, depth_m=capture.depth_m[:1]), capture.mask)[0]
 
 
 def _sensed(name: str, capture: Capture, truth: Truth | None) -> Sensed:
-    depth_m, mask = capture.depth_m[0], depth_mask(capture)
+    depth_m, mask = first_map_m(capture), depth_mask(capture)
     measured = mask & np.isfinite(depth_m) & (np.nan_to_num(depth_m) > 0)
     depths_mm = np.unique(np.round(1000 * depth_m[measured].astype(float), 3))
     rmse_mm = None
@@ -108,7 +115,8 @@ def _sensed(name: str, capture: Capture, truth: Truth | None) -> Sensed:
 
 def _picture(capture: Capture) -> Array:
     mask = depth_mask(capture)
-    depth_m = np.where(capture.depth_m[0] > 0, capture.depth_m[0], np.nan)
+    first_m = first_map_m(capture)
+    depth_m = np.where(first_m > 0, first_m, np.nan)
     window, close = object_window(mask), close_up(mask)
     colour = photograph_picture(to_linear(capture.photographs[0], capture.encoding))
     height, width = depth_m[window].shape

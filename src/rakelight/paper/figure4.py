@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rakelight.export.pictures import object_window
-from rakelight.geometry.normals import normals_from_depth
+from rakelight.geometry.normals import surface_normals
 from rakelight.metrics import depth_errors, normal_errors
 from rakelight.model import Array, Capture, Floats, Truth
 from rakelight.paper.drawing import (
@@ -22,9 +22,9 @@ from rakelight.paper.drawing import (
 from rakelight.paper.figure3 import depth_camera, depth_mask, sensed_scene
 from rakelight.paper.runs import Runs
 from rakelight.paper.sheet import Sheet
-from rakelight.prepare.average import noise_sigma, robust_average
 from rakelight.prepare.denoise import bilateral
 from rakelight.prepare.inpaint import inpaint
+from rakelight.prepare.sensor import sensed
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,9 +68,10 @@ def figure4(runs: Runs) -> Sheet:
 def depth_stages(capture: Capture) -> dict[str, Floats]:
     """Stage -> depth (h, w) in metres, NaN outside the object and where there is none."""
     mask = depth_mask(capture)
-    measured = np.where(mask, robust_average(capture.depth_m), np.nan)
+    average, sigma = sensed(capture, capture.mask)
+    measured = np.where(mask, average, np.nan)
     filled = inpaint(measured, mask)
-    sigma_m = float(np.nanmedian(noise_sigma(measured)))
+    sigma_m = float(np.nanmedian(sigma[mask]))
     pixel_m = float(np.median(filled[mask])) / depth_camera(capture).fx
     return {
         "measured": measured,
@@ -84,7 +85,7 @@ def _row(name: str, stage: str, depth_m: Floats, capture: Capture, truth: Truth 
     bends = np.concatenate([np.diff(depth_m, 2, axis).ravel() for axis in (0, 1)])
     rmse_mm = mae_deg = None
     if truth is not None:
-        normals = normals_from_depth(depth_m, np.isfinite(depth_m), depth_camera(capture))
+        normals = surface_normals(depth_m, np.isfinite(depth_m), depth_camera(capture))
         rmse_mm = depth_errors(depth_m, truth.depth, mask).rmse_mm
         mae_deg = normal_errors(normals, truth.normals, mask).mae_deg
     return Stage(

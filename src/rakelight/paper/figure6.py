@@ -66,7 +66,7 @@ def figure6(runs: Runs) -> Sheet:
             ]
             if count == FEW:
                 strips.append(_picture(capture, truth, surfaces))
-    title = "Figure 6: shining objects, four photographs"
+    title = "Figure 6: shining objects; of four photographs the picture"
     return Sheet("figure6", title, rows, {"": in_column(*strips)})
 
 

@@ -289,9 +289,10 @@ def _timings(sheets: Sheets) -> list[str]:
         off = np.var(each - slope * count - start)
         straight = 1 - float(off / max(np.var(each), 1e-30))
         lines.append(
-            f"**e.** {_capital(label)}: an iteration takes {1000 * start:.0f} ms of the cores' "
-            f"time and {1000 * slope:.1f} ms more per photograph; this straight line explains "
-            f"{100 * straight:.0f} % of the variance (figure below)."
+            f"**e.** {_capital(label)}: the whole run over its number of iterations is "
+            f"{1000 * start:.0f} ms of the cores' time and {1000 * slope:.1f} ms more per "
+            f"photograph; this straight line explains {100 * straight:.0f} % of the variance "
+            "(figure below)."
         )
     return [line for text in lines for line in (text, "")][:-1]
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from rakelight.methods import METHODS, load_method, refine
+from rakelight.methods import load_method, refine
 from rakelight.model import Capture, Lighting, ProgressCallback, Result
 
 
@@ -27,11 +27,6 @@ class Row:
     settings: Mapping[str, Any] = field(default_factory=dict)
     paper: tuple[tuple[float, float], ...] | None = None
     paper_seconds: float | None = None
-
-    @property
-    def available(self) -> bool:
-        """Whether this version has the method."""
-        return self.method is None or self.method in METHODS
 
     def run(self, capture: Capture, progress: ProgressCallback) -> Result:
         """Refine `capture` as this row says."""

@@ -37,7 +37,7 @@ def scenarios(runs: Runs, rows: Sequence[Row] = ROWS) -> Sheet:
     """Albedo above depth, the truth first, for every paint and method."""
     paints: list[Paint] = []
     pictures: dict[str, Array] = {}
-    methods = [row for row in rows if row.method is not None and row.available]
+    methods = [row for row in rows if row.method is not None]
     for scenario in SCENARIOS:
         capture, truth = runs.scene(scenario, methods[0].lighting)
         window, mask = object_window(truth.mask), truth.mask

@@ -18,15 +18,15 @@ class Runtime:
     """One method's time from capture to result, and the number of its parameters."""
 
     method: str
-    seconds: float | None
-    parameters: int | None
+    seconds: float
+    parameters: int
     paper_seconds: float | None
 
 
 def table2(
     size: float = 1.0, rows: Sequence[Row] = ROWS, progress: ProgressCallback = silent
 ) -> tuple[Runtime, ...]:
-    """Time every available method on the `pattern` scenario, after one run that compiles.
+    """Time every method on the `pattern` scenario, after one run that compiles.
 
     >>> [(row.method, row.seconds > 0) for row in table2(size=0.25, rows=ROWS[1:2])]
     [('RGB-Fusion (no smooth)', True)]
@@ -40,8 +40,6 @@ def table2(
 
 
 def _time(row: Row, size: float, bust: Shape) -> Runtime:
-    if not row.available:
-        return Runtime(row.label, None, None, row.paper_seconds)
     capture, _ = paper_scene("pattern", row.lighting, size, bust)
     small, _ = paper_scene("pattern", row.lighting, size / 4, bust)
     row.run(small, silent)

@@ -9,8 +9,6 @@ from collections.abc import Sequence
 from dataclasses import asdict, fields
 from typing import Any
 
-MISSING = "not in this version"
-
 
 def as_json(rows: Sequence[Any]) -> str:
     """`{"rows": [...]}` of dataclass instances; a missing number is null."""
@@ -50,11 +48,12 @@ def table2_markdown(rows: Sequence[Any]) -> str:
     """Table 2, ours first and the paper's in brackets."""
     lines = ["| method | seconds | parameters |", "| --- | --- | --- |"]
     for row in rows:
-        parameters = MISSING if row.parameters is None else str(row.parameters)
-        lines.append(f"| {row.method} | {_beside(row.seconds, row.paper_seconds)} | {parameters} |")
+        lines.append(
+            f"| {row.method} | {_beside(row.seconds, row.paper_seconds)} | {row.parameters} |"
+        )
     return "\n".join([*lines, "", "In brackets: the paper's own numbers.", ""])
 
 
-def _beside(ours: float | None, paper: float | None) -> str:
-    shown = MISSING if ours is None else f"{ours:.2f}"
+def _beside(ours: float, paper: float | None) -> str:
+    shown = f"{ours:.2f}"
     return shown if paper is None else f"{shown} ({paper:.2f})"

@@ -165,10 +165,15 @@ def error_bars(errors: tuple[float, ...], names: tuple[str, ...]) -> list[dict[s
 
 
 def lamp_facts(lamps_drawn: list[Lamp]) -> dict[str, dict[str, float]]:
-    """Photograph -> direction of its lamp, for the viewer; the middle of coloured ones."""
+    """Photograph -> direction of its lamp, for the viewer; the middle of coloured ones.
+
+    Those with a lamp behind the object are left out: the viewer's lamp is in front.
+    """
     facts: dict[str, dict[str, float]] = {}
     for i in dict.fromkeys(lamp.photograph for lamp in lamps_drawn):
         these = [lamp for lamp in lamps_drawn if lamp.photograph == i]
+        if max(lamp.tilt for lamp in these) > 90:
+            continue
         x, y = (sum(getattr(lamp, axis) for lamp in these) / len(these) for axis in ("x", "y"))
         facts[str(i)] = {
             "azimuth": degrees(atan2(x, -y)) % 360,

@@ -19,7 +19,7 @@ from rakelight.export.confidence import confidence_values
 from rakelight.export.finite import all_finite
 from rakelight.export.pictures import known_before, object_window
 from rakelight.geometry.grid import STEEPEST, area_mean
-from rakelight.geometry.normals import normals_from_depth
+from rakelight.geometry.normals import surface_normals
 from rakelight.model import Array, Camera, Floats, Mask, Result
 from rakelight.prepare.linear import srgb
 
@@ -87,7 +87,7 @@ def viewer_maps(result: Result) -> Maps:
         camera,
         before_m,
         np.where(result.mask[window], result.depth[window], np.nan),
-        normals_from_depth(before_m, known, camera),
+        surface_normals(before_m, known, camera),
         result.normals[window],
         result.albedo[window],
         result.confidence[window],

@@ -63,7 +63,8 @@ PERFECT = DepthNoise()
 """A sensor without errors."""
 
 PAPER_NOISE = DepthNoise(rms_mm=3.325, correlation_length_px=20.06)
-"""The paper's sensor.  rms_mm and correlation_length_px come from `calibrate_noise`."""
+"""The paper's sensor.  rms_mm and correlation_length_px come from `calibrate_noise`: `python
+benchmarks/accuracy.py noise` does it again."""
 
 PAPER_INPUT = (3.33, 16.31)
 """RMSE in millimetres and MAE in degrees of the paper's prepared depth (its table 1)."""

@@ -381,9 +381,7 @@ class Viewer {
     window.addEventListener("beforeprint", () => {
       byId("still").src = this.picture("image/jpeg");
       byId("still-caption").textContent = this.describe();
-      unfold();
     });
-    window.addEventListener("afterprint", fold);
   }
 
   showMeshSize() {
@@ -409,6 +407,9 @@ function fold() {
   for (const one of unfolded.splice(0)) one.open = false;
 }
 
+window.addEventListener("beforeprint", unfold);
+window.addEventListener("afterprint", fold);
+
 // Call `move` for the press and every movement of a pointer that was pressed on an element.
 function dragging(element, move) {
   element.addEventListener("pointerdown", (event) => {
@@ -428,7 +429,6 @@ function fromWhere({ azimuth, elevation }) {
 
 async function start() {
   const facts = JSON.parse(byId("facts").textContent);
-  if (!facts) return fall("failed", "There is no surface to show in this result.");
   if (!document.createElement("canvas").getContext("webgl2")) throw new NoWebGL();
   const maps = await unpackMaps(facts);
   byId("viewer").hidden = false;
