@@ -9,7 +9,7 @@ import pytest
 
 from rakelight.capture.images import decode_image
 from rakelight.export.pictures import BACKGROUND
-from rakelight.model import Camera
+from rakelight.model import Camera, RigidTransform
 from rakelight.paper.bas_relief import bas_relief_aligned
 from rakelight.paper.drawing import clay, in_column, in_row, panel, turned
 from rakelight.paper.figure1 import figure1
@@ -23,9 +23,9 @@ from rakelight.paper.figure8 import figure8, jump_share
 from rakelight.paper.rows import ROWS
 from rakelight.paper.runs import Runs, row_of
 from rakelight.paper.scenarios import scenarios
-from rakelight.paper.scenes import SCENARIOS
+from rakelight.paper.scenes import PAPER_OPTIONS, SCENARIOS, paper_camera
 from rakelight.paper.sheet import Sheet
-from rakelight.synthetic import make_shape
+from rakelight.synthetic import DepthNoise, make_albedo, make_shape, render_scene
 
 CAMERA = Camera(60, 40, fx=400.0, fy=400.0, cx=29.5, cy=19.5)
 MASK = np.zeros(CAMERA.shape, bool)
@@ -90,6 +90,19 @@ def test_figure3_shows_the_holes_and_steps_that_the_sensor_makes(runs):
     assert bust.missing_percent == pytest.approx(100 * SENSOR.hole_fraction, abs=0.2)
     assert bust.step_mm == pytest.approx(SENSOR.step_mm, abs=0.01)
     assert (own.capture, own.missing_percent, own.rmse_mm) == ("capture", 0, None)
+
+
+def test_figures_3_and_4_show_depth_of_a_camera_of_its_own_as_registered():
+    pose = RigidTransform(np.eye(3), np.array([0.05, 0.0, 0.0]))
+    options = replace(PAPER_OPTIONS, camera=paper_camera(0.25), depth_to_color=pose)
+    beside = Runs(size=0.25)
+    noiseless = replace(options, depth_noise=DepthNoise(), photographs=1)
+    beside.capture = render_scene(beside.bust, make_albedo("simple"), noiseless)[0]
+    sensed, stage = figure3(beside).rows[1], figure4(beside).rows[3]
+    assert stage.stage == "measured"
+    # What the depth camera does not see of the object, not what lies beside its own picture.
+    assert sensed.missing_percent < 10
+    assert stage.missing_percent == pytest.approx(sensed.missing_percent, abs=0.1)
 
 
 def test_figure4_fills_then_smooths(runs):

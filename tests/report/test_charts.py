@@ -39,6 +39,12 @@ def test_coloured_lamps_are_three_and_the_viewer_gets_their_middle():
     assert np.cos(np.radians(middle["elevation"])) == pytest.approx(np.hypot(0.2, 0.2))
 
 
+def test_a_lamp_behind_the_object_is_not_the_viewers():
+    drawn = lamps(white([0, 0.5, np.sqrt(0.75)], [0, 0, -1.0]), ())
+    assert [round(lamp.tilt) for lamp in drawn] == [150, 0]
+    assert list(lamp_facts(drawn)) == ["1"]
+
+
 def test_the_energy_falls_from_left_to_right():
     curve = energy_curve((1000.0, 100.0, 10.0))
     assert curve.logarithmic
