@@ -10,7 +10,7 @@ from rakelight.methods import refine
 from rakelight.methods.fine_normals import gradient_step
 from rakelight.methods.fit import depth_step, first_fit, joint_step, rescaled
 from rakelight.methods.levels import finest_level
-from rakelight.methods.multi_light import first_lamps
+from rakelight.methods.start import lamps_of_prior
 from rakelight.metrics import evaluate
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
@@ -49,7 +49,7 @@ def test_where_the_surface_is_smooth_they_lose_nothing_to_noise(image_noise):
 def test_where_photographs_do_not_align_a_normal_stays():
     capture, _ = scene("vase", 0.3)
     level = finest_level(prepare(capture))
-    fit = first_fit(level, level.prior, first_lamps(level))
+    fit = first_fit(level, level.prior, lamps_of_prior(level))
     for _ in range(8):
         fit = rescaled(level, joint_step(level, depth_step(level, fit), most_cells=4000))
     active, left = level.photographs.active, fit.explanation.misfit

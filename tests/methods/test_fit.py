@@ -29,7 +29,8 @@ from rakelight.methods.fit import (
     stride,
 )
 from rakelight.methods.levels import finest_level
-from rakelight.methods.multi_light import coloured, first_lamps
+from rakelight.methods.multi_light import coloured
+from rakelight.methods.start import lamps_of_prior
 from rakelight.prepare import prepare
 from rakelight.shading.photographs import Lamps
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
@@ -69,7 +70,7 @@ def level(request):
 
 @pytest.fixture
 def fit(level):
-    return first_fit(level, level.prior, first_lamps(level))
+    return first_fit(level, level.prior, lamps_of_prior(level))
 
 
 def rough(level, seed=0):
@@ -78,7 +79,7 @@ def rough(level, seed=0):
 
 def start(level, name):
     """A fit that is far from the best one, in the way that its name says."""
-    lamps, prior, rng = first_lamps(level), level.prior, np.random.default_rng(3)
+    lamps, prior, rng = lamps_of_prior(level), level.prior, np.random.default_rng(3)
     count = len(lamps.vector)
     wild = Lamps.distant(rng.normal(size=(count, 1, 3)), rng.uniform(0, 1, (count, 1)))
     alike = (np.repeat(each[:1], count, axis=0) for each in (lamps.vector, lamps.ambient))
@@ -287,7 +288,7 @@ def test_the_sensor_sets_the_four_numbers_that_the_photographs_leave_open(factor
         edges = (np.arange(-(-side // factor) + 1.0) * factor for side in level.mask.shape)
         level = replace(level, averaging=Averaging.on(level.mask, *edges))
     level = level.trusting(100.0)
-    fit = flattened(level, first_fit(level, level.prior, first_lamps(level)))
+    fit = flattened(level, first_fit(level, level.prior, lamps_of_prior(level)))
     found = relief_step(level, fit)
     assert found.energy < fit.energy
     # Means of the inverse are not quite the inverse of the means.
@@ -295,7 +296,7 @@ def test_the_sensor_sets_the_four_numbers_that_the_photographs_leave_open(factor
 
 
 def test_where_the_sensor_has_nothing_to_add_the_surface_stays(level):
-    fit = first_fit(level, level.prior, first_lamps(level))
+    fit = first_fit(level, level.prior, lamps_of_prior(level))
     assert relief_step(level, fit).log_depth is fit.log_depth
 
 

@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from rakelight.geometry.normals import normal_lengths, normals_from_gradient
+from rakelight.geometry.normals import normal_lengths
 from rakelight.methods.estimate import (
     Estimate,
     brightest,
@@ -40,10 +40,10 @@ from rakelight.methods.fit import (
 )
 from rakelight.methods.levels import Level, finest_level, pyramid
 from rakelight.methods.matte import matte
+from rakelight.methods.start import lamps_of_factors, lamps_of_prior
 from rakelight.methods.weights import deserved_steadiness, deserved_trust
 from rakelight.model import Finding, Floats, Progress, ProgressCallback
 from rakelight.prepare import Prepared
-from rakelight.shading.lighting import estimate_light
 from rakelight.shading.photographs import Lamps
 from rakelight.solve.robust import variance_beyond
 
@@ -56,6 +56,9 @@ COARSER = 2.0
 ON_THE_WAY = 3
 # The loss is settled when the noise falls by less than this factor from one step to the next.
 SETTLED = 0.95
+# Another start is taken where it ends at less than this part of the energy: the first was caught.
+# Small gains are the sensor's noise's.
+MUCH_LOWER = 0.5
 # Lamps get more freedom where that lowers the energy by more than this fraction over their number:
 # the fewer photographs, the more of anything it explains.
 WORTH_IT = 0.5
@@ -115,20 +118,20 @@ def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback
 
     # The coarsest level: distant white lamps, and more freedom for them where it is worth it.
     coarsest = len(levels) - 1
-    fit = first_fit(levels[-1], levels[-1].prior, first_lamps(levels[-1]))
+    fit = first_fit(levels[-1], levels[-1].prior, lamps_of_prior(levels[-1]))
     descent = descend(levels[-1], fit, options, progress, stage(coarsest))
+    descent = second_start(levels[-1], descent, options, progress)
     descent = freer_lamps(levels[-1], descent, options, progress)
     level, fit, _ = matted(levels[-1], descent.fit)
     if level is not levels[-1]:
         descent = descend(level, fit, options, progress, stage(coarsest))
 
     # Coarse to fine: the depth's detail, then lights and depth together, until both rest.
-    brief = replace(options, max_iterations=min(options.max_iterations, ON_THE_WAY))
     for index in reversed(range(coarsest)):
         log_depth = levels[index].carried(levels[index + 1], descent.fit.log_depth)
         level, _ = matte(levels[index], log_depth, descent.fit.lamps)
         fit = first_fit(level, log_depth, descent.fit.lamps, near=descent.fit.near)
-        descent = descend(level, fit, brief, progress, stage(index))
+        descent = descend(level, fit, briefly(options), progress, stage(index))
 
     # What is left of the sensor's depth says how its errors hang together, and what they count.
     if options.depth_trust is None:
@@ -198,6 +201,30 @@ def descend(
     return Descent(tuple(fits), converged, step + 1)
 
 
+def second_start(
+    level: Level, descent: Descent, options: Options, progress: ProgressCallback
+) -> Descent:
+    """The descent, or one from the lamps that the photographs tell, where that ends lower.
+
+    The first few steps show whether it does.
+    """
+    lamps = lamps_of_factors(level)
+    if lamps is None:
+        return descent
+    before, words = descent.fit, "try the photographs' lamps"
+    start = first_fit(level, level.prior, lamps)
+    tried = descend(level, start, briefly(options), progress, words)
+    after = moved(level, before, tried.fit.log_depth, tried.fit.lamps)
+    if not after.energy < MUCH_LOWER * before.energy:
+        return descent
+    return descend(level, tried.fit, options, progress, words)
+
+
+def briefly(options: Options) -> Options:
+    """The options with no more steps than a level on the way takes."""
+    return replace(options, max_iterations=min(options.max_iterations, ON_THE_WAY))
+
+
 def freer_lamps(
     level: Level, descent: Descent, options: Options, progress: ProgressCallback
 ) -> Descent:
@@ -249,26 +276,6 @@ def coloured(fit: Fit) -> Fit:
 def stage(index: int) -> str:
     """What the progress says of a level."""
     return f"refine 1/{2**index}" if index else "refine"
-
-
-def first_lamps(level: Level) -> Lamps:
-    """White distant lamps that fit the prior's normals and a plain object of mean colour."""
-    photographs = level.photographs
-    active = photographs.active
-    gradient = level.surface(level.prior).gradient
-    normals, _ = normals_from_gradient(gradient[..., 0], gradient[..., 1], photographs.camera)
-    values = photographs.values[:, active]
-    images = photographs.table[values].astype(np.float64)
-    good = (values >= photographs.low) & (values <= photographs.high)
-    albedo = np.broadcast_to(np.median(images.mean(axis=0), axis=0), images[0].shape)
-    frontal = np.array([0.0, 0.0, -1.0])
-    lights = np.array(
-        [
-            estimate_light(image, weight, albedo, normals[active], frontal)
-            for image, weight in zip(images, good, strict=True)
-        ]
-    )
-    return Lamps.distant(lights[:, None, :3], lights[:, None, 3])
 
 
 def finished(

@@ -1,0 +1,107 @@
+"""Lamps to start from: near enough to the true ones where the prior misleads."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.ndimage import binary_dilation, binary_erosion
+
+from rakelight.geometry.normals import normals_from_depth
+from rakelight.methods import refine
+from rakelight.methods.levels import finest_level, pyramid
+from rakelight.methods.start import lamps_of_factors, lamps_of_prior
+from rakelight.metrics import evaluate_depth
+from rakelight.model import Camera, Capture, Truth
+from rakelight.prepare import prepare
+from rakelight.synthetic import DepthNoise, add_depth_noise
+
+CAMERA = Camera(192, 144, fx=365.0, fy=365.0, cx=95.5, cy=71.5)
+LAMPS = 12
+
+
+@cache
+def dome(grow=0, rms_mm=2.0, correlation_px=0.0):
+    """A dome of 26 cm with waves 1.5 mm high under a ring of lamps; its truth; the lamps (N, 3).
+
+    grow : pixels by which the mask is too large; dark, and without depth, they are not the object
+    """
+    v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
+    x, y = 0.8 * (u - CAMERA.cx) / CAMERA.fx, 0.8 * (v - CAMERA.cy) / CAMERA.fy
+    high = np.sqrt(np.clip(1 - (x**2 + y**2) / 0.02, 0, None))
+    waves = 0.0015 * np.sin(220 * x) * np.sin(220 * y)
+    whole = x**2 + y**2 < 0.13**2
+    depth = np.where(whole, 0.8 - 0.05 * high + waves, np.nan)
+    normals = normals_from_depth(np.nan_to_num(depth, nan=1.0), whole, CAMERA)
+    object_ = binary_erosion(whole)
+
+    turn = 2 * np.pi * (np.arange(LAMPS) + 0.5) / LAMPS
+    tilt = np.radians(20 + 25 * (0.618 * np.arange(LAMPS) % 1))
+    lamps = np.stack([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), -np.cos(tilt)], -1)
+    paint = 0.3 + 0.4 * ((u // 13 + v // 11) % 2)[..., None] * [1.0, 0.8, 0.6]
+    shading = np.maximum(np.einsum("hwk,nk->nhw", np.nan_to_num(normals), lamps), 0) + 0.1
+    light = np.where(object_[..., None], 0.9 * paint * shading[..., None], 0.02)
+    noise = 0.002 * np.random.default_rng(0).normal(size=light.shape)
+    blocks = depth.reshape(CAMERA.height // 2, 2, CAMERA.width // 2, 2).mean(axis=(1, 3))
+    seen = DepthNoise(rms_mm=rms_mm, correlation_length_px=correlation_px)
+    capture = Capture(
+        photographs=np.rint(65535 * np.clip(light + noise, 0, 1)).astype(np.uint16),
+        depth_m=add_depth_noise(blocks, seen)[None],
+        mask=binary_dilation(object_, iterations=grow) if grow else object_,
+        camera=CAMERA,
+    )
+    shown = [np.where(object_[..., None], each, np.nan) for each in (depth[..., None], normals)]
+    return capture, Truth(shown[0][..., 0], shown[1], np.where(object_[..., None], paint, 0)), lamps
+
+
+def coarsest(capture):
+    return pyramid(finest_level(prepare(capture)), 4000)[-1]
+
+
+def off_deg(lamps, true):
+    size = np.linalg.norm(lamps.vector[:, 0], axis=-1, keepdims=True)
+    found = lamps.vector[:, 0] / np.maximum(size, 1e-12)
+    return np.degrees(np.arccos(np.clip((found * true).sum(-1), -1, 1)))
+
+
+def test_the_photographs_tell_lamps_that_a_rough_prior_does_not():
+    capture, _, true = dome(rms_mm=5.0, correlation_px=6.0)
+    level = coarsest(capture)
+    factored = off_deg(lamps_of_factors(level), true)
+    assert factored.max() < 20
+    assert np.median(factored) < 0.6 * np.median(off_deg(lamps_of_prior(level), true))
+
+
+def test_a_generous_mask_does_not_end_in_a_wrong_surface():
+    capture, truth, _ = dome(grow=3)
+    result = refine(capture, "multi-light")
+    after, before = (
+        evaluate_depth(depth, CAMERA, truth).normals
+        for depth in (result.depth, result.prepared_depth)
+    )
+    assert after.median_deg < before.median_deg / 10
+
+
+def test_the_relief_comes_from_the_prior():
+    capture, _, true = dome()
+    level = coarsest(capture)
+    hollow = replace(level, prior=2 * np.median(level.prior) - level.prior)
+    assert off_deg(lamps_of_factors(level), true).max() < 20
+    # A hollow lit from the other side looks the same.
+    turned = true * [-1, -1, 1]
+    assert off_deg(lamps_of_factors(hollow), turned).max() < 20
+
+
+@pytest.mark.parametrize("bright", [0, 65535])
+def test_photographs_that_show_nothing_tell_nothing(bright):
+    level = coarsest(dome()[0])
+    dull = np.full_like(level.photographs.values, bright)
+    nothing = replace(level.photographs, values=dull)
+    assert lamps_of_factors(replace(level, photographs=nothing)) is None
+
+
+def test_one_lamp_in_all_photographs_is_no_trouble():
+    capture, _, _ = dome()
+    level = coarsest(capture.select([0] * 6))
+    lamps = lamps_of_factors(level)
+    assert lamps is None or np.isfinite(lamps.vector).all()
