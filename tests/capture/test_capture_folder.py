@@ -189,6 +189,14 @@ def test_other_files_are_skipped_and_named(tmp_path):
     ]
 
 
+def test_images_that_are_not_read_are_not_called_other_files(tmp_path):
+    folder = build(tmp_path / "c")
+    (folder / "rgb" / "004.WEBP").write_bytes(b"x")
+    (finding,) = [each for each in load_capture(folder).findings if "004" in each.message]
+    assert (finding.severity, finding.code) == ("warning", "unread-images")
+    assert finding.remedy == "convert them to PNG"
+
+
 WEIRD = ["with space", "Grabmal Müller", "new\nline", "-o", "日本", "100%", "*?[x]", "x" * 200]
 if sys.platform == "linux":
     WEIRD.append(os.fsdecode(b"caf\xe9"))

@@ -7,8 +7,9 @@ from ray_traced import depth_of
 from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 
 from rakelight.geometry.grid import area_mean
-from rakelight.model import Camera, SensorNoise
-from rakelight.prepare.flying import flying
+from rakelight.model import Camera, Capture, SensorNoise
+from rakelight.prepare import prepare
+from rakelight.prepare.flying import flying, stray
 from rakelight.synthetic.implicit import Solid, trace
 
 CAMERA = Camera(320, 240, fx=300.0, fy=302.0, cx=160.7, cy=118.0)
@@ -125,3 +126,48 @@ def test_holes_and_small_maps():
     assert flying(depth, 0.001 * depth, camera)[:, 4].all()
     depth[:, 3] = np.nan  # one side is not known: it may be a surface
     assert not flying(depth, 0.001 * depth, camera).any()
+
+
+# ---- stray pixels
+
+
+def wall_with_strays(fraction=0.014, far_m=5.0):
+    """A slanted noisy wall at 0.8 m of which some pixels, 4 apart or more, are far away."""
+    rng = np.random.default_rng(3)
+    rows, columns = np.mgrid[:120, :160]
+    wall = 0.8 + 0.001 * columns + 0.002 * rng.normal(size=rows.shape)
+    strays = np.zeros(wall.shape, bool)
+    strays[2::5, 2::5] = rng.random((24, 32)) < 25 * fraction
+    return np.where(strays, far_m, wall), strays
+
+
+@pytest.mark.parametrize("far_m", [0.3, 5.0, 65.534])
+def test_stray_pixels_are_found_and_nothing_else(far_m):
+    depth, strays = wall_with_strays(far_m=far_m)
+    assert strays.sum() > 100
+    np.testing.assert_array_equal(stray(depth, SIGMA.at(depth), CAMERA), strays)
+
+
+def test_wires_corners_and_edges_are_not_stray():
+    depth = np.full((40, 60), 1.2)
+    depth[20, :] = 0.8  # along, across and slanted, one pixel wide, and its ends
+    depth[:, 30] = 0.8
+    depth[np.arange(10), np.arange(10)] = 0.8
+    depth[30:, 50:] = np.nan
+    depth[25, 45:] = np.nan
+    depth[5, 50], depth[4:7, 49:52] = 0.8, np.nan
+    depth[5, 50] = 0.8  # alone in a hole: nobody contradicts it
+    assert not stray(depth, SIGMA.at(depth), CAMERA).any()
+
+
+def test_stray_pixels_are_filled_from_their_neighbours():
+    depth, strays = wall_with_strays()
+    camera = Camera(160, 120, fx=300.0, fy=300.0, cx=79.5, cy=59.5)
+    capture = Capture(
+        photographs=np.full((1, 120, 160, 3), 90, np.uint8),
+        depth_m=depth[None].astype(np.float32),
+        mask=np.ones(depth.shape, bool),
+        camera=camera,
+    )
+    prepared = prepare(capture)
+    assert np.abs(prepared.embed(prepared.depth_m, np.nan)[strays] - 0.88).max() < 0.1

@@ -17,6 +17,7 @@ from rakelight.memory import require_memory
 from rakelight.model import Array, Finding
 
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
+UNREAD = {".bmp", ".gif", ".webp", ".heic", ".jp2", ".exr", ".hdr", ".dng", ".cr2", ".nef", ".arw"}
 _LARGEST_FILE = 1_000_000_000  # bytes; 100 megapixels of 16-bit colour take 600 MB
 
 
@@ -175,11 +176,20 @@ def file_findings(images: Images) -> tuple[Finding, ...]:
         findings.append(
             Finding("note", "grey", f"{kind}: grey photographs, repeated to three channels")
         )
-    if images.ignored:
+    unread = [name for name in images.ignored if Path(name).suffix.lower() in UNREAD]
+    if unread:
         findings.append(
             Finding(
-                "note", "ignored-files", f"{kind}: not images, ignored: {_some(images.ignored)}"
+                "warning",
+                "unread-images",
+                f"{kind}: images of a format that is not read: {_some(unread)}",
+                "convert them to PNG",
             )
+        )
+    others = [name for name in images.ignored if name not in unread]
+    if others:
+        findings.append(
+            Finding("note", "ignored-files", f"{kind}: not images, ignored: {_some(others)}")
         )
     return tuple(findings)
 

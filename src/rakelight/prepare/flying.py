@@ -1,4 +1,4 @@
-"""Flying pixels: measurements between two surfaces, where a depth pixel saw both."""
+"""Flying pixels, between two surfaces that one depth pixel saw, and stray ones."""
 
 from __future__ import annotations
 
@@ -17,6 +17,36 @@ STEEP_STEPS = 4
 STEEPENING = 3.0
 SIGMAS = 3.0
 DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
+
+
+# What is no farther from a neighbour than this part of the depth may be a limb, or thin.
+ASTRAY = 0.05
+# With fewer measured neighbours, of eight, a pixel may be the end of something thin.
+NEIGHBOURS = 4
+
+
+def stray(depth_m: Floats, sigma_m: Floats, camera: Camera) -> Mask:
+    """Which measurements (h, w) none of the eight pixels around them shares.
+
+    Arguments as of `flying`.  What is a pixel wide, such as a wire, has neighbours of its own depth
+    along it; shared is what a surface that is just not too steep to be seen, and noise, can do, and
+    what differs by less than a twentieth.
+
+    >>> camera = Camera(3, 3, fx=500.0, fy=500.0, cx=1.0, cy=1.0)
+    >>> depth = np.array([[1.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 1.0]])
+    >>> stray(depth, 0.001 * depth, camera).sum(), stray(depth, 0.001 * depth, camera)[1, 1]
+    (np.int64(1), np.True_)
+    """
+    height, width = depth_m.shape
+    padded = np.pad(depth_m, 1, constant_values=np.nan)
+    shared, measured = np.zeros(depth_m.shape, dtype=bool), np.zeros(depth_m.shape, dtype=int)
+    for dy, dx in (*DIRECTIONS, *((-dy, -dx) for dy, dx in DIRECTIONS)):
+        there = padded[1 + dy : 1 + dy + height, 1 + dx : 1 + dx + width]
+        nearer = np.fmin(depth_m, there)
+        allowed = np.maximum(STEEPEST * np.hypot(dx / camera.fx, dy / camera.fy), ASTRAY) * nearer
+        shared |= np.abs(there - depth_m) <= allowed + SIGMAS * np.sqrt(2) * sigma_m
+        measured += np.isfinite(there)
+    return np.isfinite(depth_m) & ~shared & (measured >= NEIGHBOURS)
 
 
 def flying(depth_m: Floats, sigma_m: Floats, camera: Camera) -> Mask:

@@ -10,9 +10,17 @@ from rakelight.errors import CaptureError
 from rakelight.geometry.averaging import LEAST_SHARE, Averaging, overlaps
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.grid import bounding_window
-from rakelight.model import Array, Camera, Capture, Floats, Mask, RigidTransform
+from rakelight.model import (
+    Array,
+    Camera,
+    Capture,
+    Floats,
+    Mask,
+    RigidTransform,
+    SensorNoise,
+)
 from rakelight.prepare.average import NEIGHBOURHOOD_PX, noise_sigma, robust_average
-from rakelight.prepare.flying import flying
+from rakelight.prepare.flying import flying, stray
 from rakelight.prepare.register import project, register, sensor_grid
 
 
@@ -171,8 +179,8 @@ def _require_size(
 def sensed(capture: Capture, mask: Mask | None = None) -> tuple[Floats, Floats]:
     """The sensor's depth and its standard deviation (hs, ws), metres, before the colour camera.
 
-    Of several maps the average; flying pixels left out; depth of a camera of its own registered
-    to the colour camera, on the pixels of `sensor_grid`.
+    Of several maps the average; stray and flying pixels left out; depth of a camera of its own
+    registered to the colour camera, on the pixels of `sensor_grid`.
 
     mask : (H, W) the object in the photographs; None for everything.  What is further than a few
         pixels from it may be missing, and its noise is that which counts.
@@ -204,7 +212,9 @@ def sensed(capture: Capture, mask: Mask | None = None) -> tuple[Floats, Floats]:
 def _trusted(
     average: Floats, capture: Capture, maps_m: Floats, camera: Camera, on_object: Mask
 ) -> tuple[Floats, Floats]:
-    """The average (h, w) of maps and its noise, without flying pixels."""
+    """The average (h, w) of maps and its noise, without stray and flying pixels."""
+    model = capture.depth_noise or SensorNoise()
+    average = np.where(stray(average, model.at(average), camera), np.nan, average)
     sigma = noise_sigma(average, capture.depth_noise, maps_m, on_object)
     between = flying(average, sigma, camera)
     return np.where(between, np.nan, average), np.where(between, np.nan, sigma)
