@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rakelight.errors import InputError, MethodError
-from rakelight.geometry.normals import normals_from_gradient, surface_normals
+from rakelight.geometry.normals import normals_from_gradient
 from rakelight.methods import refine
 from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light_alternating import (
@@ -16,7 +16,7 @@ from rakelight.methods.multi_light_alternating import (
     light_and_albedo,
     multi_light_alternating,
 )
-from rakelight.metrics import evaluate
+from rakelight.metrics import evaluate, evaluate_depth
 from rakelight.model import Camera, silent
 from rakelight.prepare import prepare
 from rakelight.shading.harmonics import lit, shading
@@ -57,8 +57,7 @@ def test_normals_are_three_times_better_than_the_prepared_ones(factor):
     noise = DepthNoise(rms_mm=2.5, correlation_length_px=6.0)
     capture, truth = make_scene(depth_factor=factor, depth_noise=noise, photographs=8)
     result = run(capture, options=replace(Options(), max_iterations=40))
-    before = surface_normals(result.prepared_depth, truth.mask, result.camera)
-    first = evaluate(result.prepared_depth, before, truth)
+    first = evaluate_depth(result.prepared_depth, result.camera, truth)
     last = evaluate(result.depth, result.normals, truth)
     assert last.normals.mae_deg < first.normals.mae_deg / 3
     assert last.depth.rmse_mm < first.depth.rmse_mm

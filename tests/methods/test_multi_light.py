@@ -12,7 +12,7 @@ from rakelight.geometry.normals import surface_normals
 from rakelight.methods import multi_light, refine
 from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light import Options, sound
-from rakelight.metrics import evaluate
+from rakelight.metrics import evaluate, evaluate_depth
 from rakelight.model import Camera
 from rakelight.prepare import prepare
 from rakelight.shading.photographs import Lamps
@@ -46,8 +46,7 @@ def scores(result, truth):
 
 
 def scores_before(result, truth):
-    normals = surface_normals(result.prepared_depth, truth.mask, result.camera)
-    return evaluate(result.prepared_depth, normals, truth)
+    return evaluate_depth(result.prepared_depth, result.camera, truth)
 
 
 def light_errors_deg(lights, truth):

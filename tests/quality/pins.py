@@ -13,9 +13,8 @@ import json
 import sys
 from pathlib import Path
 
-from rakelight.geometry.normals import surface_normals
 from rakelight.methods import METHODS, refine
-from rakelight.metrics import evaluate
+from rakelight.metrics import evaluate, evaluate_depth
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
@@ -67,12 +66,11 @@ def measure(method, name):
     if method == "input":
         prepared = prepare(capture)
         depth = prepared.embed(prepared.depth_m, float("nan"))
-        normals, counted = surface_normals(depth, truth.mask, capture.camera), {}
+        scores, counted = evaluate_depth(depth, capture.camera, truth), {}
     else:
         result = refine(capture, method)
-        depth, normals = result.depth, result.normals
+        scores = evaluate(result.depth, result.normals, truth)
         counted = {"iterations": result.iterations}
-    scores = evaluate(depth, normals, truth)
     return {"rmse_mm": scores.depth.rmse_mm, "mae_deg": scores.normals.mae_deg, **counted}
 
 

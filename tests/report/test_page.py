@@ -124,6 +124,12 @@ def test_a_result_without_lamps_energy_or_prediction_says_so(small):
     assert "not converged" in page
 
 
+def test_a_lamp_behind_the_object_is_not_offered_to_the_viewer(small):
+    lights = Lights(np.array([[[0.0, 0.0, -1.0]], [[0.0, 0.5, 0.9]]]), np.zeros((2, 1)))
+    page = page_of(replace(small[0], lights=lights, photograph_names=("front", "behind")))
+    assert re.findall(r'<option value="\d+">(\w+)', page) == ["front"]
+
+
 def test_a_surface_without_depth_before_is_shown(small):
     page = page_of(replace(small[0], prepared_depth=np.full_like(small[0].depth, np.nan)))
     assert "Depth moved by" not in page

@@ -10,9 +10,8 @@ import pytest
 from rakelight.capture import load_capture
 from rakelight.capture.truth import load_truth
 from rakelight.cli import main
-from rakelight.geometry.normals import surface_normals
 from rakelight.methods import refine
-from rakelight.metrics import evaluate
+from rakelight.metrics import evaluate, evaluate_depth
 from rakelight.synthetic import (
     DepthNoise,
     SceneOptions,
@@ -37,11 +36,7 @@ def test_refine_improves_a_scan(file):
     )
     capture, truth = render_scene(shape, make_albedo("pattern"), options)
     result = refine(capture, "multi-light-alternating")
-    before = evaluate(
-        result.prepared_depth,
-        surface_normals(result.prepared_depth, truth.mask, capture.camera),
-        truth,
-    )
+    before = evaluate_depth(result.prepared_depth, capture.camera, truth)
     after = evaluate(result.depth, result.normals, truth)
     assert after.depth.coverage == after.normals.coverage == 1
     assert after.normals.mae_deg < before.normals.mae_deg / 2

@@ -15,6 +15,7 @@ from rakelight.geometry.camera import back_project
 from rakelight.geometry.normals import normals_from_gradient
 from rakelight.methods.levels import Level
 from rakelight.model import Floats, Lights, Mask
+from rakelight.prepare.inpaint import nearest_fill
 from rakelight.shading.cast_shadows import in_sight
 from rakelight.shading.highlights import heights, lobes
 from rakelight.shading.lighting import arriving
@@ -86,13 +87,11 @@ def in_shadow(level: Level, points_m: Floats, where: Mask, lights: Lights) -> Ma
 
 def all_shadows(level: Level, points_m: Floats, lights: Lights) -> Mask:
     """(N, h, w, C) `in_shadow` of every pixel, from the nearest of some of them."""
-    from scipy.ndimage import distance_transform_edt
-
     where = level.photographs.some(LOOKING)
-    number = np.zeros(where.shape, dtype=int)
+    number = np.zeros(where.shape)
     number[where] = np.arange(np.count_nonzero(where))
-    rows, columns = distance_transform_edt(~where, return_distances=False, return_indices=True)
-    return in_shadow(level, points_m, where, lights)[:, number[rows, columns]]
+    nearest = nearest_fill(number, where).astype(int)
+    return in_shadow(level, points_m, where, lights)[:, nearest]
 
 
 def are_dark(

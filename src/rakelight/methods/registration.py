@@ -85,7 +85,8 @@ def registered(capture: Capture, options: Options, progress: ProgressCallback = 
     start = capture.depth_to_color or RigidTransform(np.eye(3), np.zeros(3))
     scale = coarsest_scale(capture)
     options = replace(options, depth_trust=TRUST, max_iterations=min(options.max_iterations, BRIEF))
-    if not _wide_enough(capture, scale):
+    first = _comparable(capture, scale)
+    if first is None:
         doubt = _doubt("the object is nowhere two depth pixels wide")
         return replace(capture, findings=(*capture.findings, doubt))
     pose = start
@@ -95,8 +96,8 @@ def registered(capture: Capture, options: Options, progress: ProgressCallback = 
     known, moved_px = total, np.inf
     for step in range(ROUNDS):
         progress(Progress("register", step + 1, ROUNDS))
-        placed = replace(capture, depth_camera=own, depth_to_color=pose) if step else capture
-        prepared = prepare(placed, scale)
+        placed = replace(capture, depth_camera=own, depth_to_color=pose)
+        prepared = prepare(placed, scale) if step else first
         log_depth = multi_light(prepared, options, silent).log_depth
         if step == 0:
             middle = back_project(np.exp(log_depth), prepared.camera)[prepared.mask].mean(axis=0)
@@ -264,9 +265,10 @@ def _doubt(why: str) -> Finding:
     return Finding("warning", "registration-doubtful", f"registration: {why}", fix)
 
 
-def _wide_enough(capture: Capture, scale: int) -> bool:
-    """Whether the object has normals at this scale, and a photograph that shows them."""
+def _comparable(capture: Capture, scale: int) -> Prepared | None:
+    """The capture prepared; None without normals at this scale, or photographs that show them."""
     try:
-        return too_thin(prepare(capture, scale)) is None
+        prepared = prepare(capture, scale)
+        return prepared if too_thin(prepared) is None else None
     except CaptureError:  # refining says what it is, where it is not the scale
-        return False
+        return None

@@ -35,10 +35,10 @@ def lamps_of_prior(level: Level) -> Lamps:
     good = values >= 0
     images = np.maximum(values, 0.0)
     albedo = np.broadcast_to(np.median(images.mean(axis=0), axis=0), images[0].shape)
-    frontal = np.array([0.0, 0.0, -1.0])
+    normals, frontal = prior_normals(level)[active], np.array([0.0, 0.0, -1.0])
     lights = np.array(
         [
-            estimate_light(image, weight, albedo, prior_normals(level)[active], frontal)
+            estimate_light(image, weight, albedo, normals, frontal)
             for image, weight in zip(images, good, strict=True)
         ]
     )

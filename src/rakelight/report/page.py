@@ -63,6 +63,7 @@ def report_html(result: Result, truth: Truth | None = None) -> bytes:
         method_rows=facts.method_rows(result),
         option_rows=facts.option_rows(result.options),
         lamps=lamps,
+        aims=viewer["lamps"],
         tilts=charts.tilts(lamps) if lamps else None,
         energy=charts.energy_curve(result.energy),
         prediction=_prediction(result, names),

@@ -392,7 +392,7 @@ def explain(
 
 
 @inlined
-def shine(lamp, size, vectors, ambients, nearness, frame, light, by_light, shaded, turns):
+def illuminate(lamp, size, vectors, ambients, nearness, frame, light, by_light, shaded, turns):
     """Fill shaded and turns (parameters, N, STRIP) with what each photograph's lamp does.
 
     The last of the turns, the ambient's, stays 1.
@@ -520,7 +520,7 @@ def light_terms_of_block(
                 cell_of[j] = here[j] // step
             taken[:, :, size:] = 0.0
             for lamp in range(channels):
-                shine(
+                illuminate(
                     lamp, size, vectors, ambients, nearness, frame, light, by_light, shaded, turns
                 )
                 first, last = (0, 3) if channels == 1 else (lamp, lamp + 1)
