@@ -39,10 +39,13 @@ from rakelight.solve.gauss_newton import border
 from rakelight.solve.robust import cauchy_scales
 
 FOURTH_DIFFERENCE = (0.125, -0.5, 0.75, -0.5, 0.125)
-# Weight of the fourth differences over the photographs' own of the gradient; in a joint step's
-# matrix also that of one-sided differences over mean ones, of pixels or of cells.
+# Weight of one-sided differences over mean ones in a joint step's matrix, of pixels or of cells.
 STIFFNESS = 0.03
 CELL_STIFFNESS = 0.5
+# Weight of the fourth differences over the photographs' own of the gradient: a flatter surface
+# has less of them, and more would flatten where photographs leave the bas-relief open.  Beside an
+# edge, where the last pixels have a normal from one side alone, it takes more to hold them.
+BENDING, AT_THE_EDGE = 0.003, 0.01
 # No photograph is better than this (white is 1), even if the model explains it exactly.
 SMALLEST_NOISE = 1e-5
 # On the way no photograph is taken for worse: rough residuals would hand the surface to the sensor.
@@ -65,6 +68,7 @@ class Fit:
     scales : (h, w) of the Cauchy losses; noise : deviation of a value; energy : of everything
     stiffness : (h, w, 2) weight of the fourth differences along u and v, which are waves
     near : whether the lamps' distances are fitted too
+    one_ambient : whether the ambient light is one part of every lamp's; see `freedom`
     steadiness : weight W of `unlikeness`, how alike the lamps' brightness is
     depth_damping, joint_damping, lights_damping : of the next step of each kind
     """
@@ -79,13 +83,16 @@ class Fit:
     stiffness: Floats
     waves: tuple[Floats, ...] = ()
     near: bool = False
+    one_ambient: bool = False
     steadiness: float = 0.0
     depth_damping: float = 1e-3
     joint_damping: float = 1e-3
     lights_damping: float = 1e-2
 
 
-def first_fit(level: Level, log_depth: Floats, lamps: Lamps, near: bool = False) -> Fit:
+def first_fit(
+    level: Level, log_depth: Floats, lamps: Lamps, near: bool = False, one_ambient: bool = False
+) -> Fit:
     """The photographs explained by a depth and lamps; the loss takes its scale from that.
 
     Twice, with what `descend` does: pixels beside a jump that least squares bends come right.
@@ -93,7 +100,10 @@ def first_fit(level: Level, log_depth: Floats, lamps: Lamps, near: bool = False)
     surface = level.surface(log_depth)
     plain = level.photographs.explain(surface, lamps)
     nothing = np.zeros((*level.mask.shape, 2))
-    start = Fit(log_depth, lamps, surface, plain, nothing[..., 0], 0.0, 0.0, nothing, near=near)
+    start = Fit(
+        log_depth, lamps, surface, plain, nothing[..., 0], 0.0, 0.0, nothing,
+        near=near, one_ambient=one_ambient,
+    )  # fmt: skip
     return rescaled(level, start)
 
 
@@ -101,7 +111,7 @@ def rescaled(level: Level, fit: Fit, noisiest: float = NOISIEST) -> Fit:
     """The same depth and lamps with the loss's scales taken from the present residuals."""
     spread_now = max(fit.explanation.spread, SMALLEST_NOISE)
     scales = cauchy_scales(spread_now, fit.explanation.misfit)
-    stiffness = STIFFNESS * fit.explanation.tensor[..., [0, 2]]
+    stiffness = bending_weight(level) * fit.explanation.tensor[..., [0, 2]]
     same = replace(fit, scales=scales, noise=min(spread_now, noisiest), stiffness=stiffness)
     return moved(level, same, fit.log_depth, fit.lamps)
 
@@ -120,6 +130,14 @@ def moved(level: Level, fit: Fit, log_depth: Floats, lamps: Lamps, turning: bool
         fit, log_depth=log_depth, lamps=lamps, surface=surface, explanation=explanation,
         energy=energy, waves=waves,
     )  # fmt: skip
+
+
+def bending_weight(level: Level) -> Floats:
+    """(h, w, 2) weight of the fourth differences along u and v."""
+    from scipy.ndimage import minimum_filter1d
+
+    inside = [minimum_filter1d(wide, 5, axis, mode="constant") for axis, wide in _reach(level)]
+    return np.where(np.stack(inside, axis=-1), BENDING, AT_THE_EDGE)
 
 
 def ripples(level: Level, log_depth: Floats) -> list[Floats]:
@@ -248,10 +266,7 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     correction, lights = joint.step(damping)
     field = np.zeros(cells.inside.shape)
     field[cells.inside] = correction
-    tried = moved(
-        level, fit, fit.log_depth + cells.spread(field),
-        fit.lamps.moved(lights.reshape(*fit.lamps.ambient.shape, -1)),
-    )  # fmt: skip
+    tried = moved(level, fit, fit.log_depth + cells.spread(field), lamps_after(fit, lights))
     if tried.energy < fit.energy:
         return replace(tried, joint_damping=max(damping / STRONGER, WEAKEST))
     return replace(fit, joint_damping=min(damping * STRONGER, STRONGEST))
@@ -285,8 +300,7 @@ def lights_step(level: Level, fit: Fit) -> Fit:
     for _ in range(TRIES):
         damped = hessian + damping * np.diag(np.diag(hessian))
         step = -np.linalg.lstsq(damped, slope, rcond=1e-12)[0]
-        lamps = fit.lamps.moved(step.reshape(*fit.lamps.ambient.shape, -1))
-        tried = moved(level, fit, fit.log_depth, lamps, turning=True)
+        tried = moved(level, fit, fit.log_depth, lamps_after(fit, step), turning=True)
         if tried.energy < fit.energy:
             return replace(tried, lights_damping=max(damping / STRONGER, WEAKEST))
         damping *= STRONGER
@@ -294,7 +308,9 @@ def lights_step(level: Level, fit: Fit) -> Fit:
 
 
 def light_curvature(level: Level, fit: Fit, most: int, cell: int = 0) -> tuple[Floats, Floats]:
-    """(K, K) second derivatives of half the energy with the lights, and those with the gradient.
+    """(F, F) second derivatives of half the energy with the lights, and those with the gradient.
+
+    F counts what is free of them.
 
     Of `most` pixels, scaled up: enough for the curvature; near the end only all have the right
     slope.  cell : as in `Photographs.light_terms`
@@ -309,11 +325,14 @@ def light_curvature(level: Level, fit: Fit, most: int, cell: int = 0) -> tuple[F
     coupling *= share
     _, alike = unlikeness_terms(fit.lamps, 5 if fit.near else 4)
     held = gauge(fit, hessian) + fit.noise**2 * fit.steadiness * alike
-    return hessian + held, coupling
+    if not fit.one_ambient:
+        return hessian + held, coupling
+    free = freedom(fit)
+    return free.T @ (hessian + held) @ free, coupling @ free
 
 
 def light_slope(level: Level, fit: Fit) -> Floats:
-    """(K,) half the energy's derivatives with what may move of the lights."""
+    """(F,) half the energy's derivatives with what is free of the lights."""
     slope = fit.explanation.light_slope
     if slope is None:
         slope = level.photographs.explain(
@@ -321,7 +340,43 @@ def light_slope(level: Level, fit: Fit) -> Floats:
         ).light_slope
     slope = np.delete(np.asarray(slope), () if fit.near else 3, axis=-1)
     alike, _ = unlikeness_terms(fit.lamps, slope.shape[-1])
-    return np.asarray(slope.ravel() + fit.noise**2 * fit.steadiness * alike)
+    slope = np.asarray(slope.ravel() + fit.noise**2 * fit.steadiness * alike)
+    return slope @ freedom(fit) if fit.one_ambient else slope
+
+
+def freedom(fit: Fit) -> Floats:
+    """(K, F) what the K numbers of the lights change by, with those that `one_ambient` leaves free.
+
+    On a nearly flat surface all normals see as much of a lamp: only ambient light that is alike
+    tells how much that is.
+    """
+    lamps = fit.lamps
+    *shape, numbers = *lamps.ambient.shape, 5 if fit.near else 4
+    order = np.arange(lamps.ambient.size * numbers).reshape(*shape, numbers)
+    own, ambient = order[..., :-1].ravel(), order[..., -1]
+    free = np.zeros((order.size, own.size + 1))
+    free[own, np.arange(own.size)] = 1
+    size = np.maximum(np.linalg.norm(lamps.vector, axis=-1), np.finfo(float).tiny)
+    along = ambient_share(lamps) * lamps.vector / size[..., None]
+    columns = np.arange(own.size).reshape(*shape, numbers - 1)[..., :3]
+    free[ambient[..., None], columns] = along
+    free[ambient.ravel(), -1] = size.ravel()
+    return free
+
+
+def lamps_after(fit: Fit, step: Floats) -> Lamps:
+    """The fit's lamps after a step (F,) of what is free of them."""
+    if not fit.one_ambient:
+        return fit.lamps.moved(step.reshape(*fit.lamps.ambient.shape, -1))
+    lamps = fit.lamps.moved((freedom(fit) @ step).reshape(*fit.lamps.ambient.shape, -1))
+    size = np.linalg.norm(lamps.vector, axis=-1)
+    return replace(lamps, ambient=ambient_share(lamps) * size)
+
+
+def ambient_share(lamps: Lamps) -> float:
+    """The ambient light of all lamps as a part of their irradiance."""
+    size = np.linalg.norm(lamps.vector, axis=-1)
+    return float(lamps.ambient.sum() / max(float(size.sum()), np.finfo(float).tiny))
 
 
 def field_matrix(

@@ -56,6 +56,10 @@ COARSER = 2.0
 ON_THE_WAY = 3
 # The loss is settled when the noise falls by less than this factor from one step to the next.
 SETTLED = 0.95
+# A thousandth of the trust is right where it halves what the photographs leave unexplained: the
+# depth's errors hang together.  A tenth, where it is a third of that, in logarithms.
+LESS_TRUST = (1e-3, 1e-2, 1e-1)
+HALVED = np.log(2) / np.log(1e3)
 # Another start is taken where it ends at less than this part of the energy: the first was caught.
 # Small gains are the sensor's noise's.
 MUCH_LOWER = 0.5
@@ -109,19 +113,18 @@ def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback
     Raises MethodError for fewer than 3 photographs, or than the square of the scale.
     """
     require_photographs(prepared, "multi-light", 3)
-    trust = first_trust = options.depth_trust or FIRST_TRUST * prepared.factor**2
+    trust = options.depth_trust or FIRST_TRUST * prepared.factor**2
     finest = finest_level(prepared, cut=True, unbiased=True)
     levels = [
-        level.trusting(first_trust * COARSER**k)
+        level.trusting(trust * COARSER**k)
         for k, level in enumerate(pyramid(finest, options.coarse_pixels))
     ]
 
-    # The coarsest level: distant white lamps, and more freedom for them where it is worth it.
+    # The coarsest level: how much the depth is to be trusted, and what lamps there are.
     coarsest = len(levels) - 1
-    fit = first_fit(levels[-1], levels[-1].prior, lamps_of_prior(levels[-1]))
-    descent = descend(levels[-1], fit, options, progress, stage(coarsest))
-    descent = second_start(levels[-1], descent, options, progress)
-    descent = freer_lamps(levels[-1], descent, options, progress)
+    share, descent = first_look(levels[-1], options, progress, stage(coarsest))
+    trust *= share
+    levels = [level.trusting(share) for level in levels]
     level, fit, _ = matted(levels[-1], descent.fit)
     if level is not levels[-1]:
         descent = descend(level, fit, options, progress, stage(coarsest))
@@ -134,6 +137,7 @@ def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback
         descent = descend(level, fit, briefly(options), progress, stage(index))
 
     # What is left of the sensor's depth says how its errors hang together, and what they count.
+    first_trust = trust
     if options.depth_trust is None:
         trust = deserved_trust(descent.fit, prepared)
     # Highlights and shadows are where the detail puts them; jumps that the sensor blurred, or its
@@ -201,6 +205,52 @@ def descend(
     return Descent(tuple(fits), converged, step + 1)
 
 
+def first_look(
+    level: Level, options: Options, progress: ProgressCallback, stage: str
+) -> tuple[float, Descent]:
+    """The share of the trust that the depth deserves, and the descent with that.
+
+    From distant white lamps with as much ambient light each; more freedom where it is worth it.
+    """
+    fit = first_fit(level, level.prior, lamps_of_prior(level), one_ambient=True)
+    simple = descend(level, fit, options, progress, stage)
+    simple = second_start(level, simple, options, progress)
+    for distance in (options.distance, "distant"):
+        allowed = replace(options, distance=distance)
+        descent = freer_lamps(level, simple, allowed, progress)
+        share, descent = less_trust(level, descent, allowed, progress)
+        if share < 1:
+            descent = freer_lamps(level.trusting(share), descent, allowed, progress)
+        if options.distance == "near" or sound(level, descent.fit.lamps):
+            break
+    fit = replace(descent.fit, one_ambient=False)
+    return share, replace(descent, fits=(*descent.fits[:-1], fit))
+
+
+def less_trust(
+    level: Level, descent: Descent, options: Options, progress: ProgressCallback
+) -> tuple[float, Descent]:
+    """The share of the level's trust, and the descent with it, that explain the photographs best.
+
+    Errors of the depth that hang together count as less than they are many.  How they do, nobody
+    knows before the photographs have shown them, which too much trust prevents.
+    """
+    chosen, least = (1.0, descent), descent.fit.explanation.spread
+    floor, fit = 0.0, descent.fit
+    for share in LESS_TRUST if options.depth_trust is None else ():
+        price = share**-HALVED
+        if floor * price >= least:
+            continue  # what even less trust leaves unexplained is too much
+        loose = level.trusting(share)
+        start = first_fit(loose, fit.log_depth, fit.lamps, fit.near, fit.one_ambient)
+        tried = descend(loose, start, options, progress, "try less trust in the depth")
+        left = tried.fit.explanation.spread
+        floor = max(floor, left)
+        if left * price < least:
+            chosen, least = (share, tried), left * price
+    return chosen
+
+
 def second_start(
     level: Level, descent: Descent, options: Options, progress: ProgressCallback
 ) -> Descent:
@@ -212,7 +262,7 @@ def second_start(
     if lamps is None:
         return descent
     before, words = descent.fit, "try the photographs' lamps"
-    start = first_fit(level, level.prior, lamps)
+    start = first_fit(level, level.prior, lamps, one_ambient=descent.fit.one_ambient)
     tried = descend(level, start, briefly(options), progress, words)
     after = moved(level, before, tried.fit.log_depth, tried.fit.lamps)
     if not after.energy < MUCH_LOWER * before.energy:
@@ -229,13 +279,14 @@ def freer_lamps(
     level: Level, descent: Descent, options: Options, progress: ProgressCallback
 ) -> Descent:
     """The descent with coloured or near lamps, where these explain the photographs much better."""
-    for wanted, free, change in (
-        (options.distance, "near", near),
-        (options.lamps, "coloured", coloured),
+    for wanted, free, change, already in (
+        (options.distance, "near", near, descent.fit.near),
+        (options.lamps, "coloured", coloured, descent.fit.lamps.ambient.shape[1] > 1),
     ):
-        if wanted not in ("auto", free):
+        before = descent.fit
+        if wanted not in ("auto", free) or already:
             continue
-        before, freer = descent.fit, change(descent.fit)
+        freer = change(before)
         enough = WORTH_IT / len(level.photographs) * before.energy
         # A step of the lights alone shows most of what there is to gain.
         first = lights_step(level, moved(level, freer, before.log_depth, freer.lamps))
@@ -246,7 +297,7 @@ def freer_lamps(
         alike = replace(before, near=tried.fit.near)
         after = moved(level, alike, tried.fit.log_depth, tried.fit.lamps)
         gain = before.energy - min(first.energy, after.energy)
-        if wanted == free or (gain > enough and sound(level, after.lamps)):
+        if wanted == free or (gain > enough and similar(after.lamps)):
             descent = tried
     return descent
 
@@ -256,9 +307,14 @@ def sound(level: Level, lamps: Lamps) -> bool:
 
     Where they only make up for another fault of the model they come out at random, or tiny.
     """
-    low, middle, high = np.quantile(lamps.closeness, [0.25, 0.5, 0.75])
     radius = float(np.linalg.norm(level.points[level.mask], axis=-1).max())
-    return bool(high - low <= MOST_VARIED * middle and middle * radius <= 1)
+    return similar(lamps) and float(np.median(lamps.closeness)) * radius <= 1
+
+
+def similar(lamps: Lamps) -> bool:
+    """Whether distances, if any, differ little."""
+    low, middle, high = np.quantile(lamps.closeness, [0.25, 0.5, 0.75])
+    return bool(high - low <= MOST_VARIED * middle)
 
 
 def near(fit: Fit) -> Fit:

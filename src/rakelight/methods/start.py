@@ -28,7 +28,10 @@ ROBUST_ROUNDS = 12
 
 
 def lamps_of_prior(level: Level) -> Lamps:
-    """White distant lamps that fit the prior's normals and a plain object of mean colour."""
+    """White distant lamps that fit the prior's normals and a plain object of mean colour.
+
+    No ambient light: of what is the same on all normals, nobody knows what is the lamp's.
+    """
     photographs = level.photographs
     active = photographs.active
     values = photographs.light(active)
@@ -42,7 +45,9 @@ def lamps_of_prior(level: Level) -> Lamps:
             for image, weight in zip(images, good, strict=True)
         ]
     )
-    return Lamps.distant(lights[:, None, :3], lights[:, None, 3])
+    # What noise of the normals makes look like ambient light comes from the camera's side.
+    vector = lights[:, None, :3] + lights[:, None, 3:] * frontal
+    return Lamps.distant(vector, np.zeros((len(lights), 1)))
 
 
 def lamps_of_factors(level: Level) -> Lamps | None:

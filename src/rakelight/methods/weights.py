@@ -13,7 +13,7 @@ from rakelight.prepare import Prepared
 
 # So many pixels share an error of the photographs' explanation, whatever the depth's errors do.
 COHERENT_PIXELS = 25.0
-LEAST_TRUST, MOST_TRUST = 0.3, 300.0
+LEAST_TRUST, MOST_TRUST = 3.0, 300.0
 # Errors are summed over blocks of pixels as long as there are so many.
 FEWEST_BLOCKS = 16
 # They are cut at so many standard deviations: beyond lie depth jumps.

@@ -313,7 +313,7 @@ def count_residuals(here, size, row, a, value, own, histogram):
                 if value[c, i, j] >= 0.0:
                     shading = a[min(c, a.shape[0] - 1), i, j]
                     r = miss(own[ALBEDO + c, j], shading, value[c, i, j])
-                    histogram[min(int(abs(r) * (BINS / WIDEST)), BINS - 1)] += 1
+                    histogram[max(min(int(abs(r) * (BINS / WIDEST)), BINS - 1), 0)] += 1
 
 
 @helper

@@ -1,0 +1,68 @@
+"""What multi-light decides at its coarsest level: trust in the depth, lamps, ambient light."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rakelight.methods import refine
+from rakelight.methods.fit import first_fit, freedom, lamps_after
+from rakelight.methods.levels import finest_level, pyramid
+from rakelight.methods.multi_light import FIRST_TRUST, Options, first_look
+from rakelight.methods.start import lamps_of_prior
+from rakelight.model import silent
+from rakelight.prepare import prepare
+from rakelight.shading.photographs import Lamps
+from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
+
+TOGETHER = DepthNoise(rms_mm=3.3, correlation_length_px=14.0)
+
+
+def scene(noise, name="coin", size=1.0, **settings):
+    shape = make_shape(name)
+    options = SceneOptions(camera=shape.camera.scaled(size), depth_noise=noise, **settings)
+    return render_scene(shape, make_albedo("pattern"), options)
+
+
+def coarsest(capture):
+    finest = finest_level(prepare(capture), cut=True, unbiased=True)
+    return pyramid(finest.trusting(FIRST_TRUST), 4000)[-1]
+
+
+def test_depth_whose_errors_hang_together_is_trusted_less():
+    shares = [
+        first_look(coarsest(scene(noise)[0]), Options(), silent, "look")[0]
+        for noise in (DepthNoise(rms_mm=2.5), TOGETHER)
+    ]
+    assert shares[0] == 1 > 50 * shares[1]
+
+
+def test_low_relief_under_near_lamps_keeps_its_height():
+    capture, truth = scene(TOGETHER, "cloth", 0.5, lamp_distance_m=0.5, ambient=0.1)
+    result = refine(capture, "multi-light")
+    slopes = [n[truth.mask][:, 0] / n[truth.mask][:, 2] for n in (result.normals, truth.normals)]
+    assert np.polyfit(slopes[1], slopes[0], 1)[0] == pytest.approx(1, abs=0.2)
+    assert np.median(result.lights.distance_m) == pytest.approx(0.5, rel=0.2)
+
+
+def test_trust_that_was_asked_for_is_kept():
+    share, _ = first_look(coarsest(scene(TOGETHER)[0]), Options(depth_trust=1.0), silent, "look")
+    assert share == 1
+
+
+@pytest.mark.parametrize("near", [False, True])
+def test_one_ambient_leaves_each_lamp_the_same_part(near):
+    level = coarsest(scene(TOGETHER)[0])
+    vector = lamps_of_prior(level).vector
+    size = np.linalg.norm(vector, axis=-1)
+    lamps = Lamps(vector, 0.2 * size, np.full_like(size, 0.5))
+    fit = first_fit(level, level.prior, lamps, near, one_ambient=True)
+    free = freedom(fit)
+    step = 1e-6 * np.random.default_rng(0).normal(size=free.shape[1])
+    after = lamps_after(fit, step)
+    part = after.ambient / np.linalg.norm(after.vector, axis=-1)
+    assert np.ptp(part) < 1e-12
+    alone = replace(fit, one_ambient=False)
+    linear = lamps_after(alone, free @ step)
+    np.testing.assert_allclose(linear.vector, after.vector, atol=1e-12)
+    np.testing.assert_allclose(linear.ambient, after.ambient, atol=1e-10)
