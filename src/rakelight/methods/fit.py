@@ -7,8 +7,7 @@ The energy of log depth p and lights s, albedo eliminated (variable projection):
         + sigma^2 sum w (K (p - p_0))^2                     the sensor's depth
         + sigma^2 W (N - 4) log(spread of |s_i|)^2          lamps of one brightness
 
-The mean gradient does not see a checkerboard; fourth differences do, and see little else.  The
-matrix of a step is that of one-sided differences, which sees both.
+The mean gradient does not see a checkerboard; fourth differences do, and see little else.
 """
 
 from __future__ import annotations
