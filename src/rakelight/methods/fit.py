@@ -355,8 +355,8 @@ def freedom(fit: Fit) -> Floats:
     own, ambient = order[..., :-1].ravel(), order[..., -1]
     free = np.zeros((order.size, own.size + 1))
     free[own, np.arange(own.size)] = 1
-    size = np.maximum(np.linalg.norm(lamps.vector, axis=-1), np.finfo(float).tiny)
-    along = ambient_share(lamps) * lamps.vector / size[..., None]
+    size = np.maximum(lamps.irradiance, np.finfo(float).tiny)
+    along = lamps.ambient_share * lamps.vector / size[..., None]
     columns = np.arange(own.size).reshape(*shape, numbers - 1)[..., :3]
     free[ambient[..., None], columns] = along
     free[ambient.ravel(), -1] = size.ravel()
@@ -365,17 +365,11 @@ def freedom(fit: Fit) -> Floats:
 
 def lamps_after(fit: Fit, step: Floats) -> Lamps:
     """The fit's lamps after a step (F,) of what is free of them."""
-    if not fit.one_ambient:
-        return fit.lamps.moved(step.reshape(*fit.lamps.ambient.shape, -1))
-    lamps = fit.lamps.moved((freedom(fit) @ step).reshape(*fit.lamps.ambient.shape, -1))
-    size = np.linalg.norm(lamps.vector, axis=-1)
-    return replace(lamps, ambient=ambient_share(lamps) * size)
-
-
-def ambient_share(lamps: Lamps) -> float:
-    """The ambient light of all lamps as a part of their irradiance."""
-    size = np.linalg.norm(lamps.vector, axis=-1)
-    return float(lamps.ambient.sum() / max(float(size.sum()), np.finfo(float).tiny))
+    numbers = freedom(fit) @ step if fit.one_ambient else step
+    lamps = fit.lamps.moved(numbers.reshape(*fit.lamps.ambient.shape, -1))
+    if fit.one_ambient:
+        lamps = replace(lamps, ambient=lamps.ambient_share * lamps.irradiance)
+    return lamps
 
 
 def field_matrix(

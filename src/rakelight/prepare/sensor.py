@@ -10,15 +10,7 @@ from rakelight.errors import CaptureError
 from rakelight.geometry.averaging import LEAST_SHARE, Averaging, overlaps
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.grid import bounding_window
-from rakelight.model import (
-    Array,
-    Camera,
-    Capture,
-    Floats,
-    Mask,
-    RigidTransform,
-    SensorNoise,
-)
+from rakelight.model import Array, Camera, Capture, Floats, Mask, RigidTransform, SensorNoise
 from rakelight.prepare.average import NEIGHBOURHOOD_PX, noise_sigma, robust_average
 from rakelight.prepare.flying import flying, stray
 from rakelight.prepare.register import project, register, sensor_grid

@@ -41,9 +41,20 @@ class Lamps:
         return cls(vector, ambient, np.zeros_like(ambient))
 
     @property
+    def irradiance(self) -> Floats:
+        """(N, C) on a surface at the object's middle that faces the lamp."""
+        return np.asarray(np.linalg.norm(self.vector, axis=-1))
+
+    @property
+    def ambient_share(self) -> float:
+        """The ambient light of all lamps as a part of their irradiance."""
+        total = float(self.irradiance.sum())
+        return float(self.ambient.sum() / max(total, np.finfo(float).tiny))
+
+    @property
     def arrays(self) -> tuple[Floats, Floats, Floats]:
         """Vector q (C, 3, N), ambient (C, N) and |q| closeness (C, N) as kernels take them."""
-        nearness = np.linalg.norm(self.vector, axis=-1) * self.closeness
+        nearness = self.irradiance * self.closeness
         vector, ambient, nearness = (
             np.ascontiguousarray(each.T, dtype=np.float64)
             for each in (self.vector.swapaxes(1, 2), self.ambient, nearness)
