@@ -10,6 +10,7 @@ from rakelight.methods.fit import first_fit, freedom, lamps_after
 from rakelight.methods.levels import finest_level, pyramid
 from rakelight.methods.multi_light import FIRST_TRUST, Options, first_look
 from rakelight.methods.start import lamps_of_prior
+from rakelight.metrics import evaluate
 from rakelight.model import silent
 from rakelight.prepare import prepare
 from rakelight.shading.photographs import Lamps
@@ -43,6 +44,13 @@ def test_low_relief_under_near_lamps_keeps_its_height():
     slopes = [n[truth.mask][:, 0] / n[truth.mask][:, 2] for n in (result.normals, truth.normals)]
     assert np.polyfit(slopes[1], slopes[0], 1)[0] == pytest.approx(1, abs=0.2)
     assert np.median(result.lights.distance_m) == pytest.approx(0.5, rel=0.2)
+
+
+def test_strong_highlights_do_not_bend_the_surface():
+    glossy = {"specular": 0.6, "lamp_distance_m": 0.6, "photographs": 16}
+    capture, truth = scene(TOGETHER, "sphere", 0.4, **glossy)
+    result = refine(capture, "multi-light")
+    assert evaluate(result.depth, result.normals, truth).normals.mae_deg < 3
 
 
 def test_trust_that_was_asked_for_is_kept():

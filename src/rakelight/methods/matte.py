@@ -29,6 +29,12 @@ LOOKING = 10_000
 LEAST_HIDDEN = 0.002
 # Highlights that explain a smaller part of the residuals are something else.
 LEAST_SHARE = 0.02
+# Highlights are among the brightest of a pixel's values; these are enough without.
+BRIGHTEST, FEW = 1 / 3, 6
+# A value that is a highlight to this part is left out; but of this part of the pixels, half of the
+# values are kept.
+MUCH_SHINE, MOST_PIXELS = 0.05, 0.9
+TINY = 1e-6
 # The way to a distant lamp is free after so many metres.
 FAR_M = 100.0
 
@@ -37,8 +43,8 @@ def matte(level: Level, log_depth: Floats, lamps: Lamps) -> tuple[Level, Floats]
     """The level with its photographs as a matte object without cast shadows would show them.
 
     log_depth (h, w), lamps : as well as they are known.  Also the heights (E,) of the highlights
-    that were taken away, in `shading.highlights`' lobes, 0 where there are none.  The level itself
-    where nothing was.
+    that were taken away, in `shading.highlights`' lobes, 0 where there are none; values that are
+    highlights to more than `most_shine` are left out.  The level itself where nothing was found.
     """
     photographs, lights = level.photographs, lamps.as_lights(level.middle_m)
     camera, gradient = photographs.camera, level.surface(log_depth).gradient
@@ -66,8 +72,35 @@ def matte(level: Level, log_depth: Floats, lamps: Lamps) -> tuple[Level, Floats]
         arrived = arriving(lights.of(photograph), points[active])
         return np.tensordot(height, lobes(normals[active], points[active], arrived)[:, 0], 1)
 
-    cleared = photographs.cleared(hidden, shine if height.any() else None)
+    cleared = photographs.cleared(
+        hidden, shine if height.any() else None, most_shine(values, np.tensordot(height, unit, 1))
+    )
     return replace(level, photographs=cleared), height
+
+
+def most_shine(values: Floats, shine: Floats) -> float:
+    """The part of a value (N, P, 3) that may be a highlight (N, P, C) for it to be used.
+
+    With the normal, a highlight changes more than the shading does: what is left of a value after
+    the one is taken away is as uncertain as the normal.  But a wide one is in most photographs.
+
+    >>> narrow = np.array([0.0, 0.0, 0.0, 0.3]).reshape(4, 1, 1)
+    >>> most_shine(np.full((4, 1, 3), 0.6), narrow)
+    0.05
+    >>> round(most_shine(np.full((4, 1, 3), 0.6), narrow + 0.1), 3)
+    0.167
+    """
+    part = np.where(values > 0, shine / np.maximum(values, TINY), np.inf)
+    half = np.median(part, axis=0)
+    return max(MUCH_SHINE, float(np.quantile(half, MOST_PIXELS, method="higher")))
+
+
+def dimmed(level: Level) -> Level:
+    """The level without the brightest values of each pixel: without most highlights.
+
+    Those that are left tell normals nearly as well, and better where there are highlights.
+    """
+    return replace(level, photographs=level.photographs.dimmed(BRIGHTEST, FEW))
 
 
 def in_shadow(level: Level, points_m: Floats, where: Mask, lights: Lights) -> Mask:

@@ -39,7 +39,7 @@ from rakelight.methods.fit import (
     stride,
 )
 from rakelight.methods.levels import Level, finest_level, pyramid
-from rakelight.methods.matte import matte
+from rakelight.methods.matte import dimmed, matte
 from rakelight.methods.start import lamps_of_factors, lamps_of_prior
 from rakelight.methods.weights import deserved_steadiness, deserved_trust
 from rakelight.model import Finding, Floats, Progress, ProgressCallback
@@ -125,8 +125,10 @@ def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback
     share, descent = first_look(levels[-1], options, progress, stage(coarsest))
     trust *= share
     levels = [level.trusting(share) for level in levels]
-    level, fit, _ = matted(levels[-1], descent.fit)
-    if level is not levels[-1]:
+    level, fit, shine = matted(levels[-1], descent.fit)
+    if shine.any():
+        level, fit, _ = matted(levels[-1], past_highlights(levels[-1], fit, options, progress))
+    if fit is not descent.fit:
         descent = descend(level, fit, options, progress, stage(coarsest))
 
     # Coarse to fine: the depth's detail, then lights and depth together, until both rest.
@@ -156,6 +158,17 @@ def matted(level: Level, fit: Fit) -> tuple[Level, Fit, Floats]:
     if clear is not level:
         fit = first_fit(clear, fit.log_depth, fit.lamps, near=fit.near)
     return clear, fit, shine
+
+
+def past_highlights(level: Level, fit: Fit, options: Options, progress: ProgressCallback) -> Fit:
+    """The fit to all values after steps without each pixel's brightest.
+
+    Where highlights bent the surface it says little of where they are.
+    """
+    dim = dimmed(level)
+    start = first_fit(dim, fit.log_depth, fit.lamps, near=fit.near)
+    found = descend(dim, start, options, progress, "try without the brightest").fit
+    return first_fit(level, found.log_depth, found.lamps, near=found.near)
 
 
 @dataclass(frozen=True, slots=True)

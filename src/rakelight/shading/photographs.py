@@ -180,11 +180,17 @@ class Photographs:
         """(N, P, 3) linear light of the P pixels of a mask (h, w), negative where not usable."""
         return self._light[self.values[:, where]].astype(np.float64)
 
-    def cleared(self, hidden: Mask | None, shine: Callable[[int], Floats] | None) -> Photographs:
+    def cleared(
+        self,
+        hidden: Mask | None,
+        shine: Callable[[int], Floats] | None = None,
+        much: float = np.inf,
+    ) -> Photographs:
         """The photographs without values in shadows and without highlights.
 
         hidden : (N, h, w, C) what is not usable; None for nothing
         shine : of each photograph, the light (P, C) to take from its active pixels; None for none
+        much : where that is more than this part of a value, the value is left out
         """
         active, table = self.active, np.arange(65536) / 65535
         values, low, high = np.empty_like(self.values, dtype=np.uint16), 1, 65534
@@ -194,10 +200,24 @@ class Photographs:
             if hidden is not None:
                 usable &= ~hidden[i]
             if shine is not None:
-                light[active] -= shine(i)
+                height = shine(i)
+                usable[active] &= height <= much * light[active]
+                light[active] -= height
             np.clip(np.rint(65535 * light), low, high, out=light)
             value[:] = np.where(usable, light, 0)
         return Photographs(values, table.astype(np.float32), low, high, self.grid, self.camera)
+
+    def dimmed(self, share: float, least: int) -> Photographs:
+        """The photographs without the brightest of each pixel's and channel's usable values.
+
+        share : part of these that is left out, as long as `least` are left
+        """
+        light = np.stack([self._light[values] for values in self.values])
+        light[light < 0] = np.inf
+        usable = np.isfinite(light).sum(axis=0)
+        keep = np.maximum(usable - np.rint(share * usable), np.minimum(usable, least))
+        rank = light.argsort(axis=0).argsort(axis=0)
+        return self.cleared(rank >= keep)
 
     @property
     def _optics(self) -> tuple[float, float, float, float]:
