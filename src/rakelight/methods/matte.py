@@ -32,7 +32,7 @@ LEAST_SHARE = 0.02
 # Highlights are among the brightest of a pixel's values; these are enough without.
 BRIGHTEST, FEW = 1 / 3, 6
 # A value that is a highlight to this part is left out; but of this part of the pixels, half of the
-# values are kept.
+# values are kept, and no fewer than these.
 MUCH_SHINE, MOST_PIXELS = 0.05, 0.9
 TINY = 1e-6
 # The way to a distant lamp is free after so many metres.
@@ -84,15 +84,16 @@ def most_shine(values: Floats, shine: Floats) -> float:
     With the normal, a highlight changes more than the shading does: what is left of a value after
     the one is taken away is as uncertain as the normal.  But a wide one is in most photographs.
 
-    >>> narrow = np.array([0.0, 0.0, 0.0, 0.3]).reshape(4, 1, 1)
-    >>> most_shine(np.full((4, 1, 3), 0.6), narrow)
+    >>> narrow = np.array([0.3] + 7 * [0.0]).reshape(8, 1, 1)
+    >>> most_shine(np.full((8, 1, 3), 0.6), narrow)
     0.05
-    >>> round(most_shine(np.full((4, 1, 3), 0.6), narrow + 0.1), 3)
+    >>> round(most_shine(np.full((8, 1, 3), 0.6), narrow + 0.1), 3)
     0.167
     """
     part = np.where(values > 0, shine / np.maximum(values, TINY), np.inf)
-    half = np.median(part, axis=0)
-    return max(MUCH_SHINE, float(np.quantile(half, MOST_PIXELS, method="higher")))
+    enough = max(len(values) // 2, min(len(values), FEW))
+    last = np.sort(part, axis=0)[enough - 1]
+    return max(MUCH_SHINE, float(np.quantile(last, MOST_PIXELS, method="higher")))
 
 
 def dimmed(level: Level) -> Level:
