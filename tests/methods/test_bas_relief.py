@@ -5,8 +5,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from rakelight.geometry.camera import back_project
 from rakelight.geometry.normals import normals_from_gradient
-from rakelight.methods.bas_relief import best_relief
+from rakelight.methods.bas_relief import best_relief, deeper
 from rakelight.methods.levels import finest_level
 from rakelight.prepare import prepare
 from rakelight.shading.photographs import Lamps
@@ -92,3 +93,23 @@ def test_a_flat_surface_is_no_error():
     log_depth, turn = best_relief(level, flat, alike(), steadiness=1.0)
     assert np.isfinite(log_depth).all()
     assert np.isfinite(turn).all()
+
+
+def test_deeper_scales_the_relief_above_its_plane():
+    level = make_level()
+    found, turn = deeper(level, level.prior, 1.25)
+    inverse = [np.exp(-each)[level.mask] for each in (level.prior, found)]
+    rays = back_project(np.ones(level.mask.shape), level.photographs.camera)[level.mask]
+    above = [each - rays @ np.linalg.lstsq(rays, each, rcond=None)[0] for each in inverse]
+    np.testing.assert_allclose(above[1], 1.25 * above[0], atol=1e-9)
+    np.testing.assert_allclose(inverse[1] - above[1], inverse[0] - above[0], atol=1e-9)
+    back, undone = deeper(level, found, 0.8)
+    np.testing.assert_allclose(back, level.prior, atol=1e-9)
+    np.testing.assert_allclose(undone @ turn, np.eye(3), atol=1e-4)
+
+
+def test_a_surface_that_would_turn_around_stays():
+    level = make_level()
+    found, turn = deeper(level, level.prior, -1.0)
+    assert found is level.prior
+    assert (turn == np.eye(3)).all()

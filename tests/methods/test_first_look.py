@@ -8,7 +8,7 @@ import pytest
 from rakelight.methods import refine
 from rakelight.methods.fit import first_fit, freedom, lamps_after
 from rakelight.methods.levels import finest_level, pyramid
-from rakelight.methods.multi_light import FIRST_TRUST, Options, first_look
+from rakelight.methods.multi_light import FIRST_TRUST, Options, first_look, unexplained
 from rakelight.methods.start import lamps_of_prior
 from rakelight.metrics import evaluate
 from rakelight.model import silent
@@ -36,6 +36,18 @@ def test_depth_whose_errors_hang_together_is_trusted_less():
         for noise in (DepthNoise(rms_mm=2.5), TOGETHER)
     ]
     assert shares[0] == 1 > 50 * shares[1]
+
+
+def test_lamps_that_come_out_alike_speak_for_less_trust():
+    """Of the coin, a flat surface explains photographs half as well; but its lamps are unlike."""
+    level = coarsest(scene(TOGETHER, photographs=12)[0])
+    share, descent = first_look(level, Options(), silent, "look")
+    believed = first_look(level, Options(depth_trust=1.0), silent, "look")[1]
+    fits = [found.fit for found in (believed, descent)]
+    residuals, both = [fit.explanation.spread for fit in fits], [unexplained(fit) for fit in fits]
+    assert share < 0.02
+    assert residuals[1] > 0.5 * residuals[0]
+    assert both[1] < 0.5 * both[0]
 
 
 def test_low_relief_under_near_lamps_keeps_its_height():

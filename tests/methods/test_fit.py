@@ -41,6 +41,9 @@ STEPS = {
     "joint, cells": partial(joint_step, most_cells=60),
 }
 
+# A level of the fewest cells, in which joint steps do not move every pixel.
+ANY = 60
+
 
 @cache
 def make_level():
@@ -289,7 +292,7 @@ def test_the_sensor_sets_the_four_numbers_that_the_photographs_leave_open(factor
         level = replace(level, averaging=Averaging.on(level.mask, *edges))
     level = level.trusting(100.0)
     fit = flattened(level, first_fit(level, level.prior, lamps_of_prior(level)))
-    found = relief_step(level, fit)
+    found = relief_step(level, fit, ANY)
     assert found.energy < fit.energy
     # Means of the inverse are not quite the inverse of the means.
     assert level.sensor_misfit(found.log_depth) < 1e-3 * level.sensor_misfit(fit.log_depth)
@@ -297,18 +300,45 @@ def test_the_sensor_sets_the_four_numbers_that_the_photographs_leave_open(factor
 
 def test_where_the_sensor_has_nothing_to_add_the_surface_stays(level):
     fit = first_fit(level, level.prior, lamps_of_prior(level))
-    assert relief_step(level, fit).log_depth is fit.log_depth
+    assert relief_step(level, fit, ANY).log_depth is fit.log_depth
 
 
-def test_near_lamps_settle_the_relief_themselves(level):
+def test_where_the_joint_step_moves_every_pixel_near_lamps_settle_the_relief(level):
     fit = flattened(level.trusting(100.0), start(level, "near"))
-    assert relief_step(level.trusting(100.0), fit) is fit
+    assert relief_step(level.trusting(100.0), fit, 10**6) is fit
+
+
+@pytest.mark.parametrize("by", [0.8, 1.25], ids=["too flat", "too deep"])
+def test_elsewhere_it_goes_down_the_valley(by):
+    level = make_level()
+    before = flattened(level, start(level, "near"), by, tilt=(0, 0, 0))
+    fit = before
+    for _ in range(4):
+        after = relief_step(level, fit, ANY)
+        assert after.energy <= fit.energy
+        fit = after
+    slopes = [plane_free(level, each.log_depth) for each in (before, fit)]
+    deeper_by = (slopes[0] @ slopes[1]) / (slopes[0] @ slopes[0])
+    assert (deeper_by > 1.15) if by < 1 else (deeper_by < 0.95)
+
+
+def plane_free(level, log_depth):
+    """(P,) inverse depth less its plane."""
+    rays = back_project(np.ones(level.mask.shape), level.photographs.camera)[level.mask]
+    inverse = np.exp(-log_depth)[level.mask]
+    return inverse - rays @ np.linalg.lstsq(rays, inverse, rcond=None)[0]
+
+
+def test_no_way_that_is_better_is_no_way(level):
+    fit = start(level, "near")
+    held = replace(fit, deeper=1.0)
+    assert relief_step(level, held, ANY) is held
 
 
 @pytest.mark.parametrize("name", STARTS)
 def test_relief_and_lights_steps_never_raise_the_energy(level, name):
     fit = flattened(level, start(level, name))
-    for step in (lights_step, relief_step):
+    for step in (lights_step, partial(relief_step, most_cells=ANY)):
         assert step(level, fit).energy <= fit.energy
 
 

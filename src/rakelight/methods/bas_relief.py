@@ -23,10 +23,9 @@ def best_relief(
     Planes stay planes where  1/z' = a/z + g . (x, y, 1):  normals become (a + g X^T) n at a point
     X, and lights (a + X g^T)^-1 s, with an albedo to match, leave the photographs nearly the same
     (Belhumeur, Kriegman and Yuille 1999).  With `steadiness` the lamps' brightness has a say.
-    Unchanged where that would turn the surface around.
     """
     nearer, aim = np.exp(-log_depth), level.sensed(np.exp(-level.aim))
-    rays = back_project(np.ones(level.mask.shape), level.photographs.camera)
+    rays = _rays(level)
     columns = [level.sensed(each) for each in (nearer, *np.moveaxis(rays, -1, 0))]
     root = np.sqrt(level.sensor_weight) / aim
     weighed = np.stack(columns, axis=-1) * root[:, None]
@@ -36,23 +35,48 @@ def best_relief(
     solved = axes[told].T / size[told]
     nearest = solved @ (left[:, told].T @ (aim * root))
 
-    def turned(relief: Floats) -> Floats:
-        a, *g = relief
-        return np.linalg.inv(a * np.eye(3) + np.outer(level.middle_m, g))
-
     relief = nearest
     if steadiness:
         from scipy.optimize import minimize
 
         def cost(off: Floats) -> float:
-            vectors = lamps.vector @ turned(nearest + solved @ off).T
+            vectors = lamps.vector @ lights_turn(level, nearest + solved @ off).T
             return float(off @ off) / steadiness + unlikeness(vectors)
 
         as_it_is = size[told] * (axes[told] @ ([1.0, 0.0, 0.0, 0.0] - nearest))
         starts = (np.zeros(len(solved.T)), as_it_is)
         off = min((minimize(cost, start) for start in starts), key=lambda found: found.fun).x
         relief = nearest + solved @ off
-    inverse = np.where(level.mask, relief[0] * nearer + rays @ relief[1:], nearer)
+    return transformed(level, log_depth, relief)
+
+
+def deeper(level: Level, log_depth: Floats, factor: float) -> tuple[Floats, Floats]:
+    """(h, w) log depth with the relief above its middle plane `factor` times as deep, lights' turn.
+
+    A plane stays where it is.
+    """
+    nearer, rays = np.exp(-log_depth), _rays(level)
+    plane = np.linalg.lstsq(rays[level.mask], nearer[level.mask], rcond=None)[0]
+    return transformed(level, log_depth, np.array([factor, *((1 - factor) * plane)]))
+
+
+def transformed(level: Level, log_depth: Floats, relief: Floats) -> tuple[Floats, Floats]:
+    """(h, w) log depth after the transform (a, g), `relief`, and the (3, 3) one of the lights.
+
+    Unchanged where that would turn the surface around.
+    """
+    nearer = np.exp(-log_depth)
+    inverse = np.where(level.mask, relief[0] * nearer + _rays(level) @ relief[1:], nearer)
     if not (relief[0] > 0 and inverse.min() > 0):
         return log_depth, np.eye(3)
-    return -np.log(inverse), turned(relief)
+    return -np.log(inverse), lights_turn(level, relief)
+
+
+def lights_turn(level: Level, relief: Floats) -> Floats:
+    """(3, 3) what light vectors at the object's middle are multiplied by."""
+    return np.linalg.inv(relief[0] * np.eye(3) + np.outer(level.middle_m, relief[1:]))
+
+
+def _rays(level: Level) -> Floats:
+    """(h, w, 3) points at depth 1."""
+    return back_project(np.ones(level.mask.shape), level.photographs.camera)

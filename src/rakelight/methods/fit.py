@@ -28,7 +28,7 @@ from rakelight.geometry.grid import (
     pair_slices,
 )
 from rakelight.geometry.normals import normal_lengths, squared_turn
-from rakelight.methods.bas_relief import best_relief
+from rakelight.methods.bas_relief import best_relief, deeper
 from rakelight.methods.brightness import unlikeness, unlikeness_terms
 from rakelight.methods.levels import Level
 from rakelight.model import Floats, Mask
@@ -56,6 +56,8 @@ LONGEST_STRIDE = 64.0
 STEP_TOLERANCE = 1e-2
 # A bas-relief transform is tried where the sensor's misfit would fall by this much of the energy.
 LEAST_GAIN = 3e-4
+# By what factor a relief is tried deeper.
+DEEPER = 1.03
 # Steps of the lights after it, and pixels that are enough for their curvature.
 SETTLE, SOME_PIXELS = 2, 8000
 
@@ -70,6 +72,7 @@ class Fit:
     one_ambient : whether the ambient light is one part of every lamp's; see `freedom`
     steadiness : weight W of `unlikeness`, how alike the lamps' brightness is
     depth_damping, joint_damping, lights_damping : of the next step of each kind
+    deeper : factor of the relief that the next `valley_step` tries, 1 for none
     """
 
     log_depth: Floats
@@ -87,6 +90,7 @@ class Fit:
     depth_damping: float = 1e-3
     joint_damping: float = 1e-3
     lights_damping: float = 1e-2
+    deeper: float = DEEPER
 
 
 def first_fit(
@@ -271,25 +275,49 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     return replace(fit, joint_damping=min(damping * STRONGER, STRONGEST))
 
 
-def relief_step(level: Level, fit: Fit) -> Fit:
-    """The bas-relief transform that brings the surface closest to the sensor, lights with it.
+def relief_step(level: Level, fit: Fit, most_cells: int) -> Fit:
+    """A bas-relief transform, lights with it: to the sensor, or, under near lamps, down the energy.
 
-    The photographs leave it open, and steps down the slope of the energy would creep there.  Near
-    lamps, whose light falls off, do not leave it open.
+    The photographs leave it open, or nearly: steps down the slope of the energy creep there, or,
+    under near lamps, those of a `joint_step` in cells, which do not move the detail.
     """
-    if fit.near:
-        return fit
+    if not fit.near:
+        return nearest_relief(level, fit)
+    return valley_step(level, fit) if np.count_nonzero(level.mask) > most_cells else fit
+
+
+def nearest_relief(level: Level, fit: Fit) -> Fit:
+    """The bas-relief transform that brings the surface closest to the sensor, if that is better."""
     log_depth, turn = best_relief(level, fit.log_depth, fit.lamps, fit.steadiness)
-    lamps = replace(fit.lamps, vector=fit.lamps.vector @ turn.T)
+    vector = fit.lamps.vector @ turn.T
     gain = level.sensor_misfit(fit.log_depth) - level.sensor_misfit(log_depth)
-    gain += fit.steadiness * (unlikeness(fit.lamps.vector) - unlikeness(lamps.vector))
+    gain += fit.steadiness * (unlikeness(fit.lamps.vector) - unlikeness(vector))
     if not fit.noise**2 * gain > LEAST_GAIN * fit.energy:
         return fit
+    tried = settled(level, fit, log_depth, turn)
+    better = tried if tried.energy < fit.energy else fit
+    return replace(better, lights_damping=tried.lights_damping)
+
+
+def valley_step(level: Level, fit: Fit) -> Fit:
+    """A deeper relief, as deep as the energy falls; refused, a flatter one next, and then none."""
+    if fit.deeper == 1:
+        return fit
+    # Lights that have yet to settle would speak for whatever is tried first.
+    fit = settled(level, fit, fit.log_depth, np.eye(3))
+    tried = settled(level, fit, *deeper(level, fit.log_depth, fit.deeper))
+    if tried.energy < fit.energy:
+        return stride(level, fit, tried)
+    return replace(fit, deeper=1 / fit.deeper if fit.deeper > 1 else 1.0)
+
+
+def settled(level: Level, fit: Fit, log_depth: Floats, turn: Floats) -> Fit:
+    """The fit at another depth, its lights turned (3, 3) and adapted to it."""
+    lamps = replace(fit.lamps, vector=fit.lamps.vector @ turn.T)
     tried = moved(level, fit, log_depth, lamps, turning=True)
     for _ in range(SETTLE):
         tried = lights_step(level, tried)
-    better = tried if tried.energy < fit.energy else fit
-    return replace(better, lights_damping=tried.lights_damping)
+    return tried
 
 
 def lights_step(level: Level, fit: Fit) -> Fit:

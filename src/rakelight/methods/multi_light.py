@@ -17,6 +17,7 @@ from typing import Literal
 import numpy as np
 
 from rakelight.geometry.normals import normal_lengths
+from rakelight.methods.brightness import unlikeness
 from rakelight.methods.estimate import (
     Estimate,
     brightest,
@@ -56,8 +57,8 @@ COARSER = 2.0
 ON_THE_WAY = 3
 # The loss is settled when the noise falls by less than this factor from one step to the next.
 SETTLED = 0.95
-# A thousandth of the trust is right where it halves what the photographs leave unexplained: the
-# depth's errors hang together.  A tenth, where it is a third of that, in logarithms.
+# A thousandth of the trust is right where it halves what is left unexplained: the depth's errors
+# hang together.  A tenth, where it is a third of that, in logarithms.
 LESS_TRUST = (1e-3, 1e-2, 1e-1)
 HALVED = np.log(2) / np.log(1e3)
 # Another start is taken where it ends at less than this part of the energy: the first was caught.
@@ -208,7 +209,7 @@ def descend(
             fits = [fit]
         before = fit
         fit = joint_step(level, depth_step(level, fit), options.coarse_pixels)
-        fit = relief_step(level, fit)
+        fit = relief_step(level, fit, options.coarse_pixels)
         converged = settled and before.energy - fit.energy < options.tolerance * before.energy
         if settled and not converged:
             fit = stride(level, before, fit)
@@ -248,7 +249,7 @@ def less_trust(
     Errors of the depth that hang together count as less than they are many.  How they do, nobody
     knows before the photographs have shown them, which too much trust prevents.
     """
-    chosen, least = (1.0, descent), descent.fit.explanation.spread
+    chosen, least = (1.0, descent), unexplained(descent.fit)
     floor, fit = 0.0, descent.fit
     for share in LESS_TRUST if options.depth_trust is None else ():
         price = share**-HALVED
@@ -257,11 +258,21 @@ def less_trust(
         loose = level.trusting(share)
         start = first_fit(loose, fit.log_depth, fit.lamps, fit.near, fit.one_ambient)
         tried = descend(loose, start, options, progress, "try less trust in the depth")
-        left = tried.fit.explanation.spread
+        left = unexplained(tried.fit)
         floor = max(floor, left)
         if left * price < least:
             chosen, least = (share, tried), left * price
     return chosen
+
+
+def unexplained(fit: Fit) -> float:
+    """The residuals' scale, the larger the less alike the lamps' brightness comes out.
+
+    On low relief a flat surface explains photographs nearly as well as the right one, by lamps that
+    are bright here and dark there.
+    """
+    alike = unlikeness(fit.lamps.vector) / (4 * len(fit.lamps.vector))
+    return float(fit.explanation.spread * np.exp(alike))
 
 
 def second_start(
