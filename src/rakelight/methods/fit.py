@@ -94,7 +94,12 @@ class Fit:
 
 
 def first_fit(
-    level: Level, log_depth: Floats, lamps: Lamps, near: bool = False, one_ambient: bool = False
+    level: Level,
+    log_depth: Floats,
+    lamps: Lamps,
+    near: bool = False,
+    one_ambient: bool = False,
+    deeper: float = DEEPER,
 ) -> Fit:
     """The photographs explained by a depth and lamps; the loss takes its scale from that.
 
@@ -105,7 +110,7 @@ def first_fit(
     nothing = np.zeros((*level.mask.shape, 2))
     start = Fit(
         log_depth, lamps, surface, plain, nothing[..., 0], 0.0, 0.0, nothing,
-        near=near, one_ambient=one_ambient,
+        near=near, one_ambient=one_ambient, deeper=deeper,
     )  # fmt: skip
     return rescaled(level, start)
 
@@ -300,7 +305,10 @@ def nearest_relief(level: Level, fit: Fit) -> Fit:
 
 
 def valley_step(level: Level, fit: Fit) -> Fit:
-    """A deeper relief, as deep as the energy falls; refused, a flatter one next, and then none."""
+    """A deeper relief, as deep as the energy falls; refused, a flatter one next, and then none.
+
+    Nor at finer levels, where that would take long.
+    """
     if fit.deeper == 1:
         return fit
     # Lights that have yet to settle would speak for whatever is tried first.

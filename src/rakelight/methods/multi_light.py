@@ -136,7 +136,8 @@ def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback
     for index in reversed(range(coarsest)):
         log_depth = levels[index].carried(levels[index + 1], descent.fit.log_depth)
         level, _ = matte(levels[index], log_depth, descent.fit.lamps)
-        fit = first_fit(level, log_depth, descent.fit.lamps, near=descent.fit.near)
+        before = descent.fit
+        fit = first_fit(level, log_depth, before.lamps, before.near, deeper=before.deeper)
         descent = descend(level, fit, briefly(options), progress, stage(index))
 
     # What is left of the sensor's depth says how its errors hang together, and what they count.
@@ -157,7 +158,7 @@ def matted(level: Level, fit: Fit) -> tuple[Level, Fit, Floats]:
     """`matte` where the fit is, and the fit to photographs that this changed: its loss anew."""
     clear, shine = matte(level, fit.log_depth, fit.lamps)
     if clear is not level:
-        fit = first_fit(clear, fit.log_depth, fit.lamps, near=fit.near)
+        fit = first_fit(clear, fit.log_depth, fit.lamps, fit.near, deeper=fit.deeper)
     return clear, fit, shine
 
 
