@@ -47,7 +47,7 @@ def best_relief(
         starts = (np.zeros(len(solved.T)), as_it_is)
         off = min((minimize(cost, start) for start in starts), key=lambda found: found.fun).x
         relief = nearest + solved @ off
-    return transformed(level, log_depth, relief)
+    return _transformed(level, log_depth, rays, relief)
 
 
 def deeper(level: Level, log_depth: Floats, factor: float) -> tuple[Floats, Floats]:
@@ -57,16 +57,18 @@ def deeper(level: Level, log_depth: Floats, factor: float) -> tuple[Floats, Floa
     """
     nearer, rays = np.exp(-log_depth), _rays(level)
     plane = np.linalg.lstsq(rays[level.mask], nearer[level.mask], rcond=None)[0]
-    return transformed(level, log_depth, np.array([factor, *((1 - factor) * plane)]))
+    return _transformed(level, log_depth, rays, np.array([factor, *((1 - factor) * plane)]))
 
 
-def transformed(level: Level, log_depth: Floats, relief: Floats) -> tuple[Floats, Floats]:
+def _transformed(
+    level: Level, log_depth: Floats, rays: Floats, relief: Floats
+) -> tuple[Floats, Floats]:
     """(h, w) log depth after the transform (a, g), `relief`, and the (3, 3) one of the lights.
 
     Unchanged where that would turn the surface around.
     """
     nearer = np.exp(-log_depth)
-    inverse = np.where(level.mask, relief[0] * nearer + _rays(level) @ relief[1:], nearer)
+    inverse = np.where(level.mask, relief[0] * nearer + rays @ relief[1:], nearer)
     if not (relief[0] > 0 and inverse.min() > 0):
         return log_depth, np.eye(3)
     return -np.log(inverse), lights_turn(level, relief)

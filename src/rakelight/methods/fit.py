@@ -94,12 +94,7 @@ class Fit:
 
 
 def first_fit(
-    level: Level,
-    log_depth: Floats,
-    lamps: Lamps,
-    near: bool = False,
-    one_ambient: bool = False,
-    deeper: float = DEEPER,
+    level: Level, log_depth: Floats, lamps: Lamps, near: bool = False, one_ambient: bool = False
 ) -> Fit:
     """The photographs explained by a depth and lamps; the loss takes its scale from that.
 
@@ -110,9 +105,19 @@ def first_fit(
     nothing = np.zeros((*level.mask.shape, 2))
     start = Fit(
         log_depth, lamps, surface, plain, nothing[..., 0], 0.0, 0.0, nothing,
-        near=near, one_ambient=one_ambient, deeper=deeper,
+        near=near, one_ambient=one_ambient,
     )  # fmt: skip
     return rescaled(level, start)
+
+
+def begun_anew(level: Level, fit: Fit, log_depth: Floats | None = None) -> Fit:
+    """`first_fit` where a fit led, on other photographs, at another level or under another trust.
+
+    log_depth : the fit's, carried to the level; its own unless given
+    """
+    log_depth = fit.log_depth if log_depth is None else log_depth
+    first = first_fit(level, log_depth, fit.lamps, fit.near, fit.one_ambient)
+    return replace(first, deeper=fit.deeper)
 
 
 def rescaled(level: Level, fit: Fit, noisiest: float = NOISIEST) -> Fit:
@@ -253,7 +258,7 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     the depth's, of all pixels, keep this step from sliding where errors of the photographs lead.
     """
     some = level.photographs.some(2 * most_cells) if fit.near else None
-    cell = max(1, int(np.ceil(np.sqrt(np.count_nonzero(level.mask) / most_cells))))
+    cell = cell_size(level, most_cells)
     hessian, coupling = light_curvature(level, fit, 2 * most_cells, cell)
     slope = light_slope(level, fit)
     weight = fit.noise**2 * level.prior_weight * level.mask
@@ -280,6 +285,11 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     return replace(fit, joint_damping=min(damping * STRONGER, STRONGEST))
 
 
+def cell_size(level: Level, most_cells: int) -> int:
+    """Pixels along each side of the cells in which a joint step moves the depth."""
+    return max(1, int(np.ceil(np.sqrt(np.count_nonzero(level.mask) / most_cells))))
+
+
 def relief_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     """A bas-relief transform, lights with it: to the sensor, or, under near lamps, down the energy.
 
@@ -288,7 +298,7 @@ def relief_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     """
     if not fit.near:
         return nearest_relief(level, fit)
-    return valley_step(level, fit) if np.count_nonzero(level.mask) > most_cells else fit
+    return valley_step(level, fit) if cell_size(level, most_cells) > 1 else fit
 
 
 def nearest_relief(level: Level, fit: Fit) -> Fit:

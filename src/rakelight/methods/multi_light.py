@@ -30,6 +30,7 @@ from rakelight.methods.fine_normals import fine_normals
 from rakelight.methods.fit import (
     NOISIEST,
     Fit,
+    begun_anew,
     depth_step,
     first_fit,
     joint_step,
@@ -136,8 +137,7 @@ def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback
     for index in reversed(range(coarsest)):
         log_depth = levels[index].carried(levels[index + 1], descent.fit.log_depth)
         level, _ = matte(levels[index], log_depth, descent.fit.lamps)
-        before = descent.fit
-        fit = first_fit(level, log_depth, before.lamps, before.near, deeper=before.deeper)
+        fit = begun_anew(level, descent.fit, log_depth)
         descent = descend(level, fit, briefly(options), progress, stage(index))
 
     # What is left of the sensor's depth says how its errors hang together, and what they count.
@@ -158,7 +158,7 @@ def matted(level: Level, fit: Fit) -> tuple[Level, Fit, Floats]:
     """`matte` where the fit is, and the fit to photographs that this changed: its loss anew."""
     clear, shine = matte(level, fit.log_depth, fit.lamps)
     if clear is not level:
-        fit = first_fit(clear, fit.log_depth, fit.lamps, fit.near, deeper=fit.deeper)
+        fit = begun_anew(clear, fit)
     return clear, fit, shine
 
 
@@ -168,9 +168,8 @@ def past_highlights(level: Level, fit: Fit, options: Options, progress: Progress
     Where highlights bent the surface it says little of where they are.
     """
     dim = dimmed(level)
-    start = first_fit(dim, fit.log_depth, fit.lamps, near=fit.near)
-    found = descend(dim, start, options, progress, "try without the brightest").fit
-    return first_fit(level, found.log_depth, found.lamps, near=found.near)
+    found = descend(dim, begun_anew(dim, fit), options, progress, "try without the brightest")
+    return begun_anew(level, found.fit)
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,8 +256,8 @@ def less_trust(
         if floor * price >= least:
             continue  # what even less trust leaves unexplained is too much
         loose = level.trusting(share)
-        start = first_fit(loose, fit.log_depth, fit.lamps, fit.near, fit.one_ambient)
-        tried = descend(loose, start, options, progress, "try less trust in the depth")
+        words = "try less trust in the depth"
+        tried = descend(loose, begun_anew(loose, fit), options, progress, words)
         left = unexplained(tried.fit)
         floor = max(floor, left)
         if left * price < least:

@@ -14,7 +14,7 @@ from rakelight.prepare import Prepared
 # So many pixels share an error of the photographs' explanation, whatever the depth's errors do.
 COHERENT_PIXELS = 25.0
 # A surface that drifts along the bas-relief valley makes the depth's errors look as if they hung
-# together; less trust than this would let it drift on.  Near lamps have no `relief_step`.
+# together; less trust than this would let it drift on.  Near lamps have no `nearest_relief`.
 LEAST_TRUST, LEAST_TRUST_NEAR, MOST_TRUST = 0.5, 3.0, 300.0
 # Errors are summed over blocks of pixels as long as there are so many.
 FEWEST_BLOCKS = 16
