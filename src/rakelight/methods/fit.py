@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.sparse import diags_array, kron
+from scipy.sparse import diags_array, vstack
 
 from rakelight.geometry.cells import Cells, cell_sums
 from rakelight.geometry.grid import (
@@ -265,13 +265,13 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     cells, damping = Cells.on(level.mask, cell), fit.joint_damping
     # The gradient of a correction is, per pixel, 1/cell of its difference between cells.
     grid = Links.of(level.grid if cell == 1 else cells.inside)
-    along = gradient_matrices(grid)
-    gradient = kron(along[0], [[1], [0]], "csr") + kron(along[1], [[0], [1]], "csr")
-    columns = gradient.T @ coupling[cells.inside].reshape(gradient.shape[0], -1) / cell
+    gradient = vstack(gradient_matrices(grid), "csr")
+    along_u, along_v = np.moveaxis(coupling[cells.inside], 1, 0)
+    columns = gradient.T @ np.concatenate([along_u, along_v]) / cell
     residual = cells.gather(depth_force(level, fit))
     tensor = damped_tensor(level, fit, damping, some)
     matrix = field_matrix(
-        grid, along, cell_sums(tensor, cell) / cell**2,
+        grid, gradient, cell_sums(tensor, cell) / cell**2,
         cell_sums(weight, cell), level.pairs if cell == 1 else None,
         STIFFNESS if cell == 1 else CELL_STIFFNESS,
     )  # fmt: skip
@@ -420,7 +420,7 @@ def lamps_after(fit: Fit, step: Floats) -> Lamps:
 
 def field_matrix(
     grid: Links,
-    along: tuple[Any, Any],
+    gradient: Any,
     tensor: Floats,
     weight: Floats,
     pairs: Floats | None,
@@ -428,11 +428,14 @@ def field_matrix(
 ) -> Any:
     """Sparse (P, P): the mean gradient's tensor terms, `stiffness` of the one-sided differences'.
 
+    gradient : sparse (2 P, P), along u of all P pixels and then along v
+
     Those alone would be stiffer than the energy is, and the steps along the valley short.
     """
-    muu, muv, mvv = (diags_array(tensor[grid.mask][:, k]) for k in range(3))
-    u, v = along
-    mean = u.T @ muu @ u + u.T @ muv @ v + v.T @ muv @ u + v.T @ mvv @ v
+    uu, uv, vv = tensor[grid.mask].T
+    size = len(uu)
+    both = diags_array((np.concatenate([uu, vv]), uv, uv), offsets=(0, size, -size))
+    mean = gradient.T @ (both.tocsr() @ gradient)
     still = np.zeros(grid.mask.shape)
     system = assemble(grid.mask, tensor, np.stack([still] * 2, axis=-1), weight, still, pairs)
     mean += diags_array(weight[grid.mask])

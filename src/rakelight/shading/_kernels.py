@@ -23,8 +23,8 @@ helper = partial(jit.helper, any_order=True)
 # Part of the kernel that calls it: its loops know where the arrays of a strip lie.
 inlined = partial(jit.helper, any_order=True, inline=True)
 
-# Pixels of a strip: as many as the fast memory holds.
-STRIP = 64
+# Pixels of a strip: as many as the fast memory holds; and of a matrix product, which likes more.
+STRIP, WIDE = 64, 384
 # Rows of `frame`: the normal n, dn/dg_u, dn/dg_v with g the gradient of log depth, the place.
 NORMAL, BY_U, BY_V, POINT, FRAME = 0, 3, 6, 9, 12
 # Rows of `light`: s . n and the derivatives of max(0, s . n) with g_u and g_v.
@@ -455,10 +455,11 @@ def respond(c, i, size, shaded, value, w, own, pixel):
 
 
 @inlined
-def add_lamp(i, size, turns, pixel, hessian, slope, taken):
+def add_lamp(i, size, turns, pixel, hessian, slope, taken, full):
     """Add to hessian (Q, Q) and slope (parameters, N) of a channel what photograph i says.
 
-    taken (Q, STRIP) : what the albedo takes up of each of the lamp's numbers is put there
+    taken (Q, WIDE) : what the albedo takes up of each of the lamp's numbers is put there, beyond
+        the first `full` pixels
     """
     parameters, count = turns.shape[0], turns.shape[1]
     for k in range(parameters):
@@ -467,7 +468,7 @@ def add_lamp(i, size, turns, pixel, hessian, slope, taken):
             along += pixel[FORCE, j] * turns[k, i, j]
         slope[k, i] += along
         for j in range(size):
-            taken[at, j] = pixel[BEND, j] * turns[k, i, j]
+            taken[at, full + j] = pixel[BEND, j] * turns[k, i, j]
         for m in range(k, parameters):
             both = 0.0
             for j in range(size):
@@ -489,6 +490,14 @@ def add_cells(i, size, cell_of, lamp, turns, pixel, mixed, cross):
 
 
 @helper
+def take(full, taken, hessian):
+    """Subtract from hessian (C, Q, Q) what the albedo of the `full` pixels in taken takes up."""
+    taken[:, :, full:] = 0.0
+    for c in range(3):
+        hessian[min(c, hessian.shape[0] - 1)] -= np.dot(taken[c], taken[c].T)
+
+
+@helper
 def light_terms_of_block(
     block, photos, table, active, gradient, points, camera, vectors, ambients, nearness,
     scales, albedo, parameters, project, hessian, slope, cross, cell,
@@ -503,8 +512,9 @@ def light_terms_of_block(
     value = np.empty((3, count, STRIP), np.float32)
     shaded, w = np.empty((LIGHT, count, STRIP)), np.empty((count, STRIP))
     turns = np.ones((parameters, count, STRIP))
-    # What the albedo takes up: a column for each pixel and channel, the product of which counts.
-    taken = np.zeros((3 // channels, parameters * count, STRIP))
+    # What the albedo takes up: a column for each pixel, the product of which counts.
+    taken = np.empty((3, parameters * count, WIDE))
+    full = 0
     # Whole rows of cells to each block, so that no two blocks write to one cell.
     step = max(cell, 1)
     rows_of_cells = (height + step - 1) // step
@@ -518,7 +528,9 @@ def light_terms_of_block(
             sharpen(here, size, row, scales, pixel)
             for j in range(size):
                 cell_of[j] = here[j] // step
-            taken[:, :, size:] = 0.0
+            if full + size > WIDE:
+                take(full, taken, hessian[block])
+                full = 0
             for lamp in range(channels):
                 illuminate(
                     lamp, size, vectors, ambients, nearness, frame, light, by_light, shaded, turns
@@ -530,16 +542,16 @@ def light_terms_of_block(
                         respond(c, i, size, shaded, value, w, own, pixel)
                         add_lamp(
                             i, size, turns, pixel, hessian[block, lamp], slope[block, lamp],
-                            taken[c - first],
+                            taken[c], full,
                         )  # fmt: skip
                         if cell:
                             add_cells(
                                 i, size, cell_of, lamp, turns, pixel, mixed, cross[row // step]
                             )
-                if project:
-                    for c in range(len(taken)):
-                        hessian[block, lamp] -= np.dot(taken[c], taken[c].T)
+            full += size if project else 0
             size, column = next_strip(active, row, column, here)
+    if full:
+        take(full, taken, hessian[block])
 
 
 @kernel
