@@ -1,4 +1,4 @@
-"""What the lamps' brightness counts beside the sensor's depth."""
+"""What the sensor's depth counts, and the lamps' brightness beside it."""
 
 from dataclasses import replace
 from functools import cache
@@ -7,10 +7,14 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from rakelight.methods import refine
+from rakelight.methods.fit import first_fit
 from rakelight.methods.levels import finest_level
-from rakelight.methods.weights import deserved_steadiness
+from rakelight.methods.start import lamps_of_prior
+from rakelight.methods.weights import deserved_steadiness, deserved_trust
+from rakelight.metrics import evaluate
 from rakelight.prepare import prepare
-from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
+from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
 NOISE = 0.003
 
@@ -65,3 +69,41 @@ def test_a_sensor_that_saw_nothing_says_nothing():
     prepared, level = scene()
     sensor = replace(prepared.sensor, depth_m=np.full_like(prepared.sensor.depth_m, np.nan))
     assert deserved_steadiness(level, level.prior, replace(prepared, sensor=sensor)) == 0
+
+
+def trust(error, tails):
+    """Where the sensor is off a surface by `error` (h, w), and residuals have such tails."""
+    prepared, level = scene()
+    fit = first_fit(level, level.prior - error, lamps_of_prior(level))
+    explanation = replace(fit.explanation, spread=0.01, rms=0.01 * tails)
+    return deserved_trust(replace(fit, explanation=explanation), prepared)
+
+
+def test_depth_counts_by_the_area_over_which_its_errors_hang_together():
+    _, level = scene()
+    error = white(level.mask.shape)
+    wide = gaussian_filter(error, 2.0)
+    # Neighbours under a Gaussian of white noise differ by 2 (1 - exp(-1 / 4 sigma^2)) variances.
+    area = 1 / (2 * (1 - np.exp(-1 / 16)))
+    assert trust(error, 1.0) == pytest.approx(25 * 2, rel=0.1)
+    assert trust(wide, 1.0) == pytest.approx(25 / area, rel=0.2)
+
+
+def test_what_the_model_does_not_explain_makes_the_least_trust_more():
+    wide = gaussian_filter(white(scene()[1].mask.shape), 14.0)
+    assert [trust(wide, tails) for tails in (1.0, 2.0)] == pytest.approx([0.5, 2.0])
+
+
+def test_noisy_photographs_do_not_hand_the_surface_to_the_sensor():
+    cloth = make_shape("cloth")
+    options = SceneOptions(
+        camera=cloth.camera.scaled(0.5),
+        lamp_distance_m=0.6,
+        image_noise=0.03,
+        depth_noise=DepthNoise(rms_mm=3.3, correlation_length_px=14.0),
+    )
+    capture, truth = render_scene(cloth, make_albedo("pattern"), options)
+    result = refine(capture, "multi-light")
+    scores = evaluate(result.depth, result.normals, truth)
+    assert scores.normals.mae_deg < 3
+    assert scores.depth.rmse_mm < 1.8

@@ -14,8 +14,9 @@ from rakelight.prepare import Prepared
 # So many pixels share an error of the photographs' explanation, whatever the depth's errors do.
 COHERENT_PIXELS = 25.0
 # A surface that drifts along the bas-relief valley makes the depth's errors look as if they hung
-# together; less trust than this would let it drift on.  Near lamps have no `nearest_relief`.
-LEAST_TRUST, LEAST_TRUST_NEAR, MOST_TRUST = 0.5, 3.0, 300.0
+# together; less trust than this would let it drift on.  It is shadows, highlights and edges that
+# drive it there: the more of the residuals' variance is theirs, the more it takes to hold it.
+LEAST_TRUST, MOST_TRUST = 0.5, 300.0
 # Errors are summed over blocks of pixels as long as there are so many.
 FEWEST_BLOCKS = 16
 # They are cut at so many standard deviations: beyond lie depth jumps.
@@ -41,10 +42,9 @@ def deserved_trust(fit: Fit, prepared: Prepared) -> float:
         return MOST_TRUST  # of depth pixels side by side there are none
     error = error[seen] - np.median(error[seen])
     together = np.median(error**2) / max(float(np.median(steps**2)), 1e-30)
-    tails = fit.explanation.rms / max(fit.explanation.spread, 1e-30)
+    tails = max(fit.explanation.rms / max(fit.explanation.spread, 1e-30), 1.0)
     trust = COHERENT_PIXELS * tails / max(float(together), 1e-30)
-    least = LEAST_TRUST_NEAR if fit.near else LEAST_TRUST
-    return float(np.clip(trust, least, MOST_TRUST))
+    return float(np.clip(trust, LEAST_TRUST * tails**2, MOST_TRUST))
 
 
 def deserved_steadiness(level: Level, log_depth: Floats, prepared: Prepared) -> float:
