@@ -15,8 +15,8 @@ from rakelight.prepare import Prepared
 COHERENT_PIXELS = 25.0
 # A surface that drifts along the bas-relief valley makes the depth's errors look as if they hung
 # together; less trust than this would let it drift on.  It is shadows, highlights and edges that
-# drive it there: the more of the residuals' variance is theirs, the more it takes to hold it.
-LEAST_TRUST, MOST_TRUST = 0.5, 300.0
+# drive it there: the heavier the residuals' tails, the more it takes to hold it, by this power.
+LEAST_TRUST, TAILS, MOST_TRUST = 0.3, 5, 300.0
 # Errors are summed over blocks of pixels as long as there are so many.
 FEWEST_BLOCKS = 16
 # They are cut at so many standard deviations: beyond lie depth jumps.
@@ -44,7 +44,7 @@ def deserved_trust(fit: Fit, prepared: Prepared) -> float:
     together = np.median(error**2) / max(float(np.median(steps**2)), 1e-30)
     tails = max(fit.explanation.rms / max(fit.explanation.spread, 1e-30), 1.0)
     trust = COHERENT_PIXELS * tails / max(float(together), 1e-30)
-    return float(np.clip(trust, LEAST_TRUST * tails**2, MOST_TRUST))
+    return float(np.clip(trust, LEAST_TRUST * tails**TAILS, MOST_TRUST))
 
 
 def deserved_steadiness(level: Level, log_depth: Floats, prepared: Prepared) -> float:
