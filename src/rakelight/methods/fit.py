@@ -428,9 +428,8 @@ def field_matrix(
 ) -> Any:
     """Sparse (P, P): the mean gradient's tensor terms, `stiffness` of the one-sided differences'.
 
-    gradient : sparse (2 P, P), along u of all P pixels and then along v
-
     Those alone would be stiffer than the energy is, and the steps along the valley short.
+    gradient : sparse (2 P, P), along u of all P pixels and then along v
     """
     uu, uv, vv = tensor[grid.mask].T
     size = len(uu)
