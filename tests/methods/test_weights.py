@@ -91,7 +91,10 @@ def test_depth_counts_by_the_area_over_which_its_errors_hang_together():
 
 def test_what_the_model_does_not_explain_makes_the_least_trust_more():
     wide = gaussian_filter(white(scene()[1].mask.shape), 14.0)
-    assert [trust(wide, tails) for tails in (1.0, 2.0)] == pytest.approx([0.3, 9.6])
+    # Of 6 photographs 13 / 3 are left to err: by 6 and by 12 variances of noise.
+    tails = [1.0, np.sqrt(1 + 18 / 13), np.sqrt(1 + 27 / 13), np.sqrt(1 + 36 / 13), 3.0]
+    found = [trust(wide, each) for each in tails]
+    assert found == pytest.approx([0.3, 0.3, np.sqrt(0.3 * 3), 3, 3])
 
 
 def test_noisy_photographs_do_not_hand_the_surface_to_the_sensor():

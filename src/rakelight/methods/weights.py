@@ -14,9 +14,12 @@ from rakelight.prepare import Prepared
 # So many pixels share an error of the photographs' explanation, whatever the depth's errors do.
 COHERENT_PIXELS = 25.0
 # A surface that drifts along the bas-relief valley makes the depth's errors look as if they hung
-# together; less trust than this would let it drift on.  It is shadows, highlights and edges that
-# drive it there: the heavier the residuals' tails, the more it takes to hold it, by this power.
-LEAST_TRUST, TAILS, MOST_TRUST = 0.3, 5, 300.0
+# together; less trust than the least would let it drift on.  It is shadows, highlights and edges
+# that drive it there: where each pixel's photographs together err by so many variances of noise
+# beyond noise, it takes the smaller and the larger one to hold it.
+BEYOND_NOISE, LEAST_TRUST, MOST_TRUST = (6.0, 12.0), (0.3, 3.0), 300.0
+# Of a pixel's values normal and albedo take up five thirds of a photograph.
+TAKEN_UP = 5 / 3
 # Errors are summed over blocks of pixels as long as there are so many.
 FEWEST_BLOCKS = 16
 # They are cut at so many standard deviations: beyond lie depth jumps.
@@ -44,7 +47,9 @@ def deserved_trust(fit: Fit, prepared: Prepared) -> float:
     together = np.median(error**2) / max(float(np.median(steps**2)), 1e-30)
     tails = max(fit.explanation.rms / max(fit.explanation.spread, 1e-30), 1.0)
     trust = COHERENT_PIXELS * tails / max(float(together), 1e-30)
-    return float(np.clip(trust, LEAST_TRUST * tails**TAILS, MOST_TRUST))
+    beyond = (len(prepared.photographs) - TAKEN_UP) * (tails**2 - 1)
+    least = np.exp(np.interp(beyond, BEYOND_NOISE, np.log(LEAST_TRUST)))
+    return float(np.clip(trust, least, MOST_TRUST))
 
 
 def deserved_steadiness(level: Level, log_depth: Floats, prepared: Prepared) -> float:
