@@ -1,6 +1,7 @@
 """What multi-light decides at its coarsest level: trust in the depth, lamps, ambient light."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -25,24 +26,26 @@ def scene(noise, name="coin", size=1.0, **settings):
     return render_scene(shape, make_albedo("pattern"), options)
 
 
-def coarsest(capture):
-    finest = finest_level(prepare(capture), cut=True, unbiased=True)
+@cache
+def coarsest(noise, size=1.0):
+    finest = finest_level(prepare(scene(noise, size=size)[0]), cut=True, unbiased=True)
     return pyramid(finest.trusting(FIRST_TRUST), 4000)[-1]
 
 
+@cache
+def looked(noise, **options):
+    return first_look(coarsest(noise), Options(**options), silent, "look")
+
+
 def test_depth_whose_errors_hang_together_is_trusted_less():
-    shares = [
-        first_look(coarsest(scene(noise)[0]), Options(), silent, "look")[0]
-        for noise in (DepthNoise(rms_mm=2.5), TOGETHER)
-    ]
+    shares = [looked(noise)[0] for noise in (DepthNoise(rms_mm=2.5), TOGETHER)]
     assert shares[0] == 1 > 50 * shares[1]
 
 
 def test_lamps_that_come_out_alike_speak_for_less_trust():
     """Of the coin, a flat surface explains photographs half as well; but its lamps are unlike."""
-    level = coarsest(scene(TOGETHER, photographs=12)[0])
-    share, descent = first_look(level, Options(), silent, "look")
-    believed = first_look(level, Options(depth_trust=1.0), silent, "look")[1]
+    share, descent = looked(TOGETHER)
+    _, believed = looked(TOGETHER, depth_trust=1.0)
     fits = [found.fit for found in (believed, descent)]
     residuals, both = [fit.explanation.spread for fit in fits], [unexplained(fit) for fit in fits]
     assert share < 0.02
@@ -66,13 +69,13 @@ def test_strong_highlights_do_not_bend_the_surface():
 
 
 def test_trust_that_was_asked_for_is_kept():
-    share, _ = first_look(coarsest(scene(TOGETHER)[0]), Options(depth_trust=1.0), silent, "look")
-    assert share == 1
+    share, _ = looked(TOGETHER, depth_trust=1.0)
+    assert share == 1 > looked(TOGETHER)[0]
 
 
 @pytest.mark.parametrize("near", [False, True])
 def test_one_ambient_leaves_each_lamp_the_same_part(near):
-    level = coarsest(scene(TOGETHER)[0])
+    level = coarsest(TOGETHER, 0.25)
     vector = lamps_of_prior(level).vector
     size = np.linalg.norm(vector, axis=-1)
     lamps = Lamps(vector, 0.2 * size, np.full_like(size, 0.5))
