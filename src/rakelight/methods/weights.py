@@ -18,8 +18,9 @@ COHERENT_PIXELS = 25.0
 # that drive it there: where each pixel's photographs together err by so many variances of noise
 # beyond noise, it takes the smaller and the larger one to hold it.
 BEYOND_NOISE, LEAST_TRUST, MOST_TRUST = (6.0, 12.0), (0.3, 3.0), 300.0
-# Of a pixel's values normal and albedo take up five thirds of a photograph.
-TAKEN_UP = 5 / 3
+# Of a pixel's values normal and albedo take up five thirds of a photograph.  More photographs than
+# these do not drive it further.
+TAKEN_UP, MANY = 5 / 3, 16
 # Errors are summed over blocks of pixels as long as there are so many.
 FEWEST_BLOCKS = 16
 # They are cut at so many standard deviations: beyond lie depth jumps.
@@ -47,7 +48,7 @@ def deserved_trust(fit: Fit, prepared: Prepared) -> float:
     together = np.median(error**2) / max(float(np.median(steps**2)), 1e-30)
     tails = max(fit.explanation.rms / max(fit.explanation.spread, 1e-30), 1.0)
     trust = COHERENT_PIXELS * tails / max(float(together), 1e-30)
-    beyond = (len(prepared.photographs) - TAKEN_UP) * (tails**2 - 1)
+    beyond = (min(len(prepared.photographs), MANY) - TAKEN_UP) * (tails**2 - 1)
     least = np.exp(np.interp(beyond, BEYOND_NOISE, np.log(LEAST_TRUST)))
     return float(np.clip(trust, least, MOST_TRUST))
 
