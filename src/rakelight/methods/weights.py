@@ -18,8 +18,8 @@ COHERENT_PIXELS = 25.0
 # that drive it there: where each pixel's photographs together err by so many variances of noise
 # beyond noise, it takes the smaller and the larger one to hold it.
 BEYOND_NOISE, LEAST_TRUST, MOST_TRUST = (6.0, 12.0), (0.3, 3.0), 300.0
-# Of a pixel's values normal and albedo take up five thirds of a photograph.  More photographs than
-# these do not drive it further.
+# Normal and albedo take up as many of a pixel's values as 5/3 photographs have; photographs beyond
+# the sixteenth drive the surface no further.
 TAKEN_UP, MANY = 5 / 3, 16
 # Errors are summed over blocks of pixels as long as there are so many.
 FEWEST_BLOCKS = 16
