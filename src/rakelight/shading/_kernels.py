@@ -23,7 +23,7 @@ helper = partial(jit.helper, any_order=True)
 # Part of the kernel that calls it: its loops know where the arrays of a strip lie.
 inlined = partial(jit.helper, any_order=True, inline=True)
 
-# Pixels of a strip: as many as the fast memory holds; and of a matrix product, which likes more.
+# Pixels of a strip: as many as the fast memory holds; columns of a product, which likes more.
 STRIP, WIDE = 64, 384
 # Rows of `frame`: the normal n, dn/dg_u, dn/dg_v with g the gradient of log depth, the place.
 NORMAL, BY_U, BY_V, POINT, FRAME = 0, 3, 6, 9, 12
@@ -459,7 +459,7 @@ def add_lamp(i, size, turns, pixel, hessian, slope, taken, full):
     """Add to hessian (Q, Q) and slope (parameters, N) of a channel what photograph i says.
 
     taken (Q, WIDE) : what the albedo takes up of each of the lamp's numbers is put there, beyond
-        the first `full` pixels
+        the first `full` columns
     """
     parameters, count = turns.shape[0], turns.shape[1]
     for k in range(parameters):
@@ -481,20 +481,20 @@ def add_cells(i, size, cell_of, lamp, turns, pixel, mixed, cross):
     """Add to cross, a row of cells, how photograph i's lamp and the depth hang together."""
     for k in range(turns.shape[0]):
         for j in range(size):
-            mixed[0, j] = pixel[BU, j] * turns[k, i, j]
-            mixed[1, j] = pixel[BV, j] * turns[k, i, j]
-        for j in range(size):
-            cells = cross[cell_of[j], lamp]
-            cells[0, k, i] += mixed[0, j]
-            cells[1, k, i] += mixed[1, j]
+            mixed[0, k, j] = pixel[BU, j] * turns[k, i, j]
+            mixed[1, k, j] = pixel[BV, j] * turns[k, i, j]
+    for j in range(size):
+        cells = cross[cell_of[j]]
+        for k in range(turns.shape[0]):
+            cells[0, i, lamp, k] += mixed[0, k, j]
+            cells[1, i, lamp, k] += mixed[1, k, j]
 
 
 @helper
 def take(full, taken, hessian):
-    """Subtract from hessian (C, Q, Q) what the albedo of the `full` pixels in taken takes up."""
-    taken[:, :, full:] = 0.0
-    for c in range(3):
-        hessian[min(c, hessian.shape[0] - 1)] -= np.dot(taken[c], taken[c].T)
+    """Subtract from hessian (Q, Q) what the albedo of the `full` columns of taken takes up."""
+    columns = np.ascontiguousarray(taken[:, :full])
+    hessian -= np.dot(columns, columns.T)
 
 
 @helper
@@ -508,13 +508,13 @@ def light_terms_of_block(
     here, cell_of = np.empty(STRIP, np.int64), np.empty(STRIP, np.int64)
     frame, light = np.empty((FRAME, STRIP)), np.empty((LIGHT, STRIP))
     own, pixel = np.empty((OWN, STRIP)), np.empty((PIXEL, STRIP))
-    by_light, mixed = np.empty((4, STRIP)), np.empty((2, STRIP))
+    by_light, mixed = np.empty((4, STRIP)), np.empty((2, parameters, STRIP))
     value = np.empty((3, count, STRIP), np.float32)
     shaded, w = np.empty((LIGHT, count, STRIP)), np.empty((count, STRIP))
     turns = np.ones((parameters, count, STRIP))
-    # What the albedo takes up: a column for each pixel, the product of which counts.
-    taken = np.empty((3, parameters * count, WIDE))
-    full = 0
+    # What the albedo takes up: a column for each pixel and channel, the product of which counts.
+    taken = np.empty((channels, parameters * count, WIDE))
+    full = np.zeros(channels, np.int64)
     # Whole rows of cells to each block, so that no two blocks write to one cell.
     step = max(cell, 1)
     rows_of_cells = (height + step - 1) // step
@@ -528,30 +528,30 @@ def light_terms_of_block(
             sharpen(here, size, row, scales, pixel)
             for j in range(size):
                 cell_of[j] = here[j] // step
-            if full + size > WIDE:
-                take(full, taken, hessian[block])
-                full = 0
             for lamp in range(channels):
                 illuminate(
                     lamp, size, vectors, ambients, nearness, frame, light, by_light, shaded, turns
                 )
                 first, last = (0, 3) if channels == 1 else (lamp, lamp + 1)
                 for c in range(first, last):
+                    if full[lamp] + size > WIDE:
+                        take(full[lamp], taken[lamp], hessian[block, lamp])
+                        full[lamp] = 0
                     weigh(c, here, size, row, albedo, project, shaded, value, w, own, pixel)
                     for i in range(count):
                         respond(c, i, size, shaded, value, w, own, pixel)
                         add_lamp(
                             i, size, turns, pixel, hessian[block, lamp], slope[block, lamp],
-                            taken[c], full,
+                            taken[lamp], full[lamp],
                         )  # fmt: skip
                         if cell:
                             add_cells(
                                 i, size, cell_of, lamp, turns, pixel, mixed, cross[row // step]
                             )
-            full += size if project else 0
+                    full[lamp] += size if project else 0
             size, column = next_strip(active, row, column, here)
-    if full:
-        take(full, taken, hessian[block])
+    for lamp in range(channels):
+        take(full[lamp], taken[lamp], hessian[block, lamp])
 
 
 @kernel
@@ -565,7 +565,7 @@ def light_terms(
     1 or 3 channels, have Q of them, those of one kind side by side, and nothing to do with another
     channel's.  The albedo is eliminated when `project`.  hessian (blocks, C, Q, Q), its upper
     triangle, and slope (blocks, C, parameters, N) are sums per block of rows; cross
-    (h/cell, w/cell, C, 2, parameters, N) the mixed derivatives with the gradient of log depth,
+    (h/cell, w/cell, 2, N, C, parameters) the mixed derivatives with the gradient of log depth,
     summed over cells of `cell` x `cell` pixels; left alone when cell is 0.
     """
     for block in prange(len(hessian)):

@@ -299,7 +299,7 @@ class Photographs:
         slope = np.zeros((BLOCKS, channels, parameters, count))
         height, width = self.mask.shape
         cells = (-(-height // cell), -(-width // cell)) if cell else (0, 0)
-        mixed = np.zeros((*cells, channels, 2, parameters, count))
+        mixed = np.zeros((*cells, 2, count, channels, parameters))
         with threads_for(len(self) * self.mask.size):
             _kernels.light_terms(
                 self.values, self._light, self.active if active is None else active,
@@ -310,9 +310,9 @@ class Photographs:
         # The lights' order is photograph, channel, number; the kernel's channel, number, lamp.
         numbers = np.arange(channels * own).reshape(channels, parameters, count)
         order = np.moveaxis(numbers, -1, 0).ravel()
-        mixed = mixed.transpose(0, 1, 3, 5, 2, 4).reshape(*cells, 2, channels * own)
         upper = np.triu(hessian.sum(axis=0))
         blocks = block_diag(*(upper + np.triu(upper, 1).swapaxes(1, 2)))
+        mixed = mixed.reshape(*cells, 2, channels * own)
         return blocks[np.ix_(order, order)], slope.sum(axis=0).ravel()[order], mixed
 
     def _scales(self, scale: Floats | float) -> Floats:
