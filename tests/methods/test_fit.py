@@ -14,10 +14,13 @@ from rakelight.methods.fit import (
     STRONGER,
     STRONGEST,
     TRIES,
+    WEAKEST_HOLD,
+    begun_anew,
     depth_force,
     depth_step,
     depth_system,
     first_fit,
+    goes_down,
     joint_step,
     lamps_step,
     lights_step,
@@ -216,6 +219,12 @@ def test_a_refused_step_leaves_all_but_the_damping(level, fit, kind):
     assert getattr(after, damping) == STRONGEST
 
 
+def test_depth_steps_that_are_taken_stay_damped(level, fit):
+    for _ in range(4):
+        fit = depth_step(level, replace(fit, depth_damping=2 * WEAKEST_HOLD))
+        assert fit.depth_damping == WEAKEST_HOLD
+
+
 def test_a_depth_step_leaves_the_lamps_and_cells_leave_the_detail(level, fit):
     assert depth_step(level, fit).lamps is fit.lamps
     # Linear between centres some four pixels apart: next to nothing for ripples to see.
@@ -262,6 +271,31 @@ def test_a_stride_uphill_is_none(level, fit):
     assert stride(level, better, fit) is fit
 
 
+@pytest.mark.parametrize(("middle", "further"), [(2.9, False), (3.1, True)])
+def test_a_stride_goes_as_far_as_its_parabola_goes_down(middle, further):
+    places = [0.0, 1.0, 2.0]
+    behind = [(place, 7 + 3 * (place - middle) ** 2) for place in places]
+    # 4 is lower than 2 where the middle is beyond 3.
+    assert goes_down(behind, 4.0) == further
+    assert goes_down(behind[:2], 4.0)
+    assert goes_down([(-8.0, 1.0), *behind], 4.0) == further
+
+
+def test_a_stride_stops_before_its_parabola_rises(level, monkeypatch):
+    before = start(level, "prior")
+    fit = joint_step(level, depth_step(level, before), 10**6)
+    tried = []
+    monkeypatch.setattr(
+        "rakelight.methods.fit.moved",
+        lambda level, fit, log_depth, lamps: tried.append(1) or replace(fit, energy=energies.pop()),
+    )
+    fit = replace(fit, energy=before.energy - 3)
+    # As (t - 2.5)^2 at 2, and what would be tried at 3.
+    energies = [before.energy - 100, before.energy - 4.5]
+    assert stride(level, before, fit).energy == pytest.approx(before.energy - 4.5)
+    assert len(tried) == 1
+
+
 @pytest.mark.parametrize("name", ["prior", "near", "coloured near"])
 def test_lamps_step_is_what_moves_them(name):
     fit = start(make_level(), name)
@@ -271,6 +305,20 @@ def test_lamps_step_is_what_moves_them(name):
     moved_lamps = fit.lamps.moved(lamps_step(fit.lamps, other))
     for one, two in zip(moved_lamps.arrays, other.arrays, strict=True):
         np.testing.assert_allclose(one, two, atol=1e-15)
+
+
+# ---- begun anew
+
+
+def test_under_another_trust_the_reweighting_goes_on_where_it_was(level, fit):
+    for _ in range(3):
+        fit = rescaled(level, fit)
+    anew = begun_anew(level.trusting(0.1), fit)
+    once_more = moved(level, fit, fit.log_depth, fit.lamps)
+    np.testing.assert_array_equal(anew.explanation.albedo, once_more.explanation.albedo)
+    least_squares = first_fit(level, fit.log_depth, fit.lamps)
+    assert np.abs(least_squares.explanation.albedo - anew.explanation.albedo).max() > 1e-4
+    assert anew.energy < fit.energy
 
 
 # ---- the bas-relief transform

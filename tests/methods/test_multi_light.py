@@ -191,6 +191,13 @@ def test_too_few_steps_are_told(capture):
     assert "not-converged" in codes(result)
 
 
+def test_a_level_ends_where_strides_find_nothing_either(capture, monkeypatch):
+    monkeypatch.setattr(
+        multi_light, "stride", lambda level, before, fit: replace(fit, energy=0.9 * before.energy)
+    )
+    assert not run(capture, max_iterations=3).converged
+
+
 def test_two_runs_are_identical(capture, result):
     again = run(capture)
     for name in ("depth", "normals", "albedo", "confidence"):

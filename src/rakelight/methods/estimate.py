@@ -99,6 +99,7 @@ def photometric_confidence(
     length: Floats,
     camera: Camera,
     active: Mask | None = None,
+    beside: Floats | float = 0.0,
 ) -> Floats:
     """Confidence (...) from what the photographs say about each normal.
 
@@ -106,6 +107,7 @@ def photometric_confidence(
         the gradient of log depth; noise : (...) standard deviation of a pixel value
     length : (...) |m| of the normals
     active : (h, w) pixels over which the variance is averaged with its neighbours'; None for none
+    beside : (...) what else is not known of the normal, a variance in radians squared
 
     The standard deviation d of the normal in its weakest direction, in degrees, gives
     1 / (1 + (d / 3)^2): 1 where the photographs settle the normal, 0 where they say nothing.
@@ -121,6 +123,7 @@ def photometric_confidence(
     variance = squared_turn(length, camera) * np.asarray(noise) ** 2 / np.maximum(weakest, 1e-12)
     if active is not None:
         variance = _averaged(np.minimum(variance, NO_IDEA_RAD**2), active)
+    variance = variance + beside
     return np.asarray(1 / (1 + variance * np.degrees(1.0) ** 2 / HALF_CONFIDENCE_DEG**2))
 
 

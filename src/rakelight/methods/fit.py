@@ -51,6 +51,8 @@ SMALLEST_NOISE = 1e-5
 NOISIEST = 0.01
 # Levenberg-Marquardt: a refused step is tried again with so many times the damping.
 STRONGER, WEAKEST, STRONGEST, TRIES = 8.0, 1e-6, 1e2, 3
+# Of a depth step: weaker ones are all alike, and tries with them in vain.
+WEAKEST_HOLD = 1e-3
 LONGEST_STRIDE = 64.0
 # A step is solved for to this fraction: the next one starts from what it missed.
 STEP_TOLERANCE = 1e-2
@@ -59,7 +61,7 @@ LEAST_GAIN = 3e-4
 # By what factor a relief is tried deeper.
 DEEPER = 1.03
 # Steps of the lights after it, and pixels that are enough for their curvature.
-SETTLE, SOME_PIXELS = 2, 8000
+SETTLE, SOME_PIXELS = 2, 2000
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +89,7 @@ class Fit:
     near: bool = False
     one_ambient: bool = False
     steadiness: float = 0.0
-    depth_damping: float = 1e-3
+    depth_damping: float = WEAKEST_HOLD
     joint_damping: float = 1e-3
     lights_damping: float = 1e-2
     deeper: float = DEEPER
@@ -111,11 +113,13 @@ def first_fit(
 
 
 def begun_anew(level: Level, fit: Fit, log_depth: Floats | None = None) -> Fit:
-    """`first_fit` where a fit led, on other photographs, at another level or under another trust.
+    """A fit to other photographs, under another trust or, its depth carried, at another level.
 
-    log_depth : the fit's, carried to the level; its own unless given
+    log_depth : the fit's, carried to the level; None where the level has the fit's pixels, whose
+        loss and albedo to begin with are known
     """
-    log_depth = fit.log_depth if log_depth is None else log_depth
+    if log_depth is None:
+        return moved(level, fit, fit.log_depth, fit.lamps)
     first = first_fit(level, log_depth, fit.lamps, fit.near, fit.one_ambient)
     return replace(first, deeper=fit.deeper)
 
@@ -242,7 +246,7 @@ def depth_step(level: Level, fit: Fit) -> Fit:
         step = solve(system, tolerance=STEP_TOLERANCE).value
         tried = moved(level, fit, fit.log_depth + step, fit.lamps, turning=True)
         if tried.energy < fit.energy:
-            return replace(tried, depth_damping=max(damping / STRONGER, WEAKEST))
+            return replace(tried, depth_damping=max(damping / STRONGER, WEAKEST_HOLD))
         damping *= STRONGER
     return replace(fit, depth_damping=min(damping, STRONGEST))
 
@@ -373,7 +377,7 @@ def light_curvature(level: Level, fit: Fit, most: int, cell: int = 0) -> tuple[F
     if not fit.one_ambient:
         return hessian + held, coupling
     free = freedom(fit)
-    return free.T @ (hessian + held) @ free, coupling @ free
+    return free.T @ (hessian + held) @ free, np.tensordot(coupling, free, axes=1)
 
 
 def light_slope(level: Level, fit: Fit) -> Floats:
@@ -449,12 +453,27 @@ def stride(level: Level, before: Fit, fit: Fit) -> Fit:
     way = fit.log_depth - before.log_depth
     lights = lamps_step(before.lamps, fit.lamps)
     best, share = fit, 1.0
-    while share <= LONGEST_STRIDE:
+    behind = [(0.0, before.energy), (1.0, fit.energy)]
+    while share <= LONGEST_STRIDE and goes_down(behind, 1 + share):
         tried = moved(level, fit, fit.log_depth + share * way, fit.lamps.moved(share * lights))
         if not tried.energy < best.energy:
             break
+        behind.append((1 + share, tried.energy))
         best, share = tried, 2 * share
     return best
+
+
+def goes_down(behind: list[tuple[float, float]], place: float) -> bool:
+    """Whether the parabola through the last three (place, energy) is lower there than at the last.
+
+    Two tell nothing of what is ahead.
+    """
+    if len(behind) < 3:
+        return True
+    (first, high), (middle, low), (last, lowest) = behind[-3:]
+    slope = (lowest - low) / (last - middle)
+    bend = (slope - (low - high) / (middle - first)) / (last - first)
+    return slope + bend * (place - middle) < 0
 
 
 def lamps_step(before: Lamps, after: Lamps) -> Floats:

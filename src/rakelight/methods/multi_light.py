@@ -16,6 +16,7 @@ from typing import Literal
 
 import numpy as np
 
+from rakelight.geometry.grid import Grid, differences, neighbours
 from rakelight.geometry.normals import normal_lengths
 from rakelight.methods.brightness import unlikeness
 from rakelight.methods.estimate import (
@@ -210,9 +211,9 @@ def descend(
         before = fit
         fit = joint_step(level, depth_step(level, fit), options.coarse_pixels)
         fit = relief_step(level, fit, options.coarse_pixels)
-        converged = settled and before.energy - fit.energy < options.tolerance * before.energy
-        if settled and not converged:
+        if settled:
             fit = stride(level, before, fit)
+        converged = settled and before.energy - fit.energy < options.tolerance * before.energy
         fits.append(fit)
         if converged:
             break
@@ -377,7 +378,7 @@ def finished(
     return Estimate(
         log_depth=fit.log_depth,
         albedo=albedo / gain,
-        confidence=np.where(active, confidence(level, fit), 0.0),
+        confidence=np.where(active, confidence(level, fit, normals), 0.0),
         lights=lights,
         normals=normals,
         energy=tuple(each.energy for each in descent.fits),
@@ -387,8 +388,8 @@ def finished(
     )
 
 
-def confidence(level: Level, fit: Fit) -> Floats:
-    """(h, w) how well the photographs settle each normal; see `photometric_confidence`.
+def confidence(level: Level, fit: Fit, normals: Floats) -> Floats:
+    """(h, w) how well each of the final normals (h, w, 3) is known; see `photometric_confidence`.
 
     Noise averages over the photographs.  Residuals of a pixel beyond it are the model's errors,
     shadows and highlights, which the photographs share.  What is not known of a normal is averaged
@@ -399,5 +400,25 @@ def confidence(level: Level, fit: Fit) -> Floats:
     shared = variance_beyond(fit.noise, fit.explanation.misfit)
     noise = np.sqrt(fit.noise**2 + len(photographs) * shared)
     return photometric_confidence(
-        fit.explanation.tensor, noise, length, photographs.camera, photographs.active
-    )
+        fit.explanation.tensor, noise, length, photographs.camera, photographs.active,
+        beside=missed_bend(normals, level.grid),
+    )  # fmt: skip
+
+
+def missed_bend(normals: Floats, grid: Grid) -> Floats:
+    """(h, w) squared angle, radians, that a depth map's differences miss where normals bend.
+
+    The mean of those to both sides is the slope's over two pixels, which is off the slope in the
+    middle by a sixth of its second difference.
+
+    >>> bend = np.array([[[-0.08, 0, -1], [0, 0, -1], [-0.08, 0, -1]]])
+    >>> missed_bend(bend, np.ones((1, 3), bool)).round(6).tolist()
+    [[0.0, 0.000711, 0.0]]
+    """
+    total = np.zeros(normals.shape[:2])
+    for axis in (0, 1):
+        both = np.logical_and(*neighbours(grid, axis))
+        for component in np.moveaxis(normals, -1, 0):
+            ahead, behind = differences(component, grid, axis)
+            total += np.where(both, (ahead - behind) ** 2, 0.0) / 36
+    return np.nan_to_num(total)  # what is beside a pixel without a normal is not seen
