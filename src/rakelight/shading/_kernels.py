@@ -126,6 +126,17 @@ def arrive(q0, q1, q2, nearness, size, frame, light):
 
 
 @inlined
+def shade(q0, q1, q2, nearness, ambient, size, frame, shading):
+    """Fill shading (STRIP): what a lamp, as in `toward`, and its ambient light do at each pixel."""
+    for j in range(size):
+        t0, t1, t2, gain = q0, q1, q2, 1.0
+        if nearness > 0.0:
+            t0, t1, t2, gain = toward(q0, q1, q2, nearness, frame, j)
+        n0, n1, n2 = frame[NORMAL, j], frame[NORMAL + 1, j], frame[NORMAL + 2, j]
+        shading[j] = max(gain * (t0 * n0 + t1 * n1 + t2 * n2), 0.0) + ambient
+
+
+@inlined
 def turn(q0, q1, q2, nearness, size, frame, light, turns):
     """Fill turns (4, STRIP): derivatives of max(0, s . n) with a lamp's vector and closeness.
 
@@ -224,30 +235,64 @@ def begin(here, size, row, albedo, own, pixel):
 
 
 @inlined
-def compare(first, last, i, size, a, value, w, light, own, pixel):
-    """Add what photograph i says in channels `first` to `last`, which share a lamp."""
+def compare(c, i, size, a, value, w, light, own, pixel):
+    """Add what photograph i says in channel c, whose lamp has the shading a (N, STRIP)."""
     for j in range(size):
-        pixel[KNOWN, j] = 0.0
-        pixel[FORCE, j] = 0.0
-    for c in range(first, last):
-        for j in range(size):
-            rho, shading, weight = own[ALBEDO + c, j], a[i, j], w[c, i, j]
-            r = miss(rho, shading, value[c, i, j])
-            pixel[SQUARED, j] += r * r
-            pixel[OFF, j] += abs(r)
-            pixel[SEEN, j] += 1.0 if value[c, i, j] >= 0.0 else 0.0
-            pixel[FACTOR, j] *= 1.0 + pixel[SHARP, j] * r * r
-            pixel[KNOWN, j] += rho * rho * weight
-            pixel[FORCE, j] += rho * weight * r
-            own[ALONG_U + c, j] += weight * shading * light[SU, j]
-            own[ALONG_V + c, j] += weight * shading * light[SV, j]
+        shading, su, sv, sharp = a[i, j], light[SU, j], light[SV, j], pixel[SHARP, j]
+        rho, weight = own[ALBEDO + c, j], w[c, i, j]
+        r = miss(rho, shading, value[c, i, j])
+        known, force = rho * rho * weight, rho * weight * r
+        pixel[SQUARED, j] += r * r
+        pixel[OFF, j] += abs(r)
+        pixel[SEEN, j] += 1.0 if value[c, i, j] >= 0.0 else 0.0
+        pixel[FACTOR, j] *= 1.0 + sharp * r * r
+        pixel[UU, j] += known * su * su
+        pixel[UV, j] += known * su * sv
+        pixel[VV, j] += known * sv * sv
+        pixel[BU, j] -= force * su
+        pixel[BV, j] -= force * sv
+        own[ALONG_U + c, j] += weight * shading * su
+        own[ALONG_V + c, j] += weight * shading * sv
+
+
+@inlined
+def compare_all(i, size, a, value, w, light, own, pixel):
+    """As `compare`, in all three channels at once, which share a lamp: sums are fetched once."""
     for j in range(size):
-        su, sv = light[SU, j], light[SV, j]
-        pixel[UU, j] += pixel[KNOWN, j] * su * su
-        pixel[UV, j] += pixel[KNOWN, j] * su * sv
-        pixel[VV, j] += pixel[KNOWN, j] * sv * sv
-        pixel[BU, j] -= pixel[FORCE, j] * su
-        pixel[BV, j] -= pixel[FORCE, j] * sv
+        shading, su, sv, sharp = a[i, j], light[SU, j], light[SV, j], pixel[SHARP, j]
+        rho0, rho1, rho2 = own[ALBEDO, j], own[ALBEDO + 1, j], own[ALBEDO + 2, j]
+        w0, w1, w2 = w[0, i, j], w[1, i, j], w[2, i, j]
+        r0 = miss(rho0, shading, value[0, i, j])
+        r1 = miss(rho1, shading, value[1, i, j])
+        r2 = miss(rho2, shading, value[2, i, j])
+        known = rho0 * rho0 * w0 + rho1 * rho1 * w1 + rho2 * rho2 * w2
+        force = rho0 * w0 * r0 + rho1 * w1 * r1 + rho2 * w2 * r2
+        pixel[SQUARED, j] += r0 * r0 + r1 * r1 + r2 * r2
+        pixel[OFF, j] += abs(r0) + abs(r1) + abs(r2)
+        pixel[FACTOR, j] *= (
+            (1.0 + sharp * r0 * r0) * (1.0 + sharp * r1 * r1) * (1.0 + sharp * r2 * r2)
+        )
+        pixel[UU, j] += known * su * su
+        pixel[UV, j] += known * su * sv
+        pixel[VV, j] += known * sv * sv
+        pixel[BU, j] -= force * su
+        pixel[BV, j] -= force * sv
+        own[ALONG_U, j] += w0 * shading * su
+        own[ALONG_V, j] += w0 * shading * sv
+        own[ALONG_U + 1, j] += w1 * shading * su
+        own[ALONG_V + 1, j] += w1 * shading * sv
+        own[ALONG_U + 2, j] += w2 * shading * su
+        own[ALONG_V + 2, j] += w2 * shading * sv
+    for j in range(size):
+        seen0 = 1.0 if value[0, i, j] >= 0.0 else 0.0
+        seen1 = 1.0 if value[1, i, j] >= 0.0 else 0.0
+        seen2 = 1.0 if value[2, i, j] >= 0.0 else 0.0
+        pixel[SEEN, j] += seen0 + seen1 + seen2
+
+
+@inlined
+def take_logarithm(size, pixel):
+    """Keep the product of losses from growing too large."""
     if total(pixel[FACTOR], size) > LARGEST:
         for j in range(size):
             pixel[LOSS, j] += np.log(pixel[FACTOR, j])
@@ -341,10 +386,8 @@ def explain_row(
         for lamp in range(channels):
             for i in range(count):
                 q0, q1, q2 = vectors[lamp, 0, i], vectors[lamp, 1, i], vectors[lamp, 2, i]
-                arrive(q0, q1, q2, nearness[lamp, i], size, frame, light)
                 ambient = ambients[lamp, i]
-                for j in range(size):
-                    a[lamp, i, j] = max(light[DOT, j], 0.0) + ambient
+                shade(q0, q1, q2, nearness[lamp, i], ambient, size, frame, a[lamp, i])
         rounds = ALBEDO_ROUNDS if total(pixel[SHARP], size) > 0.0 else 1
         fit_albedo(rounds, size, a, value, w, own, pixel)
         for lamp in range(channels):
@@ -352,7 +395,11 @@ def explain_row(
             for i in range(count):
                 q0, q1, q2 = vectors[lamp, 0, i], vectors[lamp, 1, i], vectors[lamp, 2, i]
                 arrive(q0, q1, q2, nearness[lamp, i], size, frame, light)
-                compare(first, last, i, size, a[lamp], value, w, light, own, pixel)
+                if channels == 1:
+                    compare_all(i, size, a[lamp], value, w, light, own, pixel)
+                else:
+                    compare(lamp, i, size, a[lamp], value, w, light, own, pixel)
+                take_logarithm(size, pixel)
                 if turning:
                     turn(q0, q1, q2, nearness[lamp, i], size, frame, light, turns)
                     pull(first, last, i, size, a[lamp], value, own, pixel, turns, slope[row, lamp])
