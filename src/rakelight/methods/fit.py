@@ -272,6 +272,8 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     gradient = vstack(gradient_matrices(grid), "csr")
     along_u, along_v = np.moveaxis(coupling[cells.inside], 1, 0)
     columns = gradient.T @ np.concatenate([along_u, along_v]) / cell
+    if fit.one_ambient:
+        columns = columns @ freedom(fit)
     residual = cells.gather(depth_force(level, fit))
     tensor = damped_tensor(level, fit, damping, some)
     matrix = field_matrix(
@@ -357,9 +359,9 @@ def lights_step(level: Level, fit: Fit) -> Fit:
 
 
 def light_curvature(level: Level, fit: Fit, most: int, cell: int = 0) -> tuple[Floats, Floats]:
-    """(F, F) second derivatives of half the energy with the lights, and those with the gradient.
+    """(F, F) second derivatives of half the energy with the lights; (..., 2, K) and the gradient.
 
-    F counts what is free of them.
+    F counts what is free of the lights' K numbers.
 
     Of `most` pixels, scaled up: enough for the curvature; near the end only all have the right
     slope.  cell : as in `Photographs.light_terms`
@@ -377,7 +379,7 @@ def light_curvature(level: Level, fit: Fit, most: int, cell: int = 0) -> tuple[F
     if not fit.one_ambient:
         return hessian + held, coupling
     free = freedom(fit)
-    return free.T @ (hessian + held) @ free, np.tensordot(coupling, free, axes=1)
+    return free.T @ (hessian + held) @ free, coupling
 
 
 def light_slope(level: Level, fit: Fit) -> Floats:

@@ -81,8 +81,9 @@ def border(
     half = np.empty(columns.shape)
     half[factor.perm_r] = columns
     solve_lower(lower.indptr, lower.indices, lower.data, half)
+    half /= np.sqrt(pivots)[:, None]
     return BorderedSystem(
-        schur=hessian - half.T @ (half / pivots[:, None]),
+        schur=hessian - half.T @ half,
         reduced=-slope - columns.T @ field,
         field=field,
         columns=columns,
