@@ -113,13 +113,12 @@ def first_fit(
 
 
 def begun_anew(level: Level, fit: Fit, log_depth: Floats | None = None) -> Fit:
-    """A fit to other photographs, under another trust or, its depth carried, at another level.
+    """`first_fit` where a fit led, on other photographs, at another level or under another trust.
 
-    log_depth : the fit's, carried to the level; None where the level has the fit's pixels, whose
-        loss and albedo to begin with are known
+    What the fit's loss let go of is not held against another surface.
+    log_depth : the fit's, carried to the level; its own unless given
     """
-    if log_depth is None:
-        return moved(level, fit, fit.log_depth, fit.lamps)
+    log_depth = fit.log_depth if log_depth is None else log_depth
     first = first_fit(level, log_depth, fit.lamps, fit.near, fit.one_ambient)
     return replace(first, deeper=fit.deeper)
 
