@@ -150,7 +150,7 @@ def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback
     level, fit, shine = matted(levels[0], descent.fit)
     level = level.trusting(trust / first_trust).cut(fit.log_depth)
     fit = replace(fit, steadiness=deserved_steadiness(level, fit.log_depth, prepared))
-    again = descend(level, fit, options, progress, "refine, weighed", noisiest=1.0)
+    again = descend(level, fit, options, progress, "refine, weighed", noisiest=1.0, thorough=True)
     descent = replace(again, steps=descent.steps + again.steps)
     return finished(prepared, level, descent, trust, shine)
 
@@ -197,8 +197,9 @@ def descend(
     progress: ProgressCallback,
     stage: str,
     noisiest: float = NOISIEST,
+    thorough: bool = False,
 ) -> Descent:
-    """Gauss-Newton steps at one level until the energy rests."""
+    """Gauss-Newton steps at one level until the energy rests; `thorough`: where strides do, too."""
     fits: list[Fit] = []
     settled = converged = False
     for step in range(options.max_iterations):
@@ -211,9 +212,10 @@ def descend(
         before = fit
         fit = joint_step(level, depth_step(level, fit), options.coarse_pixels)
         fit = relief_step(level, fit, options.coarse_pixels)
-        if settled:
+        small = options.tolerance * before.energy
+        if settled and (thorough or before.energy - fit.energy >= small):
             fit = stride(level, before, fit)
-        converged = settled and before.energy - fit.energy < options.tolerance * before.energy
+        converged = settled and before.energy - fit.energy < small
         fits.append(fit)
         if converged:
             break
