@@ -191,7 +191,7 @@ def test_too_few_steps_are_told(capture):
     assert "not-converged" in codes(result)
 
 
-def test_a_level_ends_where_strides_find_nothing_either(capture, monkeypatch):
+def test_the_last_steps_end_where_strides_find_nothing_either(capture, monkeypatch):
     monkeypatch.setattr(
         multi_light, "stride", lambda level, before, fit: replace(fit, energy=0.9 * before.energy)
     )

@@ -307,7 +307,7 @@ class Photographs:
                 self._optics, *lamps.arrays, self._scales(scale), albedo, parameters, project,
                 hessian, slope, mixed, cell,
             )  # fmt: skip
-        # The lights' order is photograph, channel, number; the kernel's channel, number, lamp.
+        # The lights' order is photograph, channel, number; the block sums' channel, number, lamp.
         numbers = np.arange(channels * own).reshape(channels, parameters, count)
         order = np.moveaxis(numbers, -1, 0).ravel()
         upper = np.triu(hessian.sum(axis=0))
