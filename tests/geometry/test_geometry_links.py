@@ -193,14 +193,14 @@ def pairs_of(links):
 
 def test_pair_weights_are_one_without_a_cut(mask):
     links = Links.of(mask)
-    np.testing.assert_array_equal(links.pair_weights(), pairs_of(links))
+    np.testing.assert_array_equal(links.pair_weights, pairs_of(links))
 
 
 def test_pair_weights_average_over_linked_pairs_only():
     links = random_links((20, 30), linked=0.7)
     inside, linked = pairs_of(Links.of(links.mask)), pairs_of(links)
     values = np.random.default_rng(2).normal(size=linked.shape)
-    weights = links.pair_weights()
+    weights = links.pair_weights
     assert (weights[~linked] == 0).all()
     for pixel in np.ndindex(links.mask.shape):
         if linked[pixel].any():
@@ -218,7 +218,7 @@ def test_pair_weights_find_two_separate_planes():
     anchors[0, 0] = anchors[-1, -1] = 1.0  # one pixel on each side
     links = within(mask, LEFT, ~LEFT)
     errors = []
-    for pairs in (links.pair_weights(), None):
+    for pairs in (links.pair_weights, None):
         system = assemble(mask, tensor, vector, anchors, values, pairs)
         found = np.linalg.solve(system.to_sparse().toarray(), system.rhs[mask])
         errors.append(np.abs(found - values[mask]).max())

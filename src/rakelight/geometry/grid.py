@@ -9,6 +9,7 @@ function here takes a mask, which links all its neighbours, or `Links`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import radians, tan
 from typing import Any
 
@@ -22,7 +23,7 @@ from rakelight.model import Array, Camera, Floats, Mask
 STEEPEST = tan(radians(85.0))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class Links:
     """Which neighbours on a pixel grid lie on one surface.
 
@@ -47,7 +48,7 @@ class Links:
             sides.append(linked)
         return cls(grid, *sides)
 
-    @property
+    @cached_property
     def cut(self) -> bool:
         """Whether any two neighbours in the mask are not linked."""
         whole = Links.of(self.mask)
@@ -76,6 +77,24 @@ class Links:
             sides.append(side)
         return Links(mask, *sides)
 
+    @cached_property
+    def sides(self) -> dict[int, tuple[Mask, Mask]]:
+        """Axis -> where the forward and where the backward difference along it exist, (H, W)."""
+        sides = {}
+        for axis, forward in ((0, self.down), (1, self.right)):
+            here, there = pair_slices(axis)
+            backward = np.zeros_like(forward)
+            backward[there] = forward[here]
+            sides[axis] = (forward, backward)
+        return sides
+
+    @cached_property
+    def active(self) -> Mask:
+        """(H, W) True where a pixel has a neighbour along both axes, so that it has a normal."""
+        along = [forward | backward for forward, backward in self.sides.values()]
+        return np.asarray(along[0] & along[1])
+
+    @cached_property
     def pair_weights(self) -> Floats:
         """(H, W, 4) what makes the mean over a mask's difference pairs that over the linked ones.
 
@@ -123,12 +142,7 @@ def neighbours(grid: Grid, axis: int) -> tuple[Mask, Mask]:
     >>> forward.tolist(), backward.tolist()
     ([[True, False, False]], [[False, True, False]])
     """
-    links = Links.of(grid)
-    forward = links.right if axis == 1 else links.down
-    here, there = pair_slices(axis)
-    backward = np.zeros_like(forward)
-    backward[there] = forward[here]
-    return forward, backward
+    return Links.of(grid).sides[axis]
 
 
 def pair_slices(axis: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
@@ -193,8 +207,7 @@ def mean_gradient_transposed(along_u: Floats, along_v: Floats, grid: Grid) -> Fl
 
 def has_gradient(grid: Grid) -> Mask:
     """(H, W) True where a pixel has a neighbour along both axes, so that it has a normal."""
-    along = [np.logical_or(*neighbours(grid, axis)) for axis in (0, 1)]
-    return np.asarray(along[0] & along[1])
+    return Links.of(grid).active
 
 
 def connected(grid: Grid) -> tuple[Array, int]:

@@ -139,7 +139,9 @@ def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback
         log_depth = levels[index].carried(levels[index + 1], descent.fit.log_depth)
         level, _ = matte(levels[index], log_depth, descent.fit.lamps)
         fit = begun_anew(level, descent.fit, log_depth)
-        descent = descend(level, fit, briefly(options), progress, stage(index))
+        # The finest level's detail first: its lights and depth move together when they are weighed.
+        together = index > 0
+        descent = descend(level, fit, briefly(options), progress, stage(index), together=together)
 
     # What is left of the sensor's depth says how its errors hang together, and what they count.
     first_trust = trust
@@ -197,9 +199,13 @@ def descend(
     progress: ProgressCallback,
     stage: str,
     noisiest: float = NOISIEST,
+    together: bool = True,
     thorough: bool = False,
 ) -> Descent:
-    """Gauss-Newton steps at one level until the energy rests; `thorough`: where strides do, too."""
+    """Gauss-Newton steps at one level until the energy rests.
+
+    together : whether lights move with the depth; thorough : whether to rest where strides do, too
+    """
     fits: list[Fit] = []
     settled = converged = False
     for step in range(options.max_iterations):
@@ -210,7 +216,9 @@ def descend(
             settled = step > 0 and fit.noise > SETTLED * noise
             fits = [fit]
         before = fit
-        fit = joint_step(level, depth_step(level, fit), options.coarse_pixels)
+        fit = depth_step(level, fit)
+        if together:
+            fit = joint_step(level, fit, options.coarse_pixels)
         fit = relief_step(level, fit, options.coarse_pixels)
         small = options.tolerance * before.energy
         if settled and (thorough or before.energy - fit.energy >= small):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -130,7 +131,7 @@ class Explanation:
         return tensor, self.vector + np.stack([u, v], axis=-1)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class Photographs:
     """Photographs (N, h, w, 3) as read, with what their values mean.
 
@@ -153,7 +154,7 @@ class Photographs:
         """(h, w) the object."""
         return self.grid.mask if isinstance(self.grid, Links) else self.grid
 
-    @property
+    @cached_property
     def active(self) -> Mask:
         """(h, w) pixels that have a normal."""
         return has_gradient(self.grid)
@@ -169,7 +170,7 @@ class Photographs:
         chosen[::stride, ::stride] = active[::stride, ::stride]
         return chosen if chosen.any() else active
 
-    @property
+    @cached_property
     def _light(self) -> Floats:
         """Linear light of every value, -1 where it is not usable."""
         codes = np.arange(self.table.size)
