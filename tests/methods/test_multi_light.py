@@ -191,6 +191,24 @@ def test_too_few_steps_are_told(capture):
     assert "not-converged" in codes(result)
 
 
+def test_lights_and_depth_move_together_but_for_the_first_steps_of_the_finest_level(monkeypatch):
+    capture, _ = make_scene()
+    pixels, together, stages = int(capture.mask.sum()), [], []
+    step = multi_light.joint_step
+    monkeypatch.setattr(
+        multi_light,
+        "joint_step",
+        lambda level, *rest: together.append((stages[-1], level.mask.sum())) or step(level, *rest),
+    )
+    options = Options(coarse_pixels=1000)
+    refine(capture, "multi-light", options=options, progress=lambda now: stages.append(now.stage))
+    sizes = {size for stage, size in together if stage.startswith("refine")}
+    assert len(sizes) == 3
+    assert max(sizes) == pixels
+    assert {stage for stage, size in together if size == pixels} == {"refine, weighed"}
+    assert "refine" in stages
+
+
 def test_the_last_steps_end_where_strides_find_nothing_either(capture, monkeypatch):
     monkeypatch.setattr(
         multi_light, "stride", lambda level, before, fit: replace(fit, energy=0.9 * before.energy)

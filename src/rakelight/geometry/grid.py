@@ -95,6 +95,31 @@ class Links:
         return np.asarray(along[0] & along[1])
 
     @cached_property
+    def fives(self) -> tuple[Mask, Mask]:
+        """Where fourth differences along u and along v exist, each (H, W).
+
+        In the middle of five linked pixels that have a normal each, but for the two outer ones.
+        """
+        masks = []
+        for axis in (1, 0):
+            near = np.logical_and(*self.sides[axis]) & self.active
+            here, there = pair_slices(axis)
+            wide = near.copy()
+            wide[here] &= near[there]
+            wide[there] &= near[here]
+            masks.append(wide)
+        return masks[0], masks[1]
+
+    @cached_property
+    def gradient(self) -> Any:
+        """Sparse (2 P, P): `gradient_matrices` of the mask's P pixels, u and v of each in turn."""
+        from scipy.sparse import vstack
+
+        size = int(np.count_nonzero(self.mask))
+        in_turn = np.arange(2 * size).reshape(2, size).T.ravel()
+        return vstack(gradient_matrices(self), "csr")[in_turn]
+
+    @cached_property
     def pair_weights(self) -> Floats:
         """(H, W, 4) what makes the mean over a mask's difference pairs that over the linked ones.
 

@@ -12,20 +12,17 @@ The mean gradient does not see a checkerboard; fourth differences do, and see li
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.sparse import diags_array, vstack
+from scipy.sparse import diags_array
 
 from rakelight.geometry.cells import Cells, cell_sums
+from rakelight.geometry.derivatives import fourth_differences
 from rakelight.geometry.grid import (
     Links,
-    gradient_matrices,
     mean_gradient_transposed,
-    neighbours,
-    pair_slices,
 )
 from rakelight.geometry.normals import normal_lengths, squared_turn
 from rakelight.methods.bas_relief import best_relief, deeper
@@ -34,7 +31,7 @@ from rakelight.methods.levels import Level
 from rakelight.model import Floats, Mask
 from rakelight.shading.photographs import Explanation, Lamps, Surface
 from rakelight.solve import DepthSystem, assemble, solve
-from rakelight.solve.gauss_newton import border
+from rakelight.solve.gauss_newton import border, solve_definite
 from rakelight.solve.robust import cauchy_scales
 
 FOURTH_DIFFERENCE = (0.125, -0.5, 0.75, -0.5, 0.125)
@@ -69,7 +66,7 @@ class Fit:
     """Log depth (h, w) and lamps at one level, and how they explain the photographs.
 
     scales : (h, w) of the Cauchy losses; noise : deviation of a value; energy : of everything
-    stiffness : (h, w, 2) weight of the fourth differences along u and v, which are waves
+    stiffness : (2, h, w) weight of the fourth differences along u and v, waves (2, h, w)
     near : whether the lamps' distances are fitted too
     one_ambient : whether the ambient light is one part of every lamp's; see `freedom`
     steadiness : weight W of `unlikeness`, how alike the lamps' brightness is
@@ -85,7 +82,7 @@ class Fit:
     noise: float
     energy: float
     stiffness: Floats
-    waves: tuple[Floats, ...] = ()
+    waves: Floats
     near: bool = False
     one_ambient: bool = False
     steadiness: float = 0.0
@@ -104,9 +101,9 @@ def first_fit(
     """
     surface = level.surface(log_depth)
     plain = level.photographs.explain(surface, lamps)
-    nothing = np.zeros((*level.mask.shape, 2))
+    nothing = np.zeros((2, *level.mask.shape))
     start = Fit(
-        log_depth, lamps, surface, plain, nothing[..., 0], 0.0, 0.0, nothing,
+        log_depth, lamps, surface, plain, nothing[0], 0.0, 0.0, nothing, nothing,
         near=near, one_ambient=one_ambient,
     )  # fmt: skip
     return rescaled(level, start)
@@ -127,7 +124,7 @@ def rescaled(level: Level, fit: Fit, noisiest: float = NOISIEST) -> Fit:
     """The same depth and lamps with the loss's scales taken from the present residuals."""
     spread_now = max(fit.explanation.spread, SMALLEST_NOISE)
     scales = cauchy_scales(spread_now, fit.explanation.misfit)
-    stiffness = bending_weight(level) * fit.explanation.tensor[..., [0, 2]]
+    stiffness = bending_weight(level) * np.moveaxis(fit.explanation.tensor[..., [0, 2]], -1, 0)
     same = replace(fit, scales=scales, noise=min(spread_now, noisiest), stiffness=stiffness)
     return moved(level, same, fit.log_depth, fit.lamps)
 
@@ -138,8 +135,8 @@ def moved(level: Level, fit: Fit, log_depth: Floats, lamps: Lamps, turning: bool
     explanation = level.photographs.explain(
         surface, lamps, scale=fit.scales, start=fit.explanation.albedo, turning=turning
     )
-    waves = tuple(ripples(level, log_depth))
-    bending = sum(float((fit.stiffness[..., k] * wave**2).sum()) for k, wave in enumerate(waves))
+    waves = ripples(level, log_depth)
+    bending = float(np.vdot(fit.stiffness * waves, waves))
     known = level.sensor_misfit(log_depth) + fit.steadiness * unlikeness(lamps.vector)
     energy = explanation.energy + bending + fit.noise**2 * known
     return replace(
@@ -149,50 +146,33 @@ def moved(level: Level, fit: Fit, log_depth: Floats, lamps: Lamps, turning: bool
 
 
 def bending_weight(level: Level) -> Floats:
-    """(h, w, 2) weight of the fourth differences along u and v."""
+    """(2, h, w) weight of the fourth differences along u and v."""
     from scipy.ndimage import minimum_filter1d
 
-    inside = [minimum_filter1d(wide, 5, axis, mode="constant") for axis, wide in _reach(level)]
-    return np.where(np.stack(inside, axis=-1), BENDING, AT_THE_EDGE)
+    inside = [
+        minimum_filter1d(wide, 5, axis, mode="constant")
+        for axis, wide in zip((1, 0), Links.of(level.grid).fives, strict=True)
+    ]
+    return np.where(inside, BENDING, AT_THE_EDGE)
 
 
-def ripples(level: Level, log_depth: Floats) -> list[Floats]:
-    """An eighth of the fourth difference along u and v, each (h, w), 0 where there is none.
+def ripples(level: Level, log_depth: Floats) -> Floats:
+    """(2, h, w) an eighth of the fourth difference along u and v, 0 where there is none.
 
-    It sees what the mean gradient does not, a checkerboard, and next to nothing else.
+    It sees what the mean gradient does not, a checkerboard, and next to nothing else.  Where a
+    pixel in the middle has no normal there is none: the matrix of a step would not hold it.
     """
-    return [wide * _fourth(log_depth, axis) for axis, wide in _reach(level)]
+    return fourth_differences(log_depth, level.grid) / 8
 
 
-def ripples_transposed(level: Level, along: Sequence[Floats]) -> Floats:
-    """(h, w) the transpose of `ripples`."""
-    total = np.zeros(level.mask.shape)
-    for (axis, wide), image in zip(_reach(level), along, strict=True):
-        total += _fourth(wide * image, axis)
-    return total
-
-
-def _fourth(values: Floats, axis: int) -> Floats:
-    """An eighth of the fourth difference along an axis, zeros continuing the image: symmetric."""
+def ripples_transposed(level: Level, along: Floats) -> Floats:
+    """(h, w) the transpose of `ripples`, of an image (2, h, w)."""
     from scipy.ndimage import correlate1d
 
-    return np.asarray(correlate1d(values, FOURTH_DIFFERENCE, axis, mode="constant"))
-
-
-def _reach(level: Level) -> list[tuple[int, Mask]]:
-    """Axis, and pixels linked along it to two on both sides.
-
-    All of them have a normal: what the matrix of a step does not hold must not be pulled.
-    """
-    masks = []
-    for axis in (1, 0):
-        near = np.logical_and(*neighbours(level.grid, axis)) & level.photographs.active
-        here, there = pair_slices(axis)
-        wide = near.copy()
-        wide[here] &= near[there]
-        wide[there] &= near[here]
-        masks.append((axis, wide))
-    return masks
+    total = np.zeros(level.mask.shape)
+    for axis, wide, image in zip((1, 0), Links.of(level.grid).fives, along, strict=True):
+        total += correlate1d(wide * image, FOURTH_DIFFERENCE, axis, mode="constant")
+    return total
 
 
 def depth_system(level: Level, fit: Fit, tensor: Floats) -> DepthSystem:
@@ -205,7 +185,7 @@ def depth_system(level: Level, fit: Fit, tensor: Floats) -> DepthSystem:
 
 def smoothing_force(level: Level, fit: Fit) -> Floats:
     """(h, w) half the derivatives of the fourth differences' energy with log depth."""
-    return ripples_transposed(level, [fit.stiffness[..., k] * fit.waves[k] for k in (0, 1)])
+    return ripples_transposed(level, fit.stiffness * fit.waves)
 
 
 def depth_force(level: Level, fit: Fit) -> Floats:
@@ -268,15 +248,14 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     cells, damping = Cells.on(level.mask, cell), fit.joint_damping
     # The gradient of a correction is, per pixel, 1/cell of its difference between cells.
     grid = Links.of(level.grid if cell == 1 else cells.inside)
-    gradient = vstack(gradient_matrices(grid), "csr")
-    along_u, along_v = np.moveaxis(coupling[cells.inside], 1, 0)
-    columns = gradient.T @ np.concatenate([along_u, along_v]) / cell
+    coupling = coupling[cells.inside].reshape(-1, coupling.shape[-1])
+    columns = (grid.gradient / cell).T @ coupling
     if fit.one_ambient:
         columns = columns @ freedom(fit)
     residual = cells.gather(depth_force(level, fit))
     tensor = damped_tensor(level, fit, damping, some)
     matrix = field_matrix(
-        grid, gradient, cell_sums(tensor, cell) / cell**2,
+        grid, cell_sums(tensor, cell) / cell**2,
         cell_sums(weight, cell), level.pairs if cell == 1 else None,
         STIFFNESS if cell == 1 else CELL_STIFFNESS,
     )  # fmt: skip
@@ -349,7 +328,7 @@ def lights_step(level: Level, fit: Fit) -> Fit:
     slope, damping = light_slope(level, fit), fit.lights_damping
     for _ in range(TRIES):
         damped = hessian + damping * np.diag(np.diag(hessian))
-        step = -np.linalg.lstsq(damped, slope, rcond=1e-12)[0]
+        step = -solve_definite(damped, slope)
         tried = moved(level, fit, fit.log_depth, lamps_after(fit, step), turning=True)
         if tried.energy < fit.energy:
             return replace(tried, lights_damping=max(damping / STRONGER, WEAKEST))
@@ -424,26 +403,19 @@ def lamps_after(fit: Fit, step: Floats) -> Lamps:
 
 
 def field_matrix(
-    grid: Links,
-    gradient: Any,
-    tensor: Floats,
-    weight: Floats,
-    pairs: Floats | None,
-    stiffness: float,
+    grid: Links, tensor: Floats, weight: Floats, pairs: Floats | None, stiffness: float
 ) -> Any:
     """Sparse (P, P): the mean gradient's tensor terms, `stiffness` of the one-sided differences'.
 
     Those alone would be stiffer than the energy is, and the steps along the valley short.
-    gradient : sparse (2 P, P), along u of all P pixels and then along v
     """
-    uu, uv, vv = tensor[grid.mask].T
-    size = len(uu)
-    both = diags_array((np.concatenate([uu, vv]), uv, uv), offsets=(0, size, -size))
-    mean = gradient.T @ (both.tocsr() @ gradient)
-    still = np.zeros(grid.mask.shape)
-    system = assemble(grid.mask, tensor, np.stack([still] * 2, axis=-1), weight, still, pairs)
-    mean += diags_array(weight[grid.mask])
-    return (1 - stiffness) * mean + stiffness * system.to_sparse()
+    uu, uv, vv = (1 - stiffness) * tensor[grid.mask].T
+    across = np.stack([uv, np.zeros_like(uv)], axis=-1).ravel()[:-1]
+    along = np.stack([uu, vv], axis=-1).ravel()
+    both = diags_array((along, across, across), offsets=(0, 1, -1)).tocsr()
+    still = np.zeros((*grid.mask.shape, 2))
+    system = assemble(grid.mask, stiffness * tensor, still, weight, still[..., 0], pairs)
+    return grid.gradient.T @ (both @ grid.gradient) + system.to_sparse()
 
 
 def stride(level: Level, before: Fit, fit: Fit) -> Fit:

@@ -11,12 +11,12 @@ from rakelight.geometry.averaging import Averaging, data_misfit, data_terms
 from rakelight.geometry.blur import blurred
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.cells import cell_sums, spread
+from rakelight.geometry.derivatives import gradient_image
 from rakelight.geometry.grid import (
     Grid,
     Links,
     connected,
     has_gradient,
-    mean_gradient,
     pair_slices,
     surface_links,
 )
@@ -77,7 +77,7 @@ class Level:
 
     def surface(self, log_depth: Floats) -> Surface:
         """What the photographs see of `log_depth` (h, w)."""
-        return Surface(np.stack(mean_gradient(log_depth, self.grid), axis=-1), self.points)
+        return Surface(gradient_image(log_depth, self.grid), self.points)
 
     def sensor_terms(self, log_depth: Floats, scale: float = 1.0) -> dict[str, Any]:
         """What the sensor says of a correction of `log_depth` (h, w), as `solve.assemble` takes it.
