@@ -9,6 +9,7 @@
     python benchmarks/accuracy.py hard                 shadows, highlights, near lamps together
     python benchmarks/accuracy.py scales               a depth sensor 1, 2 and 4 times coarser
     python benchmarks/accuracy.py noise                the paper's sensor, from its input's errors
+    python benchmarks/accuracy.py confidence           how it ranks the normals' errors
 
 `off the jumps` leaves out 4 pixels around the depth jumps, which are neighbouring pixels whose
 true depths differ by more than 5 mm.  `smooth` is the rms of the depth error under a Gaussian of
@@ -27,6 +28,7 @@ from typing import Any
 
 import numpy as np
 from scipy.ndimage import binary_dilation, gaussian_filter
+from scipy.stats import spearmanr
 
 from rakelight.capture.images import encode_png
 from rakelight.export.pictures import object_window, side_by_side
@@ -43,12 +45,13 @@ from rakelight.metrics import (
     evaluate_depth,
     normal_error_map_deg,
 )
-from rakelight.model import Array, Camera, Capture, Lights, Mask, Result, Truth
+from rakelight.model import Array, Camera, Capture, Floats, Lights, Mask, Result, Truth
 from rakelight.paper.scenes import PAPER_OPTIONS, paper_object
 from rakelight.prepare import prepare
 from rakelight.shading.photographs import Lamps
 from rakelight.solve import assemble, solve
 from rakelight.synthetic import (
+    DEMO_OPTIONS,
     DepthNoise,
     SceneOptions,
     Shape,
@@ -58,12 +61,13 @@ from rakelight.synthetic import (
     render_scene,
     shape_from_file,
 )
-from rakelight.synthetic.noise import PAPER_NOISE
+from rakelight.synthetic.noise import PAPER_NOISE, add_depth_noise
 
 JUMP_M = 0.005
 AROUND_PX = 4
 SMOOTH_PX = 10
 DEPTH_RANGE_MM, NORMAL_RANGE_DEG = 5.0, 30.0
+DRAWS = 8
 
 Scene = tuple[Capture, Truth]
 
@@ -312,6 +316,59 @@ def noise(arguments: argparse.Namespace) -> Iterator[str]:
         yield f"| {name} | " + " | ".join(f"{number:.4g}" for number in numbers) + " |"
 
 
+def confidence(arguments: argparse.Namespace) -> Iterator[str]:
+    """How confidence ranks the normals' errors, beside all that could be known of these.
+
+    Of scenes like the demo's, each under draws of the noise: Spearman's rank correlation of the
+    confidence with minus the errors, and of the rms of the other draws' errors with the errors.
+    """
+    columns = ["scene", "normals", "MAE, deg", "confidence", "the other draws' rms"]
+    yield "| " + " | ".join(columns) + " |"
+    yield "|" + " --- |" * len(columns)
+    hard_ones: dict[str, Any] = {"cast_shadows": True, "specular": 0.15, "lamp_distance_m": 0.6}
+    for name in ("vase", "head", "cloth", "sphere"):
+        for words, conditions in (("", dict[str, Any]()), (" with all difficulties", hard_ones)):
+            options = replace(DEMO_OPTIONS, **conditions)
+            exact = replace(options, image_noise=0.0, depth_noise=DepthNoise(rms_mm=0.0))
+            scene = render_scene(make_shape(name), make_albedo("pattern"), exact)
+            draws = [_of_a_draw(scene, options, seed, arguments) for seed in range(DRAWS)]
+            known, *both = (np.stack(each) for each in zip(*draws, strict=True))
+            for kind, errors in zip(("finer", "the depth map's"), both, strict=True):
+                rest = [np.delete(errors, i, axis=0) for i in range(DRAWS)]
+                other = np.sqrt(np.square(rest).mean(axis=1))
+                ranks = [
+                    np.mean([spearmanr(a, b).statistic for a, b in zip(says, errors, strict=True)])
+                    for says in (-known, other)
+                ]
+                numbers = " | ".join(f"{number:.2f}" for number in (errors.mean(), *ranks))
+                yield f"| {name}{words} | {kind} | {numbers} |"
+
+
+def _of_a_draw(
+    scene: Scene, options: SceneOptions, seed: int, arguments: argparse.Namespace
+) -> tuple[Floats, Floats, Floats]:
+    """(P,) confidence, and errors of the finer and of the depth map's normals, degrees.
+
+    scene : without noise, which is drawn anew
+    """
+    capture, truth = scene
+    rng = np.random.default_rng(seed)
+    noise = options.image_noise * rng.standard_normal(capture.photographs.shape)
+    values = np.clip(np.rint(capture.photographs + capture.white * noise), 0, capture.white)
+    depth_m = [add_depth_noise(depth, options.depth_noise, [seed, 1]) for depth in capture.depth_m]
+    noisy = replace(
+        capture, photographs=values.astype(capture.photographs.dtype), depth_m=np.stack(depth_m)
+    )
+    result = refine(noisy, arguments.method)
+    whole_m = np.where(result.mask, result.depth, 1.0).astype(np.float64)
+    plain = surface_normals(whole_m, result.mask, capture.camera)
+    finer, coarser = (
+        normal_error_map_deg(normals, truth.normals, truth.mask)[truth.mask]
+        for normals in (result.normals, plain)
+    )
+    return result.confidence[truth.mask], finer, coarser
+
+
 def refined(arguments: argparse.Namespace) -> tuple[Capture, Truth, Result]:
     """The paper's scene and its result."""
     capture, truth = make(arguments, paper_object())
@@ -340,7 +397,7 @@ def main() -> None:
     )
     tables = {
         f.__name__: f
-        for f in (photographs, causes, limits, slant, maps, scans, hard, scales, noise)
+        for f in (photographs, causes, limits, slant, maps, scans, hard, scales, noise, confidence)
     }
     parser.add_argument("table", choices=tables)
     parser.add_argument("--method", default="multi-light-alternating")

@@ -18,7 +18,7 @@ def gradient_image(values: Floats, grid: Grid) -> Floats:
     """
     links, out = Links.of(grid), np.empty((*values.shape, 2))
     with threads_for(values.size):
-        _kernels.gradient_image(values, links.right, links.down, out)
+        _kernels.gradient_image(np.ascontiguousarray(values), links.right, links.down, out)
     return out
 
 
@@ -31,5 +31,5 @@ def fourth_differences(values: Floats, grid: Grid) -> Floats:
     """
     links, out = Links.of(grid), np.empty((2, *values.shape))
     with threads_for(values.size):
-        _kernels.fourth_differences(values, *links.fives, out)
+        _kernels.fourth_differences(np.ascontiguousarray(values), *links.fives, out)
     return out

@@ -317,7 +317,8 @@ class Photographs:
         return blocks[np.ix_(order, order)], slope.sum(axis=0).ravel()[order], mixed
 
     def _scales(self, scale: Floats | float) -> Floats:
-        return np.ascontiguousarray(np.broadcast_to(scale, self.mask.shape), dtype=np.float64)
+        # Writable, as a number would make it: kernels are compiled for one of both.
+        return np.array(np.broadcast_to(scale, self.mask.shape), dtype=np.float64)
 
     def halved(self) -> Photographs:
         """The photographs at half the resolution, averaged in linear light."""
