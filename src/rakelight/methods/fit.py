@@ -31,7 +31,7 @@ from rakelight.methods.levels import Level
 from rakelight.model import Floats, Mask
 from rakelight.shading.photographs import Explanation, Lamps, Surface
 from rakelight.solve import DepthSystem, assemble, solve
-from rakelight.solve.gauss_newton import border, solve_definite
+from rakelight.solve.gauss_newton import border, damped_solution
 from rakelight.solve.robust import cauchy_scales
 
 FOURTH_DIFFERENCE = (0.125, -0.5, 0.75, -0.5, 0.125)
@@ -327,8 +327,7 @@ def lights_step(level: Level, fit: Fit) -> Fit:
     hessian, _ = light_curvature(level, fit, SOME_PIXELS)
     slope, damping = light_slope(level, fit), fit.lights_damping
     for _ in range(TRIES):
-        damped = hessian + damping * np.diag(np.diag(hessian))
-        step = -solve_definite(damped, slope)
+        step = damped_solution(hessian, -slope, np.diag(hessian), damping)
         tried = moved(level, fit, fit.log_depth, lamps_after(fit, step), turning=True)
         if tried.energy < fit.energy:
             return replace(tried, lights_damping=max(damping / STRONGER, WEAKEST))

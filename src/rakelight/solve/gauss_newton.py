@@ -36,33 +36,32 @@ class BorderedSystem:
     diagonal: Floats
 
     def step(self, damping: float) -> tuple[Floats, Floats]:
-        """(P,) step of the field and (K,) step of the numbers, Levenberg-damped by `damping` H_kk.
-
-        Directions that neither term determines do not move.
-        """
-        ridge = damping * self.diagonal + 1e-9 * float(self.diagonal.mean())
-        # Rounding must not move what nothing depends on.
-        known = self.diagonal > 1e-12 * float(self.diagonal.max(initial=0.0))
-        matrix = (self.schur + np.diag(ridge))[np.ix_(known, known)]
-        numbers = np.zeros(known.size)
-        numbers[known] = solve_definite(matrix, self.reduced[known])
+        """(P,) step of the field and (K,) step of the numbers, damped as in `damped_solution`."""
+        numbers = damped_solution(self.schur, self.reduced, self.diagonal, damping)
         return self.field - self.factor.solve(self.columns @ numbers), numbers
 
 
-def solve_definite(matrix: Floats, right: Floats) -> Floats:
-    """(K,) the solution of a symmetric positive definite system (K, K).
+def damped_solution(matrix: Floats, right: Floats, diagonal: Floats, damping: float) -> Floats:
+    """(K,) solution of a semidefinite system (K, K), Levenberg-damped by `damping` x diagonal.
 
-    The shortest one where rounding has left the matrix singular.
+    Directions that nothing determines do not move.
 
-    >>> solve_definite(np.diag([2.0, 0.0]), np.array([4.0, 0.0])).tolist()
+    >>> matrix = np.diag([2.0, 0.0])
+    >>> damped_solution(matrix, np.array([6.0, 1.0]), np.diag(matrix), 0.5).round(6).tolist()
     [2.0, 0.0]
     """
     from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+    # Rounding must not move what nothing depends on.
+    known = diagonal > 1e-12 * float(diagonal.max(initial=0.0))
+    ridge = damping * diagonal + 1e-9 * float(diagonal.mean())
+    damped, wanted = (matrix + np.diag(ridge))[np.ix_(known, known)], right[known]
+    solution = np.zeros(known.size)
     try:
-        return np.asarray(cho_solve(cho_factor(matrix), right))
-    except LinAlgError:
-        return np.asarray(np.linalg.lstsq(matrix, right, rcond=1e-12)[0])
+        solution[known] = cho_solve(cho_factor(damped), wanted)
+    except LinAlgError:  # by rounding
+        solution[known] = np.linalg.lstsq(damped, wanted, rcond=1e-12)[0]
+    return solution
 
 
 def border(
