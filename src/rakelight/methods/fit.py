@@ -52,7 +52,7 @@ STRONGER, WEAKEST, STRONGEST, TRIES = 8.0, 1e-6, 1e2, 3
 WEAKEST_HOLD = 1e-3
 LONGEST_STRIDE = 64.0
 # A step is solved for to this fraction: the next one starts from what it missed.
-STEP_TOLERANCE = 5e-2
+STEP_TOLERANCE = 2e-2
 # A bas-relief transform is tried where the sensor's misfit would fall by this much of the energy.
 LEAST_GAIN = 3e-4
 # By what factor a relief is tried deeper.
