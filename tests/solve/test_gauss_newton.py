@@ -5,7 +5,7 @@ import pytest
 from rough_systems import disc, masks, rough
 
 from rakelight.geometry.grid import gradient_matrices
-from rakelight.solve.gauss_newton import border
+from rakelight.solve.gauss_newton import border, damped_solution
 from rakelight.solve.robust import CAUCHY, cauchy_scales
 
 SIZE, COUNT = 14, 6
@@ -80,6 +80,32 @@ def test_a_number_that_nothing_determines_does_not_move():
         field, numbers = joint.step(damping)
         assert abs(numbers[2]) < 1e-6 * np.abs(numbers).max()
         assert np.isfinite(field).all()
+
+
+def test_a_damped_solution_is_that_of_the_damped_matrix():
+    half = np.random.default_rng(0).normal(size=(6, 6))
+    matrix, right = half @ half.T, np.arange(6.0)
+    found = damped_solution(matrix, right, matrix.diagonal(), 0.3)
+    damped = matrix + 0.3 * np.diag(matrix.diagonal())
+    np.testing.assert_allclose(damped @ found, right, rtol=0, atol=1e-7)
+
+
+def test_nothing_moves_along_what_is_not_determined():
+    # A matrix of rank two: a right side's rounding along the third direction is next to nothing.
+    half = np.array([[1.0, 2.0], [2.0, -1.0], [3.0, 1.0]])
+    matrix, free = half @ half.T, np.array([1.0, 1.0, -1.0]) / np.sqrt(3)
+    right = matrix @ [1.0, 0.0, 0.0]
+    for rounding in (0.0, 1e-14):
+        found = damped_solution(matrix, right + rounding * free, matrix.diagonal(), 0.0)
+        assert abs(free @ found) < 1e-5
+        np.testing.assert_allclose(matrix @ found, right, rtol=0, atol=1e-7)
+    assert not damped_solution(np.zeros((3, 3)), np.ones(3), np.zeros(3), 0.1).any()
+
+
+def test_a_matrix_that_rounding_left_indefinite_is_solved_too():
+    matrix = np.array([[1.0, 2.0], [2.0, 1.0]])
+    found = damped_solution(matrix, np.array([3.0, 3.0]), matrix.diagonal(), 0.0)
+    np.testing.assert_allclose(found, [1.0, 1.0], rtol=1e-8)
 
 
 # ---- robust scales
