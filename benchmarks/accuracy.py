@@ -69,6 +69,8 @@ SMOOTH_PX = 10
 DEPTH_RANGE_MM, NORMAL_RANGE_DEG = 5.0, 30.0
 DRAWS = 8
 
+DIFFICULTIES: dict[str, Any] = {"cast_shadows": True, "specular": 0.15, "lamp_distance_m": 0.6}
+
 Scene = tuple[Capture, Truth]
 
 
@@ -242,8 +244,7 @@ def scans(arguments: argparse.Namespace) -> Iterator[str]:
 def hard(arguments: argparse.Namespace) -> Iterator[str]:
     """Near lamps, cast shadows and highlights together, correlated depth noise of 3.3 mm."""
     noise = DepthNoise(rms_mm=3.3, correlation_length_px=14.0)
-    conditions = {"cast_shadows": True, "specular": 0.15, "lamp_distance_m": 0.6}
-    yield from _scans(arguments, {"photographs": 16, "depth_noise": noise, **conditions})
+    yield from _scans(arguments, {"photographs": 16, "depth_noise": noise, **DIFFICULTIES})
 
 
 def _scans(arguments: argparse.Namespace, conditions: dict[str, Any]) -> Iterator[str]:
@@ -263,9 +264,7 @@ def _scans(arguments: argparse.Namespace, conditions: dict[str, Any]) -> Iterato
             seconds = time.perf_counter() - began
             before = evaluate_depth(result.prepared_depth, capture.camera, truth)
             after = evaluate(result.depth, result.normals, truth)
-            whole_m = np.where(truth.mask, truth.depth, 1.0).astype(np.float64)
-            best = surface_normals(whole_m, truth.mask, capture.camera)
-            floor = evaluate(truth.depth, best, truth)
+            floor = evaluate_depth(truth.depth, capture.camera, truth)
             numbers = [
                 number
                 for score in (before, after)
@@ -325,17 +324,16 @@ def confidence(arguments: argparse.Namespace) -> Iterator[str]:
     columns = ["scene", "normals", "MAE, deg", "confidence", "the other draws' rms"]
     yield "| " + " | ".join(columns) + " |"
     yield "|" + " --- |" * len(columns)
-    hard_ones: dict[str, Any] = {"cast_shadows": True, "specular": 0.15, "lamp_distance_m": 0.6}
     for name in ("vase", "head", "cloth", "sphere"):
-        for words, conditions in (("", dict[str, Any]()), (" with all difficulties", hard_ones)):
+        for words, conditions in (("", {}), (" with all difficulties", DIFFICULTIES)):
             options = replace(DEMO_OPTIONS, **conditions)
             exact = replace(options, image_noise=0.0, depth_noise=DepthNoise(rms_mm=0.0))
             scene = render_scene(make_shape(name), make_albedo("pattern"), exact)
             draws = [_of_a_draw(scene, options, seed, arguments) for seed in range(DRAWS)]
             known, *both = (np.stack(each) for each in zip(*draws, strict=True))
             for kind, errors in zip(("finer", "the depth map's"), both, strict=True):
-                rest = [np.delete(errors, i, axis=0) for i in range(DRAWS)]
-                other = np.sqrt(np.square(rest).mean(axis=1))
+                squares = errors**2
+                other = np.sqrt((squares.sum(axis=0) - squares) / (DRAWS - 1))
                 ranks = [
                     np.mean([spearmanr(a, b).statistic for a, b in zip(says, errors, strict=True)])
                     for says in (-known, other)
@@ -360,8 +358,7 @@ def _of_a_draw(
         capture, photographs=values.astype(capture.photographs.dtype), depth_m=np.stack(depth_m)
     )
     result = refine(noisy, arguments.method)
-    whole_m = np.where(result.mask, result.depth, 1.0).astype(np.float64)
-    plain = surface_normals(whole_m, result.mask, capture.camera)
+    plain = surface_normals(result.depth, result.mask, capture.camera)
     finer, coarser = (
         normal_error_map_deg(normals, truth.normals, truth.mask)[truth.mask]
         for normals in (result.normals, plain)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from rakelight.geometry import _kernels
 from rakelight.geometry.grid import Grid, Links
 from rakelight.jit import threads_for
 from rakelight.model import Floats
@@ -16,6 +15,8 @@ def gradient_image(values: Floats, grid: Grid) -> Floats:
     >>> gradient_image(np.arange(6.0).reshape(2, 3), np.ones((2, 3), bool))[1, 2].tolist()
     [1.0, 3.0]
     """
+    from rakelight.geometry import _kernels
+
     links, out = Links.of(grid), np.empty((*values.shape, 2))
     with threads_for(values.size):
         _kernels.gradient_image(np.ascontiguousarray(values), links.right, links.down, out)
@@ -29,6 +30,8 @@ def fourth_differences(values: Floats, grid: Grid) -> Floats:
     >>> fourth_differences(board, np.ones((5, 5), bool))[:, 2, 2].tolist()
     [16.0, 16.0]
     """
+    from rakelight.geometry import _kernels
+
     links, out = Links.of(grid), np.empty((2, *values.shape))
     with threads_for(values.size):
         _kernels.fourth_differences(np.ascontiguousarray(values), *links.fives, out)

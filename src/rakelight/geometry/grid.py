@@ -119,11 +119,16 @@ class Links:
         in_turn = np.arange(2 * size).reshape(2, size).T.ravel()
         return vstack(gradient_matrices(self), "csr")[in_turn]
 
+    @property
+    def pairs(self) -> Floats | None:
+        """`pair_weights` as `solve.assemble` takes them: None without a cut."""
+        return self.pair_weights if self.cut else None
+
     @cached_property
     def pair_weights(self) -> Floats:
         """(H, W, 4) what makes the mean over a mask's difference pairs that over the linked ones.
 
-        Pairs (+u,+v), (+u,-v), (-u,+v), (-u,-v), as `solve.assemble` takes them.
+        Pairs (+u,+v), (+u,-v), (-u,+v), (-u,-v).
         """
         weights = []
         for grid in (self, Links.of(self.mask)):

@@ -20,10 +20,7 @@ from scipy.sparse import diags_array
 
 from rakelight.geometry.cells import Cells, cell_sums
 from rakelight.geometry.derivatives import fourth_differences
-from rakelight.geometry.grid import (
-    Links,
-    mean_gradient_transposed,
-)
+from rakelight.geometry.grid import Links, mean_gradient_transposed
 from rakelight.geometry.normals import normal_lengths, squared_turn
 from rakelight.methods.bas_relief import best_relief, deeper
 from rakelight.methods.brightness import unlikeness, unlikeness_terms

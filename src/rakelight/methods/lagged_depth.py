@@ -188,7 +188,7 @@ class Depth:
             links.mask,
             np.stack([u * u, u * v, v * v], axis=-1),
             -np.stack([u * miss, v * miss], axis=-1),
-            pair_weights=links.pair_weights if links.cut else None,
+            pair_weights=links.pairs,
             **data_terms(self.view.averaging, self.held, prior),
             laplacian_weight=self.lambda_z2 * squared if self.lambda_z2 else None,
             laplacian_target=laplacian(prior + self.expected, links.mask),

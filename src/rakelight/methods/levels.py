@@ -73,7 +73,7 @@ class Level:
     @property
     def pairs(self) -> Floats | None:
         """Weights of the difference pairs, as `solve.assemble` takes them; None without a cut."""
-        return self.grid.pair_weights if isinstance(self.grid, Links) and self.grid.cut else None
+        return Links.of(self.grid).pairs
 
     def surface(self, log_depth: Floats) -> Surface:
         """What the photographs see of `log_depth` (h, w)."""

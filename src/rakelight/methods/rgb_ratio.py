@@ -193,7 +193,7 @@ def observed(prepared: Prepared) -> Scene:
         (scatter(usable.astype(np.float64), mask) > 0) & has_gradient(links)[..., None],
         max(noise, SMALLEST_NOISE),
         links,
-        links.pair_weights if links.cut else None,
+        links.pairs,
         np.log(prepared.depth_m),
         depth_precision(prepared),
         prepared.sensor.averaging(mask) if prepared.factor > NEARLY_ONE else None,

@@ -154,7 +154,7 @@ class Photographs:
         """(h, w) the object."""
         return self.grid.mask if isinstance(self.grid, Links) else self.grid
 
-    @cached_property
+    @property
     def active(self) -> Mask:
         """(h, w) pixels that have a normal."""
         return has_gradient(self.grid)
