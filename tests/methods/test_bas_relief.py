@@ -7,7 +7,7 @@ import pytest
 
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.normals import normals_from_gradient
-from rakelight.methods.bas_relief import best_relief, deeper
+from rakelight.methods.bas_relief import best_relief, deepening
 from rakelight.methods.levels import finest_level
 from rakelight.prepare import prepare
 from rakelight.shading.photographs import Lamps
@@ -95,21 +95,24 @@ def test_a_flat_surface_is_no_error():
     assert np.isfinite(turn).all()
 
 
-def test_deeper_scales_the_relief_above_its_plane():
+def test_deepening_is_the_slope_of_a_relief_that_grows_above_its_plane():
     level = make_level()
-    found, turn = deeper(level, level.prior, 1.25)
-    inverse = [np.exp(-each)[level.mask] for each in (level.prior, found)]
-    rays = back_project(np.ones(level.mask.shape), level.photographs.camera)[level.mask]
-    above = [each - rays @ np.linalg.lstsq(rays, each, rcond=None)[0] for each in inverse]
-    np.testing.assert_allclose(above[1], 1.25 * above[0], atol=1e-9)
-    np.testing.assert_allclose(inverse[1] - above[1], inverse[0] - above[0], atol=1e-9)
-    back, undone = deeper(level, found, 0.8)
-    np.testing.assert_allclose(back, level.prior, atol=1e-9)
-    np.testing.assert_allclose(undone @ turn, np.eye(3), atol=1e-4)
+    inverse = np.exp(-level.prior)
+    rays = back_project(np.ones(level.mask.shape), level.photographs.camera)
+    seen = level.mask
+    plane = rays @ np.linalg.lstsq(rays[seen], inverse[seen], rcond=None)[0]
+    step = 1e-6
+    deeper, flatter = (-np.log(plane + by * (inverse - plane)) for by in (1 + step, 1 - step))
+    found = deepening(level, level.prior)
+    np.testing.assert_allclose(found[seen], ((deeper - flatter) / (2 * step))[seen], atol=1e-8)
+    assert np.ptp(found[seen]) > 0.05
+    assert not found[~seen].any()
 
 
 def test_a_surface_that_would_turn_around_stays():
     level = make_level()
-    found, turn = deeper(level, level.prior, -1.0)
-    assert found is level.prior
+    inverse, middle = np.exp(-level.aim), np.exp(-level.aim)[level.mask].mean()
+    hollow = np.where(level.mask, -np.log(2 * middle - inverse), level.aim)
+    found, turn = best_relief(level, hollow, alike())
+    assert found is hollow
     assert (turn == np.eye(3)).all()

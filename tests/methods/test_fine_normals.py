@@ -8,7 +8,8 @@ import pytest
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods import refine
 from rakelight.methods.fine_normals import gradient_step
-from rakelight.methods.fit import depth_step, first_fit, joint_step, rescaled
+from rakelight.methods.fit import depth_step, first_fit, rescaled
+from rakelight.methods.joint import joint_step
 from rakelight.methods.levels import finest_level
 from rakelight.methods.start import lamps_of_prior
 from rakelight.metrics import evaluate

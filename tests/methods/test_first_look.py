@@ -47,7 +47,8 @@ def test_lamps_that_come_out_alike_speak_for_less_trust():
     share, descent = looked(TOGETHER)
     _, believed = looked(TOGETHER, depth_trust=1.0)
     fits = [found.fit for found in (believed, descent)]
-    residuals, both = [fit.explanation.spread for fit in fits], [unexplained(fit) for fit in fits]
+    residuals = [fit.explanation.spread for fit in fits]
+    both = [unexplained(coarsest(TOGETHER), fit) for fit in fits]
     assert share < 0.02
     assert residuals[1] > 0.5 * residuals[0]
     assert both[1] < 0.5 * both[0]
@@ -59,6 +60,26 @@ def test_low_relief_under_near_lamps_keeps_its_height():
     slopes = [n[truth.mask][:, 0] / n[truth.mask][:, 2] for n in (result.normals, truth.normals)]
     assert np.polyfit(slopes[1], slopes[0], 1)[0] == pytest.approx(1, abs=0.2)
     assert np.median(result.lights.distance_m) == pytest.approx(0.5, rel=0.2)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_near_lamps_are_found_over_a_coin(seed):
+    """What fall-off makes of a flat object, bent surfaces and lamps at random explain as well."""
+    noise = DepthNoise(rms_mm=2.5, correlation_length_px=14.0)
+    capture, truth = scene(noise, "coin", 0.6, lamp_distance_m=0.6, photographs=16, seed=seed)
+    result = refine(capture, "multi-light")
+    assert evaluate(result.depth, result.normals, truth).normals.mae_deg < 5
+    assert np.median(result.lights.distance_m) == pytest.approx(0.6, rel=0.3)
+
+
+def test_lamps_that_would_be_very_near_speak_for_less_trust():
+    level = coarsest(TOGETHER)
+    fit = looked(TOGETHER, distance="distant")[1].fit
+    far, by_it = (
+        unexplained(level, replace(fit, lamps=replace(fit.lamps, closeness=np.full((12, 1), each))))
+        for each in (0.0, 1 / np.linalg.norm(level.points[level.mask], axis=-1).max())
+    )
+    assert by_it == pytest.approx(2 * far)
 
 
 def test_strong_highlights_do_not_bend_the_surface():

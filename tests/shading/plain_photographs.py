@@ -171,12 +171,15 @@ def explain(photographs, surface, lamps, *, scale=0.0, start=None, lagged=False,
 
 
 def light_terms(
-    photographs, surface, lamps, albedo, *, scale=0.0, near=False, project=True, active=None, cell=0
-):
+    photographs, surface, lamps, albedo, *, scale=0.0, near=False, project=True, stride=1,
+    mixed=False,
+):  # fmt: skip
     """Derivatives of half the energy with the lights: `Photographs.light_terms`."""
     image, good = decoded(photographs)
-    if active is not None:
-        good = good & active[..., None]
+    thin = np.s_[::stride, ::stride]
+    some = np.zeros(photographs.mask.shape, bool)
+    some[thin] = True
+    good = good & some[..., None]
     a = shading_of(photographs, surface, lamps)
     residual = albedo * a - image
     w = weights(residual, good, np.asarray(scale, dtype=float))
@@ -186,16 +189,10 @@ def light_terms(
     slope = (w * B * residual).sum(axis=(1, 2, 3, 4))
     if project:
         B, J = freed(B, a, w), freed(J, a, w)
-    size, height, width = len(B), *photographs.mask.shape
-    rows = B.reshape(size, -1)
+    rows = B.reshape(len(B), -1)
     hessian = (w.ravel() * rows) @ rows.T
-    if not cell:
-        return hessian, slope, np.zeros((0, 0, 2, size))
-    mixed = np.einsum("gnhwc,knhwc->hwgk", w * J, B)
-    cells = np.zeros((-(-height // cell), -(-width // cell), 2, size))
-    for row, column in np.ndindex(height, width):
-        cells[row // cell, column // cell] += mixed[row, column]
-    return hessian, slope, cells
+    both = np.einsum("gnhwc,knhwc->hwgk", w * J, B)[thin]
+    return hessian, slope, both if mixed else both[:0, :0]
 
 
 def halved(photographs):

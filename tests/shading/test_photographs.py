@@ -145,19 +145,21 @@ def test_photographs_of_all_kinds(dtype, encoding):
     close(found.albedo, expected.albedo)
     close(found.tensor, expected.tensor)
     assert found.observations == usable(photographs.values)[:, photographs.active].sum()
-    mine = photographs.light_terms(surface, lamps, found.albedo, scale=0.03, cell=3)
-    theirs = plain.light_terms(photographs, surface, lamps, found.albedo, scale=0.03, cell=3)
+    mine = photographs.light_terms(surface, lamps, found.albedo, scale=0.03, mixed=True)
+    theirs = plain.light_terms(photographs, surface, lamps, found.albedo, scale=0.03, mixed=True)
     for each, other in zip(mine, theirs, strict=True):
         close(each, other)
 
 
 @pytest.mark.parametrize("project", [True, False])
 @pytest.mark.parametrize("scale", SCALES)
-@pytest.mark.parametrize(("near", "cell"), [(False, 0), (True, 1), (True, 4), (False, 3)])
-def test_light_terms_are_the_plain_ones(lamps, scale, near, cell, project):
+@pytest.mark.parametrize("stride", [1, 2, 3])
+@pytest.mark.parametrize(("near", "mixed"), [(False, False), (True, True), (False, True)])
+def test_light_terms_are_the_plain_ones(lamps, scale, near, mixed, stride, project):
     photographs, surface = faulty(lamps)
     albedo = photographs.explain(surface, lamps, scale=SCALES[scale]).albedo
-    how = {"scale": SCALES[scale], "near": near, "project": project, "cell": cell}
+    how = {"scale": SCALES[scale], "near": near, "project": project}
+    how |= {"stride": stride, "mixed": mixed}
     found = photographs.light_terms(surface, lamps, albedo, **how)
     expected = plain.light_terms(photographs, surface, lamps, albedo, **how)
     for each, other in zip(found, expected, strict=True):
@@ -179,27 +181,25 @@ def test_lights_turn_as_in_the_plain_pass(lamps, scale):
     assert still.energy == found.energy
 
 
-def test_light_terms_of_some_pixels():
-    lamps = some_lamps()
-    photographs, surface = faulty(lamps)
-    albedo = photographs.explain(surface, lamps).albedo
-    some = photographs.some(20)
-    found = photographs.light_terms(surface, lamps, albedo, active=some)
-    expected = plain.light_terms(photographs, surface, lamps, albedo, active=some)
-    close(found[0], expected[0])
-    close(found[1], expected[1])
+@pytest.mark.parametrize("most", [1, 5, 20, 1000])
+def test_some_are_those_of_a_stride(most):
+    photographs, _ = faulty(some_lamps())
+    stride, active = photographs.stride(most), photographs.active
+    expected = np.zeros_like(active)
+    expected[::stride, ::stride] = active[::stride, ::stride]
+    some = photographs.some(most)
+    np.testing.assert_array_equal(some, expected)
+    assert some.any()
+    assert (stride == 1) == (most == 1000)
 
 
-@pytest.mark.parametrize("cell", [1, 2, 3, 5, 20])
-def test_cells_add_up_to_the_same(cell):
-    # However many rows of cells there are for the blocks that write them.
-    lamps = some_lamps(near=True)
-    photographs, surface = faulty(lamps)
-    albedo = photographs.explain(surface, lamps).albedo
-    each = photographs.light_terms(surface, lamps, albedo, near=True, cell=1)
-    cells = photographs.light_terms(surface, lamps, albedo, near=True, cell=cell)
-    close(cells[2].sum(axis=(0, 1)), each[2].sum(axis=(0, 1)))
-    close(cells[0], each[0])
+def test_a_stride_that_meets_no_pixel_is_none():
+    mask = np.zeros((9, 9), bool)
+    mask[1:3] = True
+    light = np.full((2, 9, 9, 3), 0.5)
+    photographs = taken(light, mask=mask, camera=replace(CAMERA, height=9, width=9))
+    assert photographs.stride(1) == 1
+    np.testing.assert_array_equal(photographs.some(1), mask)
 
 
 @pytest.mark.parametrize(("dtype", "encoding"), [(np.uint8, "srgb"), (np.uint16, "linear")])
@@ -275,7 +275,7 @@ def test_slope_is_the_derivative_of_half_the_energy(lamps, scale, near):
     photographs, surface = faulty(lamps, noise=0.01)
     found = settled(photographs, surface, lamps, scale)
     _, slope, _ = photographs.light_terms(
-        surface, lamps, found.albedo, scale=scale, near=near, cell=1
+        surface, lamps, found.albedo, scale=scale, near=near, mixed=True
     )
     along = photographs.explain(surface, lamps, scale=scale, start=found.albedo, turning=True)
     shape = (*lamps.ambient.shape, 5 if near else 4)
@@ -313,7 +313,7 @@ def test_second_derivatives_are_exact_at_a_perfect_fit(kind):
     found = photographs.explain(surface, lamps)
     assert found.rms < 2e-5
     near = "near" in kind
-    hessian, _, mixed = photographs.light_terms(surface, lamps, found.albedo, near=near, cell=1)
+    hessian, _, mixed = photographs.light_terms(surface, lamps, found.albedo, near=near, mixed=True)
     rng = np.random.default_rng(10)
     q = 3e-3 * rng.normal(size=(*lamps.ambient.shape, 5 if near else 4))
     q[..., -1] = np.abs(q[..., -1])
@@ -421,7 +421,7 @@ def test_lamps_far_away_are_distant_lamps():
     for closeness in (0.0, 1e-6, 0.5):
         lamps = replace(some_lamps(), closeness=np.full((COUNT, 1), closeness))
         explanation = photographs.explain(surface, lamps)
-        terms = photographs.light_terms(surface, lamps, explanation.albedo, near=True, cell=2)
+        terms = photographs.light_terms(surface, lamps, explanation.albedo, near=True, mixed=True)
         found[closeness] = (explanation.albedo, explanation.energy, explanation.tensor, *terms)
     for far, distant, close_by in zip(found[1e-6], found[0.0], found[0.5], strict=True):
         np.testing.assert_allclose(far, distant, atol=1e-5 * np.abs(distant).max())
@@ -455,7 +455,7 @@ def test_the_same_numbers_on_one_core_and_on_two():
         for threads in (1, 2):
             numba.set_num_threads(threads)
             found = photographs.explain(surface, lamps, scale=0.01, turning=True)
-            terms = photographs.light_terms(surface, lamps, found.albedo, near=True, cell=7)
+            terms = photographs.light_terms(surface, lamps, found.albedo, near=True, mixed=True)
             terms = (*terms, found.light_slope)
             small = photographs.halved().values
             results.append((found.albedo, found.energy, found.rms, found.tensor, *terms, small))

@@ -50,14 +50,15 @@ def best_relief(
     return _transformed(level, log_depth, rays, relief)
 
 
-def deeper(level: Level, log_depth: Floats, factor: float) -> tuple[Floats, Floats]:
-    """(h, w) log depth with the relief above its middle plane `factor` times as deep, lights' turn.
+def deepening(level: Level, log_depth: Floats) -> Floats:
+    """(h, w) by how much log depth grows where the relief above its middle plane becomes deeper.
 
-    A plane stays where it is.
+    Per part by which it does; a plane stays where it is.  In inverse depth, of which a bas-relief
+    transform makes a multiple and a plane.
     """
     nearer, rays = np.exp(-log_depth), _rays(level)
     plane = np.linalg.lstsq(rays[level.mask], nearer[level.mask], rcond=None)[0]
-    return _transformed(level, log_depth, rays, np.array([factor, *((1 - factor) * plane)]))
+    return np.where(level.mask, rays @ plane / nearer - 1, 0.0)
 
 
 def _transformed(

@@ -13,28 +13,22 @@ The mean gradient does not see a checkerboard; fourth differences do, and see li
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from scipy.sparse import diags_array
 
-from rakelight.geometry.cells import Cells, cell_sums
 from rakelight.geometry.derivatives import fourth_differences
 from rakelight.geometry.grid import Links, mean_gradient_transposed
 from rakelight.geometry.normals import normal_lengths, squared_turn
-from rakelight.methods.bas_relief import best_relief, deeper
+from rakelight.methods.bas_relief import best_relief
 from rakelight.methods.brightness import unlikeness, unlikeness_terms
 from rakelight.methods.levels import Level
 from rakelight.model import Floats, Mask
 from rakelight.shading.photographs import Explanation, Lamps, Surface
 from rakelight.solve import DepthSystem, assemble, solve
-from rakelight.solve.gauss_newton import border, damped_solution
+from rakelight.solve.gauss_newton import damped_solution
 from rakelight.solve.robust import cauchy_scales
 
 FOURTH_DIFFERENCE = (0.125, -0.5, 0.75, -0.5, 0.125)
-# Weight of one-sided differences over mean ones in a joint step's matrix, of pixels or of cells.
-STIFFNESS = 0.03
-CELL_STIFFNESS = 0.5
 # Weight of the fourth differences over the photographs' own of the gradient: a flatter surface
 # has less of them, and more would flatten where photographs leave the bas-relief open.  Beside an
 # edge, where the last pixels have a normal from one side alone, it takes more to hold them.
@@ -52,8 +46,6 @@ LONGEST_STRIDE = 64.0
 STEP_TOLERANCE = 2e-2
 # A bas-relief transform is tried where the sensor's misfit would fall by this much of the energy.
 LEAST_GAIN = 3e-4
-# By what factor a relief is tried deeper.
-DEEPER = 1.03
 # Steps of the lights after it, and pixels that are enough for their curvature.
 SETTLE, SOME_PIXELS = 2, 2000
 
@@ -68,7 +60,6 @@ class Fit:
     one_ambient : whether the ambient light is one part of every lamp's; see `freedom`
     steadiness : weight W of `unlikeness`, how alike the lamps' brightness is
     depth_damping, joint_damping, lights_damping : of the next step of each kind
-    deeper : factor of the relief that the next `valley_step` tries, 1 for none
     """
 
     log_depth: Floats
@@ -86,7 +77,6 @@ class Fit:
     depth_damping: float = WEAKEST_HOLD
     joint_damping: float = 1e-3
     lights_damping: float = 1e-2
-    deeper: float = DEEPER
 
 
 def first_fit(
@@ -113,8 +103,7 @@ def begun_anew(level: Level, fit: Fit, log_depth: Floats | None = None) -> Fit:
     log_depth : the fit's, carried to the level; its own unless given
     """
     log_depth = fit.log_depth if log_depth is None else log_depth
-    first = first_fit(level, log_depth, fit.lamps, fit.near, fit.one_ambient)
-    return replace(first, deeper=fit.deeper)
+    return first_fit(level, log_depth, fit.lamps, fit.near, fit.one_ambient)
 
 
 def rescaled(level: Level, fit: Fit, noisiest: float = NOISIEST) -> Fit:
@@ -227,96 +216,31 @@ def depth_step(level: Level, fit: Fit) -> Fit:
     return replace(fit, depth_damping=min(damping, STRONGEST))
 
 
-def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
-    """One Gauss-Newton step of lights and depth together; refused, it makes the next one shorter.
+def relief_step(level: Level, fit: Fit) -> Fit:
+    """The bas-relief transform that brings the surface closest to the sensor, if that is better.
 
-    Above `most_cells` pixels the depth moves in cells, linearly between their centres, which is
-    where the bas-relief valley lies; the depth step that follows sees to the detail.
-
-    Along the valley the second derivatives nearly cancel, those of some pixels only with those of
-    the same.  Under near lamps they have to.  Under distant ones `relief_step` sets the relief, and
-    the depth's, of all pixels, keep this step from sliding where errors of the photographs lead.
+    Photographs under distant lamps leave it open: steps down the slope of the energy creep there.
+    Near lamps tell it, and joint steps see to it.
     """
-    some = level.photographs.some(2 * most_cells) if fit.near else None
-    cell = cell_size(level, most_cells)
-    hessian, coupling = light_curvature(level, fit, 2 * most_cells, cell)
-    slope = light_slope(level, fit)
-    weight = fit.noise**2 * level.prior_weight * level.mask
-    cells, damping = Cells.on(level.mask, cell), fit.joint_damping
-    # The gradient of a correction is, per pixel, 1/cell of its difference between cells.
-    grid = Links.of(level.grid if cell == 1 else cells.inside)
-    coupling = coupling[cells.inside].reshape(-1, coupling.shape[-1])
-    columns = (grid.gradient / cell).T @ coupling
-    if fit.one_ambient:
-        columns = columns @ freedom(fit)
-    residual = cells.gather(depth_force(level, fit))
-    tensor = damped_tensor(level, fit, damping, some)
-    matrix = field_matrix(
-        grid, cell_sums(tensor, cell) / cell**2,
-        cell_sums(weight, cell), level.pairs if cell == 1 else None,
-        STIFFNESS if cell == 1 else CELL_STIFFNESS,
-    )  # fmt: skip
-    joint = border(matrix, residual[cells.inside], columns, hessian, slope)
-    correction, lights = joint.step(damping)
-    field = np.zeros(cells.inside.shape)
-    field[cells.inside] = correction
-    tried = moved(level, fit, fit.log_depth + cells.spread(field), lamps_after(fit, lights))
-    if tried.energy < fit.energy:
-        return replace(tried, joint_damping=max(damping / STRONGER, WEAKEST))
-    return replace(fit, joint_damping=min(damping * STRONGER, STRONGEST))
-
-
-def cell_size(level: Level, most_cells: int) -> int:
-    """Pixels along each side of the cells in which a joint step moves the depth."""
-    return max(1, int(np.ceil(np.sqrt(np.count_nonzero(level.mask) / most_cells))))
-
-
-def relief_step(level: Level, fit: Fit, most_cells: int) -> Fit:
-    """A bas-relief transform, lights with it: to the sensor, or, under near lamps, down the energy.
-
-    The photographs leave it open, or nearly: steps down the slope of the energy creep there, or,
-    under near lamps, those of a `joint_step` in cells, which do not move the detail.
-    """
-    if not fit.near:
-        return nearest_relief(level, fit)
-    return valley_step(level, fit) if cell_size(level, most_cells) > 1 else fit
-
-
-def nearest_relief(level: Level, fit: Fit) -> Fit:
-    """The bas-relief transform that brings the surface closest to the sensor, if that is better."""
+    if fit.near:
+        return fit
     log_depth, turn = best_relief(level, fit.log_depth, fit.lamps, fit.steadiness)
     vector = fit.lamps.vector @ turn.T
     gain = level.sensor_misfit(fit.log_depth) - level.sensor_misfit(log_depth)
     gain += fit.steadiness * (unlikeness(fit.lamps.vector) - unlikeness(vector))
     if not fit.noise**2 * gain > LEAST_GAIN * fit.energy:
         return fit
-    tried = settled(level, fit, log_depth, turn)
+    lamps = replace(fit.lamps, vector=vector)
+    tried = settled(level, moved(level, fit, log_depth, lamps, turning=True), SETTLE)
     better = tried if tried.energy < fit.energy else fit
     return replace(better, lights_damping=tried.lights_damping)
 
 
-def valley_step(level: Level, fit: Fit) -> Fit:
-    """A deeper relief, as deep as the energy falls; refused, a flatter one next, and then none.
-
-    Nor at finer levels, where that would take long.
-    """
-    if fit.deeper == 1:
-        return fit
-    # Lights that have yet to settle would speak for whatever is tried first.
-    fit = settled(level, fit, fit.log_depth, np.eye(3))
-    tried = settled(level, fit, *deeper(level, fit.log_depth, fit.deeper))
-    if tried.energy < fit.energy:
-        return stride(level, fit, tried)
-    return replace(fit, deeper=1 / fit.deeper if fit.deeper > 1 else 1.0)
-
-
-def settled(level: Level, fit: Fit, log_depth: Floats, turn: Floats) -> Fit:
-    """The fit at another depth, its lights turned (3, 3) and adapted to it."""
-    lamps = replace(fit.lamps, vector=fit.lamps.vector @ turn.T)
-    tried = moved(level, fit, log_depth, lamps, turning=True)
-    for _ in range(SETTLE):
-        tried = lights_step(level, tried)
-    return tried
+def settled(level: Level, fit: Fit, steps: int) -> Fit:
+    """The fit after steps of the lights alone."""
+    for _ in range(steps):
+        fit = lights_step(level, fit)
+    return fit
 
 
 def lights_step(level: Level, fit: Fit) -> Fit:
@@ -332,28 +256,29 @@ def lights_step(level: Level, fit: Fit) -> Fit:
     return replace(fit, lights_damping=min(damping, STRONGEST))
 
 
-def light_curvature(level: Level, fit: Fit, most: int, cell: int = 0) -> tuple[Floats, Floats]:
-    """(F, F) second derivatives of half the energy with the lights; (..., 2, K) and the gradient.
+def light_curvature(
+    level: Level, fit: Fit, most: int, mixed: bool = False
+) -> tuple[Floats, Floats]:
+    """(F, F) second derivatives of half the energy with the lights, (h, w, 2, F) mixed ones.
 
-    F counts what is free of the lights' K numbers.
-
-    Of `most` pixels, scaled up: enough for the curvature; near the end only all have the right
-    slope.  cell : as in `Photographs.light_terms`
+    F counts what is free of the lights.  Of `most` pixels, scaled up: enough for the curvature;
+    near the end only all have the right slope.
+    mixed : whether to find those with the gradient of log depth, of each of these pixels
     """
-    some = level.photographs.some(most)
-    share = np.count_nonzero(level.photographs.active) / np.count_nonzero(some)
-    hessian, _, coupling = level.photographs.light_terms(
+    photographs = level.photographs
+    share = np.count_nonzero(photographs.active) / np.count_nonzero(photographs.some(most))
+    hessian, _, both = photographs.light_terms(
         fit.surface, fit.lamps, fit.explanation.albedo, scale=fit.scales, near=fit.near,
-        cell=cell, active=some,
+        stride=photographs.stride(most), mixed=mixed,
     )  # fmt: skip
-    hessian *= share
-    coupling *= share
     _, alike = unlikeness_terms(fit.lamps, 5 if fit.near else 4)
-    held = gauge(fit, hessian) + fit.noise**2 * fit.steadiness * alike
+    hessian *= share
+    hessian += gauge(fit, hessian) + fit.noise**2 * fit.steadiness * alike
+    both *= share
     if not fit.one_ambient:
-        return hessian + held, coupling
+        return hessian, both
     free = freedom(fit)
-    return free.T @ (hessian + held) @ free, coupling
+    return free.T @ hessian @ free, both @ free
 
 
 def light_slope(level: Level, fit: Fit) -> Floats:
@@ -396,22 +321,6 @@ def lamps_after(fit: Fit, step: Floats) -> Lamps:
     if fit.one_ambient:
         lamps = replace(lamps, ambient=lamps.ambient_share * lamps.irradiance)
     return lamps
-
-
-def field_matrix(
-    grid: Links, tensor: Floats, weight: Floats, pairs: Floats | None, stiffness: float
-) -> Any:
-    """Sparse (P, P): the mean gradient's tensor terms, `stiffness` of the one-sided differences'.
-
-    Those alone would be stiffer than the energy is, and the steps along the valley short.
-    """
-    uu, uv, vv = (1 - stiffness) * tensor[grid.mask].T
-    across = np.stack([uv, np.zeros_like(uv)], axis=-1).ravel()[:-1]
-    along = np.stack([uu, vv], axis=-1).ravel()
-    both = diags_array((along, across, across), offsets=(0, 1, -1)).tocsr()
-    still = np.zeros((*grid.mask.shape, 2))
-    system = assemble(grid.mask, stiffness * tensor, still, weight, still[..., 0], pairs)
-    return grid.gradient.T @ (both @ grid.gradient) + system.to_sparse()
 
 
 def stride(level: Level, before: Fit, fit: Fit) -> Fit:

@@ -34,13 +34,14 @@ from rakelight.methods.fit import (
     begun_anew,
     depth_step,
     first_fit,
-    joint_step,
     lights_step,
     moved,
     relief_step,
     rescaled,
+    settled,
     stride,
 )
+from rakelight.methods.joint import joint_step
 from rakelight.methods.levels import Level, finest_level, pyramid
 from rakelight.methods.matte import dimmed, matte
 from rakelight.methods.start import lamps_of_factors, lamps_of_prior
@@ -71,6 +72,9 @@ MUCH_LOWER = 0.5
 WORTH_IT = 0.5
 # They are tried where a first step promises this part of it.
 LIKELY = 0.5
+# Near lamps begin where the object's radius is this part of their distance, all alike, and turn for
+# so many steps of the lights alone.
+BROUGHT_NEAR, SETTLE = 0.15, 2
 # Largest quartile distance of the lamps' inverse distances, as a fraction of their median.
 MOST_VARIED = 0.5
 
@@ -219,7 +223,7 @@ def descend(
         fit = depth_step(level, fit)
         if together:
             fit = joint_step(level, fit, options.coarse_pixels)
-        fit = relief_step(level, fit, options.coarse_pixels)
+        fit = relief_step(level, fit)
         small = options.tolerance * before.energy
         if settled and (thorough or before.energy - fit.energy >= small):
             fit = stride(level, before, fit)
@@ -241,11 +245,11 @@ def first_look(
     simple = descend(level, fit, options, progress, stage)
     simple = second_start(level, simple, options, progress)
     for distance in (options.distance, "distant"):
-        allowed = replace(options, distance=distance)
-        descent = freer_lamps(level, simple, allowed, progress)
-        share, descent = less_trust(level, descent, allowed, progress)
+        these = replace(options, distance=distance)
+        descent = freer_lamps(level, simple, these, progress)
+        share, descent = less_trust(level, descent, these, progress)
         if share < 1:
-            descent = freer_lamps(level.trusting(share), descent, allowed, progress)
+            descent = freer_lamps(level.trusting(share), descent, these, progress)
         if options.distance == "near" or sound(level, descent.fit.lamps):
             break
     fit = replace(descent.fit, one_ambient=False)
@@ -260,8 +264,12 @@ def less_trust(
     Errors of the depth that hang together count as less than they are many.  How they do, nobody
     knows before the photographs have shown them, which too much trust prevents.
     """
-    chosen, least = (1.0, descent), unexplained(descent.fit)
+    chosen, least = (1.0, descent), unexplained(level, descent.fit)
+    if options.distance != "near" and not sound(level, descent.fit.lamps):
+        least = np.inf
     floor, fit = 0.0, descent.fit
+    if fit.near:
+        fit = brought_near(level, fit)
     for share in LESS_TRUST if options.depth_trust is None else ():
         price = share**-HALVED
         if floor * price >= least:
@@ -269,21 +277,23 @@ def less_trust(
         loose = level.trusting(share)
         words = "try less trust in the depth"
         tried = descend(loose, begun_anew(loose, fit), options, progress, words)
-        left = unexplained(tried.fit)
+        left = unexplained(level, tried.fit)
         floor = max(floor, left)
-        if left * price < least:
+        fitting = options.distance == "near" or sound(level, tried.fit.lamps)
+        if left * price < least and fitting:
             chosen, least = (share, tried), left * price
     return chosen
 
 
-def unexplained(fit: Fit) -> float:
-    """The residuals' scale, the larger the less alike the lamps' brightness comes out.
+def unexplained(level: Level, fit: Fit) -> float:
+    """The residuals' scale, the larger the less alike the lamps' brightness, and the nearer they.
 
     On low relief a flat surface explains photographs nearly as well as the right one, by lamps that
-    are bright here and dark there.
+    are bright here and dark there, or so near that light falls off like anything.
     """
     alike = unlikeness(fit.lamps.vector) / (4 * len(fit.lamps.vector))
-    return float(fit.explanation.spread * np.exp(alike))
+    near = 1 + reach(level, fit.lamps) ** 2
+    return float(fit.explanation.spread * np.exp(alike) * near)
 
 
 def second_start(
@@ -314,22 +324,22 @@ def freer_lamps(
     level: Level, descent: Descent, options: Options, progress: ProgressCallback
 ) -> Descent:
     """The descent with coloured or near lamps, where these explain the photographs much better."""
-    for wanted, free, change, already in (
-        (options.distance, "near", near, descent.fit.near),
-        (options.lamps, "coloured", coloured, descent.fit.lamps.ambient.shape[1] > 1),
+    for wanted, free, already in (
+        (options.distance, "near", descent.fit.near),
+        (options.lamps, "coloured", descent.fit.lamps.ambient.shape[1] > 1),
     ):
         before = descent.fit
         if wanted not in ("auto", free) or already:
             continue
-        freer = change(before)
+        freer = brought_near(level, before) if free == "near" else coloured(before)
+        # All under the loss of the simpler lamps.
+        alike = replace(before, near=freer.near)
         enough = WORTH_IT / len(level.photographs) * before.energy
         # A step of the lights alone shows most of what there is to gain.
-        first = lights_step(level, moved(level, freer, before.log_depth, freer.lamps))
+        first = lights_step(level, moved(level, alike, before.log_depth, freer.lamps))
         if wanted == "auto" and before.energy - first.energy < LIKELY * enough:
             continue
         tried = descend(level, freer, options, progress, f"try {free} lamps")
-        # All under the loss of the simpler lamps.
-        alike = replace(before, near=tried.fit.near)
         after = moved(level, alike, tried.fit.log_depth, tried.fit.lamps)
         gain = before.energy - min(first.energy, after.energy)
         if wanted == free or (gain > enough and similar(after.lamps)):
@@ -342,8 +352,17 @@ def sound(level: Level, lamps: Lamps) -> bool:
 
     Where they only make up for another fault of the model they come out at random, or tiny.
     """
-    radius = float(np.linalg.norm(level.points[level.mask], axis=-1).max())
-    return similar(lamps) and float(np.median(lamps.closeness)) * radius <= 1
+    return similar(lamps) and reach(level, lamps) <= 1
+
+
+def reach(level: Level, lamps: Lamps) -> float:
+    """The object's radius as a part of the lamps' distance."""
+    return float(np.median(lamps.closeness)) * object_radius(level)
+
+
+def object_radius(level: Level) -> float:
+    """Of the object about its middle, metres."""
+    return float(np.linalg.norm(level.points[level.mask], axis=-1).max())
 
 
 def similar(lamps: Lamps) -> bool:
@@ -352,9 +371,15 @@ def similar(lamps: Lamps) -> bool:
     return bool(high - low <= MOST_VARIED * middle)
 
 
-def near(fit: Fit) -> Fit:
-    """The fit with the lamps' distances free."""
-    return replace(fit, near=True)
+def brought_near(level: Level, fit: Fit) -> Fit:
+    """The fit with all lamps at one distance, from which each may find its own.
+
+    From infinity they go astray where fall-off is most of what a flat object shows.
+    """
+    closeness = np.full_like(fit.lamps.closeness, BROUGHT_NEAR / object_radius(level))
+    lamps = replace(fit.lamps, closeness=closeness)
+    alike = first_fit(level, fit.log_depth, lamps, one_ambient=fit.one_ambient)
+    return replace(settled(level, alike, SETTLE), near=True)
 
 
 def coloured(fit: Fit) -> Fit:

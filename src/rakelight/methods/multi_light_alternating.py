@@ -118,10 +118,10 @@ def light_and_albedo(level: Level, log_depth: Floats, albedo: Floats, lamps: Lam
     the albedo's 99th percentile is 1.
     """
     photographs, surface = level.photographs, level.surface(log_depth)
-    some = photographs.some(LIGHT_PIXELS)
+    stride = photographs.stride(LIGHT_PIXELS)
     for _ in range(HORIZON_ROUNDS):
-        hessian, slope, _coupling = photographs.light_terms(
-            surface, lamps, albedo, project=False, active=some
+        hessian, slope, _ = photographs.light_terms(
+            surface, lamps, albedo, project=False, stride=stride
         )
         before = np.concatenate([lamps.vector, lamps.ambient[..., None]], axis=-1)[:, 0]
         lights = [

@@ -524,17 +524,13 @@ def add_lamp(i, size, turns, pixel, hessian, slope, taken, full):
 
 
 @inlined
-def add_cells(i, size, cell_of, lamp, turns, pixel, mixed, cross):
-    """Add to cross, a row of cells, how photograph i's lamp and the depth hang together."""
-    for k in range(turns.shape[0]):
-        for j in range(size):
-            mixed[0, k, j] = pixel[BU, j] * turns[k, i, j]
-            mixed[1, k, j] = pixel[BV, j] * turns[k, i, j]
+def add_mixed(i, here, size, lamp, turns, pixel, cross):
+    """Add to cross, a row of pixels, how photograph i's lamp and the depth hang together."""
     for j in range(size):
-        cells = cross[cell_of[j]]
+        both = cross[here[j]]
         for k in range(turns.shape[0]):
-            cells[0, i, lamp, k] += mixed[0, k, j]
-            cells[1, i, lamp, k] += mixed[1, k, j]
+            both[0, i, lamp, k] += pixel[BU, j] * turns[k, i, j]
+            both[1, i, lamp, k] += pixel[BV, j] * turns[k, i, j]
 
 
 @helper
@@ -547,34 +543,27 @@ def take(full, taken, hessian):
 @helper
 def light_terms_of_block(
     block, photos, table, active, gradient, points, camera, vectors, ambients, nearness,
-    scales, albedo, parameters, project, hessian, slope, cross, cell,
+    scales, albedo, parameters, project, hessian, slope, cross,
 ):  # fmt: skip
     """One block of `light_terms`."""
     channels, _, count = vectors.shape
     blocks, height = hessian.shape[0], active.shape[0]
-    here, cell_of = np.empty(STRIP, np.int64), np.empty(STRIP, np.int64)
+    here = np.empty(STRIP, np.int64)
     frame, light = np.empty((FRAME, STRIP)), np.empty((LIGHT, STRIP))
     own, pixel = np.empty((OWN, STRIP)), np.empty((PIXEL, STRIP))
-    by_light, mixed = np.empty((4, STRIP)), np.empty((2, parameters, STRIP))
+    by_light = np.empty((4, STRIP))
     value = np.empty((3, count, STRIP), np.float32)
     shaded, w = np.empty((LIGHT, count, STRIP)), np.empty((count, STRIP))
     turns = np.ones((parameters, count, STRIP))
     # What the albedo takes up: a column for each pixel and channel, the product of which counts.
     taken = np.empty((channels, parameters * count, WIDE))
     full = np.zeros(channels, np.int64)
-    # Whole rows of cells to each block, so that no two blocks write to one cell.
-    step = max(cell, 1)
-    rows_of_cells = (height + step - 1) // step
-    first_row = (block * rows_of_cells // blocks) * step
-    last_row = min(((block + 1) * rows_of_cells // blocks) * step, height)
-    for row in range(first_row, last_row):
+    for row in range(block * height // blocks, (block + 1) * height // blocks):
         size, column = next_strip(active, row, 0, here)
         while size > 0:
             stand(here, size, row, gradient, points, camera, False, frame)
             decode(here, size, row, photos, table, value)
             sharpen(here, size, row, scales, pixel)
-            for j in range(size):
-                cell_of[j] = here[j] // step
             for lamp in range(channels):
                 illuminate(
                     lamp, size, vectors, ambients, nearness, frame, light, by_light, shaded, turns
@@ -591,10 +580,8 @@ def light_terms_of_block(
                             i, size, turns, pixel, hessian[block, lamp], slope[block, lamp],
                             taken[lamp], full[lamp],
                         )  # fmt: skip
-                        if cell:
-                            add_cells(
-                                i, size, cell_of, lamp, turns, pixel, mixed, cross[row // step]
-                            )
+                        if cross.shape[0] > 0:
+                            add_mixed(i, here, size, lamp, turns, pixel, cross[row])
                     full[lamp] += size if project else 0
             size, column = next_strip(active, row, column, here)
     for lamp in range(channels):
@@ -604,7 +591,7 @@ def light_terms_of_block(
 @kernel
 def light_terms(
     photos, table, active, gradient, points, camera, vectors, ambients, nearness,
-    scales, albedo, parameters, project, hessian, slope, cross, cell,
+    scales, albedo, parameters, project, hessian, slope, cross,
 ):  # fmt: skip
     """Second and first derivatives of half the energy with respect to the lights.
 
@@ -612,13 +599,13 @@ def light_terms(
     1 or 3 channels, have Q of them, those of one kind side by side, and nothing to do with another
     channel's.  The albedo is eliminated when `project`.  hessian (blocks, C, Q, Q), its upper
     triangle, and slope (blocks, C, parameters, N) are sums per block of rows; cross
-    (h/cell, w/cell, 2, N, C, parameters) the mixed derivatives with the gradient of log depth,
-    summed over cells of `cell` x `cell` pixels; left alone when cell is 0.
+    (h, w, 2, N, C, parameters) each pixel's mixed derivatives with the gradient of log depth, or
+    (0, ...) for none.
     """
     for block in prange(len(hessian)):
         light_terms_of_block(
             np.int64(block), photos, table, active, gradient, points, camera, vectors, ambients,
-            nearness, scales, albedo, parameters, project, hessian, slope, cross, cell,
+            nearness, scales, albedo, parameters, project, hessian, slope, cross,
         )  # fmt: skip
 
 

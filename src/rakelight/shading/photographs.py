@@ -161,14 +161,16 @@ class Photographs:
 
     def stride(self, most: int) -> int:
         """Of how many pixels along each side `some` takes one."""
-        return max(1, int(np.sqrt(np.count_nonzero(self.active) / most)))
+        active = self.active
+        stride = max(1, int(np.sqrt(np.count_nonzero(active) / most)))
+        return stride if active[::stride, ::stride].any() else 1
 
     def some(self, most: int) -> Mask:
         """(h, w) about `most` of the active pixels, evenly spaced; all when there are fewer."""
         active, stride = self.active, self.stride(most)
         chosen = np.zeros_like(active)
         chosen[::stride, ::stride] = active[::stride, ::stride]
-        return chosen if chosen.any() else active
+        return chosen
 
     @cached_property
     def _light(self) -> Floats:
@@ -279,15 +281,15 @@ class Photographs:
         scale: Floats | float = 0.0,
         near: bool = False,
         project: bool = True,
-        active: Mask | None = None,
-        cell: int = 0,
+        stride: int = 1,
+        mixed: bool = False,
     ) -> tuple[Floats, Floats, Floats]:
         """Second (K, K) and first (K,) derivatives of half the energy with the lights.
 
-        K counts vector, closeness where `near`, and ambient of each light.  With `cell` also the
-        mixed derivatives with the gradient of log depth, summed over cells of cell x cell pixels:
-        (ceil(h / cell), ceil(w / cell), 2, K); else an empty array.
-        active : the pixels to use, all that have a normal unless given
+        K counts vector, closeness where `near`, and ambient of each light.
+        stride : one pixel of so many along each side is used; see `some`
+        mixed : whether to find each of these pixels' mixed derivatives with the gradient of log
+            depth as well, (h / stride, w / stride, 2, K), rounded up; an empty array if not
         """
         from scipy.linalg import block_diag
 
@@ -298,23 +300,29 @@ class Photographs:
         own = count * parameters
         hessian = np.zeros((BLOCKS, channels, own, own))
         slope = np.zeros((BLOCKS, channels, parameters, count))
-        height, width = self.mask.shape
-        cells = (-(-height // cell), -(-width // cell)) if cell else (0, 0)
-        mixed = np.zeros((*cells, 2, count, channels, parameters))
-        with threads_for(len(self) * self.mask.size):
+        thin = (slice(None, None, stride),) * 2
+        active = np.ascontiguousarray(self.active[thin])
+        both = np.zeros((*(active.shape if mixed else (0, 0)), 2, count, channels, parameters))
+        # Of a camera with pixels so much wider, between which log depth changes so much more.
+        optics = tuple(value / stride for value in self._optics)
+        thinned = [
+            np.ascontiguousarray(each[thin])
+            for each in (stride * surface.gradient, surface.points, self._scales(scale), albedo)
+        ]
+        gradient, points, scales, albedo = thinned
+        with threads_for(len(self) * active.size):
             _kernels.light_terms(
-                self.values, self._light, self.active if active is None else active,
-                surface.gradient, surface.points,
-                self._optics, *lamps.arrays, self._scales(scale), albedo, parameters, project,
-                hessian, slope, mixed, cell,
+                np.ascontiguousarray(self.values[:, *thin]), self._light, active, gradient, points,
+                optics, *lamps.arrays, scales, albedo, parameters, project, hessian, slope, both,
             )  # fmt: skip
+        both *= stride
         # The lights' order is photograph, channel, number; the block sums' channel, number, lamp.
         numbers = np.arange(channels * own).reshape(channels, parameters, count)
         order = np.moveaxis(numbers, -1, 0).ravel()
         upper = np.triu(hessian.sum(axis=0))
         blocks = block_diag(*(upper + np.triu(upper, 1).swapaxes(1, 2)))
-        mixed = mixed.reshape(*cells, 2, channels * own)
-        return blocks[np.ix_(order, order)], slope.sum(axis=0).ravel()[order], mixed
+        both = both.reshape(*both.shape[:3], channels * own)
+        return blocks[np.ix_(order, order)], slope.sum(axis=0).ravel()[order], both
 
     def _scales(self, scale: Floats | float) -> Floats:
         # Writable, as a number would make it: kernels are compiled for one of both.
