@@ -7,6 +7,7 @@
     python benchmarks/accuracy.py maps -o out/maps     pictures of the errors
     python benchmarks/accuracy.py scans                laser scans, white depth noise
     python benchmarks/accuracy.py hard                 shadows, highlights, near lamps together
+    python benchmarks/accuracy.py flat                 near lamps over low relief, several draws
     python benchmarks/accuracy.py scales               a depth sensor 1, 2 and 4 times coarser
     python benchmarks/accuracy.py noise                the paper's sensor, from its input's errors
     python benchmarks/accuracy.py confidence           how it ranks the normals' errors
@@ -69,6 +70,7 @@ SMOOTH_PX = 10
 DEPTH_RANGE_MM, NORMAL_RANGE_DEG = 5.0, 30.0
 DRAWS = 8
 
+HARD_NOISE = DepthNoise(rms_mm=3.3, correlation_length_px=14.0)
 DIFFICULTIES: dict[str, Any] = {"cast_shadows": True, "specular": 0.15, "lamp_distance_m": 0.6}
 
 Scene = tuple[Capture, Truth]
@@ -243,8 +245,28 @@ def scans(arguments: argparse.Namespace) -> Iterator[str]:
 
 def hard(arguments: argparse.Namespace) -> Iterator[str]:
     """Near lamps, cast shadows and highlights together, correlated depth noise of 3.3 mm."""
-    noise = DepthNoise(rms_mm=3.3, correlation_length_px=14.0)
-    yield from _scans(arguments, {"photographs": 16, "depth_noise": noise, **DIFFICULTIES})
+    conditions = {"photographs": 16, "depth_noise": HARD_NOISE, **DIFFICULTIES}
+    yield from _scans(arguments, conditions)
+
+
+def flat(arguments: argparse.Namespace) -> Iterator[str]:
+    """Low relief, of which near lamps show fall-off above all; 16 photographs, draws of it all."""
+    yield "| shape | draw | near lamps: RMSE, mm | MAE, deg | and the rest: RMSE, mm | MAE, deg |"
+    yield "|" + " --- |" * 6
+    for name in ("coin", "cloth"):
+        for seed in range(4):
+            numbers = []
+            for conditions in ({"lamp_distance_m": 0.6}, DIFFICULTIES):
+                options = SceneOptions(
+                    photographs=16, depth_noise=HARD_NOISE, seed=seed, **conditions
+                )
+                capture, truth = render_scene(
+                    make_shape(name), make_albedo(arguments.scenario), options
+                )
+                result = refine(capture, arguments.method)
+                errors = evaluate(result.depth, result.normals, truth)
+                numbers += [f"{errors.depth.rmse_mm:.2f}", f"{errors.normals.mae_deg:.2f}"]
+            yield f"| {name} | {seed} | " + " | ".join(numbers) + " |"
 
 
 def _scans(arguments: argparse.Namespace, conditions: dict[str, Any]) -> Iterator[str]:
@@ -394,7 +416,19 @@ def main() -> None:
     )
     tables = {
         f.__name__: f
-        for f in (photographs, causes, limits, slant, maps, scans, hard, scales, noise, confidence)
+        for f in (
+            photographs,
+            causes,
+            limits,
+            slant,
+            maps,
+            scans,
+            hard,
+            flat,
+            scales,
+            noise,
+            confidence,
+        )
     }
     parser.add_argument("table", choices=tables)
     parser.add_argument("--method", default="multi-light-alternating")

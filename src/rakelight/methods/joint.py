@@ -123,6 +123,8 @@ def _applied(tensor: Floats, gradient: Floats) -> Floats:
 
 def _sums_of_some(mixed: Floats, stride: int, cell: int, inside: Array) -> Floats:
     """(2 C, K) sums over the C cells inside of (h, w, 2, K), which is of every stride-th pixel."""
+    if stride == cell == 1:
+        return mixed[inside].reshape(-1, mixed.shape[-1])
     rows, columns = (np.arange(size) * stride // cell for size in mixed.shape[:2])
     place = (rows[:, None] * inside.shape[1] + columns).ravel()
     ones, pixels = np.ones(place.size), np.arange(place.size)

@@ -305,15 +305,15 @@ class Photographs:
         both = np.zeros((*(active.shape if mixed else (0, 0)), 2, count, channels, parameters))
         # Of a camera with pixels so much wider, between which log depth changes so much more.
         optics = tuple(value / stride for value in self._optics)
-        thinned = [
+        gradient, points, scales, albedo = (
             np.ascontiguousarray(each[thin])
-            for each in (stride * surface.gradient, surface.points, self._scales(scale), albedo)
-        ]
-        gradient, points, scales, albedo = thinned
+            for each in (surface.gradient, surface.points, self._scales(scale), albedo)
+        )
+        values, gradient = np.ascontiguousarray(self.values[:, *thin]), stride * gradient
         with threads_for(len(self) * active.size):
             _kernels.light_terms(
-                np.ascontiguousarray(self.values[:, *thin]), self._light, active, gradient, points,
-                optics, *lamps.arrays, scales, albedo, parameters, project, hessian, slope, both,
+                values, self._light, active, gradient, points, optics, *lamps.arrays, scales,
+                albedo, parameters, project, hessian, slope, both,
             )  # fmt: skip
         both *= stride
         # The lights' order is photograph, channel, number; the block sums' channel, number, lamp.
