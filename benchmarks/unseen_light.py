@@ -25,7 +25,7 @@ from scipy.ndimage import binary_erosion
 from rakelight import load_capture
 from rakelight.capture.images import decode_image
 from rakelight.geometry.normals import surface_normals
-from rakelight.model import Floats, Mask
+from rakelight.model import MAD_TO_SIGMA, Floats, Mask
 from rakelight.prepare.linear import to_linear
 
 # Pixels this far from the outline count, and values between these, if all channels' do.
@@ -57,7 +57,7 @@ class Lights:
             lit = self.facing @ self.numbers[i, : self.facing.shape[1]] > 0
             rows = albedo[:, None] * np.hstack([self.facing * lit[:, None], self.ambient])
             off = rows @ self.numbers[i] - values
-            scale = 3 * 1.4826 * np.median(np.abs(off)) + 1e-6
+            scale = 3 * MAD_TO_SIGMA * np.median(np.abs(off)) + 1e-6
             weighed = rows * (good / (1 + (off / scale) ** 2))[:, None]
             matrix = weighed.T @ rows + 1e-6 * np.eye(rows.shape[1])
             self.numbers[i] = np.linalg.solve(matrix, weighed.T @ values)

@@ -357,7 +357,7 @@ def test_near_lamps_settle_the_relief(level):
 def test_under_near_lamps_joint_steps_in_cells_set_the_relief_of_the_detail_too(by):
     level, true, lamps = near_level()
     at_rest = steps_of_both(level, first_fit(level, true, lamps, near=True), 8)
-    wrong = settled(level, flattened(level, at_rest, by, tilt=(0, 0, 0)), 4)
+    wrong = settled(level, settled(level, flattened(level, at_rest, by, tilt=(0, 0, 0))))
     fit = steps_of_both(level, wrong, 16)
     details = [detail(level, each.log_depth) for each in (at_rest, wrong, fit)]
     before, after = (details[0] @ each / (details[0] @ details[0]) - 1 for each in details[1:])

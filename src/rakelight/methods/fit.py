@@ -46,7 +46,7 @@ LONGEST_STRIDE = 64.0
 STEP_TOLERANCE = 2e-2
 # A bas-relief transform is tried where the sensor's misfit would fall by this much of the energy.
 LEAST_GAIN = 3e-4
-# Steps of the lights after it, and pixels that are enough for their curvature.
+# Steps in which lights settle, and pixels that are enough for their curvature.
 SETTLE, SOME_PIXELS = 2, 2000
 
 
@@ -231,14 +231,14 @@ def relief_step(level: Level, fit: Fit) -> Fit:
     if not fit.noise**2 * gain > LEAST_GAIN * fit.energy:
         return fit
     lamps = replace(fit.lamps, vector=vector)
-    tried = settled(level, moved(level, fit, log_depth, lamps, turning=True), SETTLE)
+    tried = settled(level, moved(level, fit, log_depth, lamps, turning=True))
     better = tried if tried.energy < fit.energy else fit
     return replace(better, lights_damping=tried.lights_damping)
 
 
-def settled(level: Level, fit: Fit, steps: int) -> Fit:
-    """The fit after steps of the lights alone."""
-    for _ in range(steps):
+def settled(level: Level, fit: Fit) -> Fit:
+    """The fit after some steps of the lights alone."""
+    for _ in range(SETTLE):
         fit = lights_step(level, fit)
     return fit
 

@@ -31,7 +31,8 @@ from rakelight.methods.fit import (
     moved,
 )
 from rakelight.methods.levels import Level
-from rakelight.model import Array, Floats
+from rakelight.model import Floats, Mask
+from rakelight.shading.photographs import applied
 from rakelight.solve import assemble
 from rakelight.solve.gauss_newton import border
 
@@ -65,10 +66,10 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     stride = level.photographs.stride(most)
     columns = uphill @ _sums_of_some(mixed, stride, cell, cells.inside)
     whole = fit.near and cell > 1
-    relief = deepening(level, fit.log_depth) if whole else np.zeros(level.mask.shape)
     if whole:
+        relief = deepening(level, fit.log_depth)
         gradient = gradient_image(relief, level.grid)
-        along, held = _applied(tensor, gradient), weight * relief
+        along, held = applied(tensor, gradient), weight * relief
         own = uphill @ cell_sums(along, cell)[cells.inside].ravel()
         columns = np.column_stack([columns, own + cells.gather(held)[cells.inside]])
         lights = np.tensordot(gradient[::stride, ::stride], mixed, 3)
@@ -83,10 +84,12 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     )  # fmt: skip
     joint = border(matrix, cells.gather(force)[cells.inside], columns, hessian, slope)
     correction, numbers = joint.step(damping)
-    numbers, deeper = np.split(numbers, [len(numbers) - whole])
     field = np.zeros(cells.inside.shape)
     field[cells.inside] = correction
-    step = cells.spread(field) + deeper.sum() * relief
+    step = cells.spread(field)
+    if whole:
+        numbers, deeper = numbers[:-1], numbers[-1]
+        step += deeper * relief
     tried = moved(level, fit, fit.log_depth + step, lamps_after(fit, numbers))
     if tried.energy < fit.energy:
         return replace(tried, joint_damping=max(damping / STRONGER, WEAKEST))
@@ -114,14 +117,7 @@ def field_matrix(
     return grid.gradient.T @ (both @ grid.gradient) + system.to_sparse()
 
 
-def _applied(tensor: Floats, gradient: Floats) -> Floats:
-    """(h, w, 2) a tensor (h, w, 3: uu, uv, vv) times a gradient (h, w, 2), per pixel."""
-    u, v = tensor[..., 0], tensor[..., 2]
-    both = np.stack([u * gradient[..., 0], v * gradient[..., 1]], axis=-1)
-    return np.asarray(both + tensor[..., 1:2] * gradient[..., ::-1])
-
-
-def _sums_of_some(mixed: Floats, stride: int, cell: int, inside: Array) -> Floats:
+def _sums_of_some(mixed: Floats, stride: int, cell: int, inside: Mask) -> Floats:
     """(2 C, K) sums over the C cells inside of (h, w, 2, K), which is of every stride-th pixel."""
     if stride == cell == 1:
         return mixed[inside].reshape(-1, mixed.shape[-1])

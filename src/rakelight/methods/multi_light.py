@@ -72,9 +72,8 @@ MUCH_LOWER = 0.5
 WORTH_IT = 0.5
 # They are tried where a first step promises this part of it.
 LIKELY = 0.5
-# Near lamps begin where the object's radius is this part of their distance, all alike, and turn for
-# so many steps of the lights alone.
-BROUGHT_NEAR, SETTLE = 0.15, 2
+# Near lamps begin where the object's radius is this part of their distance, all alike.
+BROUGHT_NEAR = 0.15
 # Largest quartile distance of the lamps' inverse distances, as a fraction of their median.
 MOST_VARIED = 0.5
 
@@ -250,7 +249,7 @@ def first_look(
         share, descent = less_trust(level, descent, these, progress)
         if share < 1:
             descent = freer_lamps(level.trusting(share), descent, these, progress)
-        if options.distance == "near" or sound(level, descent.fit.lamps):
+        if accepted(level, descent.fit.lamps, options):
             break
     fit = replace(descent.fit, one_ambient=False)
     return share, replace(descent, fits=(*descent.fits[:-1], fit))
@@ -264,13 +263,14 @@ def less_trust(
     Errors of the depth that hang together count as less than they are many.  How they do, nobody
     knows before the photographs have shown them, which too much trust prevents.
     """
-    chosen, least = (1.0, descent), unexplained(level, descent.fit)
-    if options.distance != "near" and not sound(level, descent.fit.lamps):
-        least = np.inf
-    floor, fit = 0.0, descent.fit
+    chosen, fit = (1.0, descent), descent.fit
+    if options.depth_trust is not None:
+        return chosen
+    least = unexplained(level, fit) if accepted(level, fit.lamps, options) else np.inf
+    floor = 0.0
     if fit.near:
         fit = brought_near(level, fit)
-    for share in LESS_TRUST if options.depth_trust is None else ():
+    for share in LESS_TRUST:
         price = share**-HALVED
         if floor * price >= least:
             continue  # what even less trust leaves unexplained is too much
@@ -279,8 +279,7 @@ def less_trust(
         tried = descend(loose, begun_anew(loose, fit), options, progress, words)
         left = unexplained(level, tried.fit)
         floor = max(floor, left)
-        fitting = options.distance == "near" or sound(level, tried.fit.lamps)
-        if left * price < least and fitting:
+        if left * price < least and accepted(level, tried.fit.lamps, options):
             chosen, least = (share, tried), left * price
     return chosen
 
@@ -347,6 +346,11 @@ def freer_lamps(
     return descent
 
 
+def accepted(level: Level, lamps: Lamps, options: Options) -> bool:
+    """Whether distances are asked for or, if there are any, sound."""
+    return options.distance == "near" or sound(level, lamps)
+
+
 def sound(level: Level, lamps: Lamps) -> bool:
     """Whether distances, if any, are those of lamps in a hand: alike, and outside the object.
 
@@ -379,7 +383,7 @@ def brought_near(level: Level, fit: Fit) -> Fit:
     closeness = np.full_like(fit.lamps.closeness, BROUGHT_NEAR / object_radius(level))
     lamps = replace(fit.lamps, closeness=closeness)
     alike = first_fit(level, fit.log_depth, lamps, one_ambient=fit.one_ambient)
-    return replace(settled(level, alike, SETTLE), near=True)
+    return replace(settled(level, alike), near=True)
 
 
 def coloured(fit: Fit) -> Fit:

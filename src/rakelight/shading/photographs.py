@@ -125,10 +125,18 @@ class Explanation:
 
     def aim(self, surface: Surface) -> tuple[Floats, Floats]:
         """M and M g + b: the depth terms of the whole gradient, g being the surface's."""
-        g, tensor = surface.gradient, self.tensor
-        u = tensor[..., 0] * g[..., 0] + tensor[..., 1] * g[..., 1]
-        v = tensor[..., 1] * g[..., 0] + tensor[..., 2] * g[..., 1]
-        return tensor, self.vector + np.stack([u, v], axis=-1)
+        return self.tensor, self.vector + applied(self.tensor, surface.gradient)
+
+
+def applied(tensor: Floats, gradient: Floats) -> Floats:
+    """(h, w, 2) each pixel's tensor (h, w, 3: uu, uv, vv) times its gradient (h, w, 2).
+
+    >>> applied(np.array([[[1.0, 2.0, 3.0]]]), np.array([[[1.0, 10.0]]])).tolist()
+    [[[21.0, 32.0]]]
+    """
+    u = tensor[..., 0] * gradient[..., 0] + tensor[..., 1] * gradient[..., 1]
+    v = tensor[..., 1] * gradient[..., 0] + tensor[..., 2] * gradient[..., 1]
+    return np.stack([u, v], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
