@@ -9,6 +9,8 @@ from rakelight.synthetic.noise import (
     add_depth_noise,
     calibrate_noise,
 )
+from rakelight.synthetic.random_capture import Draw, draw, random_capture, render_draw
+from rakelight.synthetic.reliefs import RELIEFS, make_relief
 from rakelight.synthetic.scene import DEMO_OPTIONS, SceneOptions, demo_scene, render_scene
 from rakelight.synthetic.shapes import SHAPES, Shape, make_shape
 
@@ -16,17 +18,23 @@ __all__ = [
     "ALBEDOS",
     "DEMO_OPTIONS",
     "PAPER_NOISE",
+    "RELIEFS",
     "SHAPES",
     "Albedo",
     "DepthNoise",
+    "Draw",
     "SceneOptions",
     "Shape",
     "Surface",
     "add_depth_noise",
     "calibrate_noise",
     "demo_scene",
+    "draw",
     "make_albedo",
+    "make_relief",
     "make_shape",
+    "random_capture",
+    "render_draw",
     "render_scene",
     "shape_from_depth",
     "shape_from_file",

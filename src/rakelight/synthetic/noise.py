@@ -70,10 +70,14 @@ PAPER_INPUT = (3.33, 16.31)
 """RMSE in millimetres and MAE in degrees of the paper's prepared depth (its table 1)."""
 
 
-def add_depth_noise(depth_m: Floats, noise: DepthNoise, seed: int | Sequence[int] = 0) -> Floats:
+def add_depth_noise(
+    depth_m: Floats, noise: DepthNoise, seed: int | Sequence[int] | np.random.Generator = 0
+) -> Floats:
     """What the sensor reports for `depth_m` (h, w) metres, NaN = no measurement; float32.
 
-    The same seed gives the same noise.  Raises InputError when there is no depth at all.
+    The same seed gives the same noise, a generator its next.
+
+    Raises InputError when there is no depth at all.
 
     >>> flat = np.full((60, 80), 0.8)
     >>> noisy = add_depth_noise(flat, DepthNoise(rms_mm=3.0, correlation_length_px=8.0))
@@ -91,12 +95,12 @@ def add_depth_noise(depth_m: Floats, noise: DepthNoise, seed: int | Sequence[int
     rng = np.random.default_rng(seed)
     depth = np.array(depth_m, dtype=float)
     reference = noise.reference_depth_m or float(np.median(depth[measured]))
-    texture = _smooth_noise(rng, depth.shape, noise.correlation_length_px)
+    texture = smooth_noise(rng, depth.shape, noise.correlation_length_px)
     texture /= np.sqrt(np.mean(texture[measured] ** 2))
     depth += noise.rms_mm / 1000 * texture * (depth / reference) ** noise.growth
     if noise.step_mm:
         depth = np.rint(depth * 1000 / noise.step_mm) * noise.step_mm / 1000
-    blobs = _smooth_noise(rng, depth.shape, noise.hole_size_px)
+    blobs = smooth_noise(rng, depth.shape, noise.hole_size_px)
     lost = round(noise.hole_fraction * np.count_nonzero(measured))
     if lost:
         depth[measured & (blobs <= np.sort(blobs[measured])[lost - 1])] = np.nan
@@ -149,7 +153,48 @@ def calibrate_noise(
     )
 
 
-def _smooth_noise(
+def bent(depth_m: Floats, rms_mm: float, rng: np.random.Generator) -> Floats:
+    """`depth_m` (h, w) plus a random polynomial of third degree, `rms_mm` over its measurements.
+
+    A lens that is not quite known, or a sensor that warms up, distorts the whole field so.
+
+    >>> flat = np.full((40, 50), 0.8)
+    >>> off = bent(flat, 2.0, np.random.default_rng(0)) - flat
+    >>> round(1000 * float(np.sqrt(np.mean(off**2))), 3)
+    2.0
+    """
+    if not rms_mm:
+        return depth_m
+    legendre = np.polynomial.legendre.legval2d
+    y, x = (np.linspace(-1, 1, side) for side in depth_m.shape)
+    degree = np.add.outer(np.arange(4), np.arange(4))
+    weights = np.where((degree > 0) & (degree <= 3), rng.standard_normal((4, 4)), 0.0)
+    off = legendre(*np.meshgrid(x, y), weights)
+    size = np.sqrt(np.mean(off[np.isfinite(depth_m)] ** 2))
+    return np.asarray(depth_m + rms_mm / 1000 * off / size)
+
+
+def flying_pixels(depth_m: Floats, jump_m: float, share: float, rng: np.random.Generator) -> Floats:
+    """`depth_m` (h, w) with a share of the pixels beside a jump somewhere between both sides.
+
+    jump_m : the least difference between a pixel's neighbours that is a jump, metres
+
+    >>> step = np.repeat([[0.8, 0.8, 0.9, 0.9]], 3, axis=0)
+    >>> flying_pixels(step, 0.05, 1.0, np.random.default_rng(0)).round(2)[1].tolist()
+    [0.8, 0.89, 0.86, 0.9]
+    """
+    from scipy.ndimage import maximum_filter, minimum_filter
+
+    known = np.isfinite(depth_m)
+    near = minimum_filter(np.where(known, depth_m, np.inf), 3)
+    far = maximum_filter(np.where(known, depth_m, -np.inf), 3)
+    step = np.maximum(far - near, 0)  # minus infinity where nothing is measured
+    between = near + rng.random(depth_m.shape) * step
+    chosen = known & (rng.random(depth_m.shape) < share) & (step > jump_m)
+    return np.where(chosen, between, depth_m)
+
+
+def smooth_noise(
     rng: np.random.Generator, shape: tuple[int, ...], correlation_length_px: float
 ) -> Floats:
     """White noise under a Gaussian filter; its correlation is exp(-(r / length)^2)."""
