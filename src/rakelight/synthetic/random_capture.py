@@ -92,7 +92,8 @@ class Draw:
         wall_px : how far behind, pixel sizes
     Light
         lighting : as of captures; only "moving-lamp" is drawn
-        photographs : how many; one where the lighting is another
+        photographs : how many, at least `depth_factor` squared, as methods need; one where the
+            lighting is another
         lights : ring: all at `tilt_deg`, 4 degrees to and fro; cone: at random up to it;
             one-side: within `side_deg` around the object, at it, 8 degrees to and fro
         near_radii : the lamps' distance from the object, in its radii (3 to 10 of them are 0.3 to
@@ -155,7 +156,7 @@ class Draw:
     lighting: Lighting = drawn(  # noqa: RUF009
         OneOf({"moving-lamp": 1})
     )
-    photographs: int = drawn(Range(3, 60, log=True, whole=True))
+    photographs: int = drawn(Range(3, 64, log=True, whole=True))
     lights: str = drawn(OneOf({"ring": 1, "cone": 1, "one-side": 1}, plain="cone"))
     tilt_deg: float = drawn(Range(25, 60))
     side_deg: float = drawn(Range(60, 180))
@@ -176,7 +177,7 @@ class Draw:
     encoding: Encoding = drawn(  # noqa: RUF009
         OneOf({"linear": 0.5, "srgb": 0.5})
     )
-    depth_factor: int = drawn(OneOf({1: 0.25, 2: 0.3, 3: 0.1, 4: 0.2, 6: 0.05, 8: 0.1}))
+    depth_factor: int = drawn(OneOf({1: 0.35, 2: 0.4, 3: 0.1, 4: 0.09, 6: 0.03, 8: 0.03}))
     depth_maps: int = drawn(Range(1, 20, log=True, whole=True))
     depth_rms_mm: float = drawn(Range(0.2, 6, log=True))
     depth_length_px: float = drawn(Range(0, 40))
@@ -236,7 +237,9 @@ def draw(
         )
     table = distributions(Draw)
     easy = overrides.get("easy", table["easy"].draw(stream(seed, "easy"), False))
-    values = {name: each.draw(stream(seed, name), easy) for name, each in table.items()}
+    values: dict[str, Any] = {
+        name: each.draw(stream(seed, name), easy) for name, each in table.items()
+    }
     values["easy"] = easy
     values["depth_rms_mm"] = min(values["depth_rms_mm"], MOST_RMS_PX * values["pixel_mm"])
     for name, files, made in (
@@ -257,7 +260,12 @@ def draw(
                     needed="one of " + ", ".join((*made, *(Path(place).stem for place in places))),
                 )
             overrides = {**overrides, name: found[0]}
-    return Draw(seed=seed, size=size, **{**values, **overrides})
+    values |= overrides
+    if values["lighting"] != "moving-lamp":
+        values["photographs"] = 1
+    elif "photographs" not in overrides:
+        values["photographs"] = max(values["photographs"], values["depth_factor"] ** 2)
+    return Draw(seed=seed, size=size, **values)
 
 
 def random_capture(
