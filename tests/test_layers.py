@@ -18,8 +18,9 @@ LAYERS = (
     ("model", "files", "jit", "memory"),
     ("geometry",),
     ("capture", "prepare", "shading", "solve"),
+    ("check",),
     ("methods",),
-    ("synthetic", "metrics", "check", "export"),
+    ("synthetic", "metrics", "export"),
     ("report", "paper", "batch"),
     ("cli",),
 )

@@ -15,11 +15,13 @@ from typing import Any
 
 import numpy as np
 
+from rakelight.check.depth_orientation import depth_orientation
+from rakelight.check.inside_out import inside_out
 from rakelight.errors import MethodError
-from rakelight.geometry.normals import surface_normals
 from rakelight.jit import one_blas_thread
 from rakelight.memory import require_memory
 from rakelight.methods.estimate import Estimate
+from rakelight.methods.guarded import guarded, surface
 from rakelight.methods.prediction import prediction_errors
 from rakelight.methods.saturated import bounded_albedo
 from rakelight.methods.thin import too_thin
@@ -44,6 +46,9 @@ METHODS = {
     "rgbd-fusion": "rgbd_fusion",
     "ldr-ps": "ldr_ps",
 }
+
+# Methods that start from the depth and explain all photographs: `guarded` watches over them.
+_GUARDED = ("multi-light", "multi-light-alternating")
 
 # What a method needs at the least, bytes per pixel of the object's window: measured, rounded down.
 _BYTES_PER_PIXEL = {"multi-light": 1500}
@@ -117,7 +122,14 @@ def refine(
     progress(Progress("prepare"))
     # They run no compiled kernel, of which two at a time may not.
     with ThreadPoolExecutor(1) as beside:
-        checks = beside.submit(lambda: (*motion(capture), *misaligned(capture)))
+        checks = beside.submit(
+            lambda: (
+                *motion(capture),
+                *misaligned(capture),
+                *depth_orientation(capture),
+                *inside_out(capture),
+            )
+        )
         prepared = prepare(capture, scale)
         require_memory(
             prepared.mask.size * _BYTES_PER_PIXEL.get(chosen.name, _BYTES_PER_PIXEL_OF_OTHERS),
@@ -127,13 +139,16 @@ def refine(
         checked = checks.result()
     prepared_at = perf_counter()
     with one_blas_thread():
-        estimate = too_thin(prepared) or chosen.run(prepared, options, progress)
+        thin = too_thin(prepared)
+        if thin is not None:
+            estimate = thin
+        elif chosen.name in _GUARDED:
+            prepared, estimate = guarded(chosen.run, prepared, options, progress)
+        else:
+            estimate = chosen.run(prepared, options, progress)
     refined_at = perf_counter()
 
-    depth_m = np.exp(estimate.log_depth)
-    normals = surface_normals(depth_m, prepared.mask, prepared.camera)
-    if (fine := estimate.normals) is not None:
-        normals = np.where(np.isfinite(fine), fine, normals)
+    depth_m, normals = surface(prepared, estimate)
     albedo, bounded = bounded_albedo(prepared, depth_m, normals, estimate)
     return Result(
         depth=prepared.embed(depth_m, np.nan),
@@ -156,7 +171,7 @@ def refine(
         },
         findings=prepared.findings + checked + estimate.findings + bounded + _convergence(estimate),
         source=capture.source,
-        photograph_names=capture.names,
+        photograph_names=prepared.names,
         capture=_figures(capture),
         prediction_errors=prediction_errors(prepared, depth_m, normals, estimate.lights),
     )

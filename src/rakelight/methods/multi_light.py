@@ -18,6 +18,7 @@ import numpy as np
 
 from rakelight.geometry.grid import Grid, differences, neighbours
 from rakelight.geometry.normals import normal_lengths
+from rakelight.methods.bas_relief_variance import bas_relief_variance
 from rakelight.methods.brightness import unlikeness
 from rakelight.methods.estimate import (
     Estimate,
@@ -432,7 +433,8 @@ def confidence(level: Level, fit: Fit, normals: Floats) -> Floats:
 
     Noise averages over the photographs.  Residuals of a pixel beyond it are the model's errors,
     shadows and highlights, which the photographs share.  What is not known of a normal is averaged
-    with its neighbours', which share its errors.
+    with its neighbours', which share its errors.  What is not known of the whole surface's shape is
+    not known of any normal.
     """
     gradient, photographs = fit.surface.gradient, level.photographs
     length = normal_lengths(gradient[..., 0], gradient[..., 1], photographs.camera)
@@ -440,7 +442,8 @@ def confidence(level: Level, fit: Fit, normals: Floats) -> Floats:
     noise = np.sqrt(fit.noise**2 + len(photographs) * shared)
     return photometric_confidence(
         fit.explanation.tensor, noise, length, photographs.camera, photographs.active,
-        beside=missed_bend(normals, level.grid),
+        beside=missed_bend(normals, level.grid)
+        + bas_relief_variance(level, fit.log_depth, fit.lamps),
     )  # fmt: skip
 
 

@@ -7,7 +7,8 @@ upsampling to the output resolution.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -59,6 +60,12 @@ class Prepared:
 
     def __len__(self) -> int:
         return len(self.photographs)
+
+    def select(self, photographs: Iterable[int]) -> Prepared:
+        """The same with only these photographs (indices from 0)."""
+        chosen = list(photographs)
+        names = tuple(self.names[i] for i in chosen) if self.names else ()
+        return replace(self, photographs=self.photographs[chosen], names=names)
 
     def pixels(self, photograph: int) -> tuple[Floats, Mask]:
         """Linear light (P, 3) of one photograph on the mask, and which values are usable."""

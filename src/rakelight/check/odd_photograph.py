@@ -1,0 +1,55 @@
+"""Which photographs do not fit the others: blurred, moved, turned, taken under another lamp too."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rakelight.errors import listed
+from rakelight.model import Finding, Floats, Mask
+
+# A photograph is odd where the others predict it this many times worse than the typical one, both
+# in light and as a fraction of its own brightness: a dark photograph's noise is large beside its
+# brightness, a bright one's model errors are large in light.
+ODD = 2.5
+# It is odd as well where its error is this part of its own variation over the object, and `ODD`
+# times as much of it as of the typical one: what it shows is something else, however dark.
+UNEXPLAINED = 0.5
+# With fewer photographs the prediction of each hangs on a few others, and says nothing of it.
+FEWEST = 6
+# More of them than this are no exceptions: then the typical photograph is not the right one.
+MOST = 0.34
+
+
+def odd_photographs(errors: Floats, brightness: Floats, variation: Floats) -> Mask:
+    """(N,) which photographs do not fit the others.
+
+    errors : (N,) typical error of each as the others predict it
+    brightness, variation : (N,) mean of each, and typical deviation of its pixels from its median
+
+    >>> errors, ones = np.array([1.0, 1.2, 0.9, 1.1, 1.0, 6.0]), np.ones(6)
+    >>> odd_photographs(errors, 20 * ones, 10 * ones).tolist()
+    [False, False, False, False, False, True]
+    """
+    none = np.zeros(len(errors), dtype=bool)
+    if len(errors) < FEWEST or not np.isfinite(errors).any():
+        return none
+    relative, unexplained = (
+        errors / np.maximum(whole, np.finfo(float).tiny) for whole in (brightness, variation)
+    )
+    light, share, part = (
+        np.nan_to_num(each / max(float(np.nanmedian(each)), np.finfo(float).tiny)) > ODD
+        for each in (errors, relative, unexplained)
+    )
+    odd = (light & share) | (part & (np.nan_to_num(unexplained) > UNEXPLAINED))
+    return odd if odd.sum() <= MOST * len(odd) else none
+
+
+def odd_finding(names: tuple[str, ...], odd: Mask) -> Finding:
+    """What is said of photographs that were left out; names of all, odd (N,) which."""
+    named = names or tuple(f"photograph {i}" for i in range(len(odd)))
+    return Finding(
+        "warning",
+        "odd-photographs",
+        f"left out, as the others do not explain them: {listed(named, odd)}",
+        "take these again: sharp, with the camera and the object still, under the one lamp alone",
+    )

@@ -1,0 +1,98 @@
+"""What the moving lamp alone changes between photographs, on a small grid.
+
+The logarithm of a photograph over the mean of all is free of paint: under distant lamps it is
+log(s_i . n) less its mean over the photographs, so images of rank two or three hold nearly all of
+it, whatever the lamps are.  Noise has no such rank.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rakelight.geometry.blur import blurred
+from rakelight.geometry.grid import bounding_window
+from rakelight.model import SATURATED, Camera, Capture, Floats, Mask
+from rakelight.prepare.linear import to_linear, usable
+
+# The object's longer side, in pixels of the small grid: enough for its shape, quick to filter.
+SIDE_PX = 128
+# Standard deviation of the Gaussian that takes away noise and relief too fine for a depth sensor,
+# as a fraction of the square root of the object's area.
+SMOOTHING = 0.02
+# Logarithms beyond this, e^1.5 = 4.5 times brighter or darker, are shadows and highlights.
+LARGEST_LOG = 1.5
+# A value below this fraction of its photograph's median is a shadow; its logarithm would be noise.
+DARKEST = 0.02
+# A pixel counts where so many of the photographs, and never fewer than 3, have a usable value.
+SEEN = 0.6
+COMPONENTS = 3
+
+
+@dataclass(frozen=True)
+class RelativeShading:
+    """Principal components of the photographs' relative shading, on a small grid.
+
+    components : (K, h, w) images of unit variance over `seen`, the largest first, 0 elsewhere
+    variances : (N,) of log brightness along all components, most first
+    seen : (h, w) bool, pixels that enough photographs show
+    camera : of the small grid, a window of the colour camera's image
+    step, rows, columns : the small grid is image[rows, columns][::step, ::step]
+    sigma_px : standard deviation of the smoothing, pixels of the small grid
+    """
+
+    components: Floats
+    variances: Floats
+    seen: Mask
+    camera: Camera
+    step: int
+    rows: slice
+    columns: slice
+    sigma_px: float
+
+
+def relative_shading(capture: Capture) -> RelativeShading | None:
+    """The relative shading of a capture's object; None where too few photographs show any of it.
+
+    Takes every `step`-th pixel of the object's window, so its time does not grow with the image.
+    """
+    count = len(capture.photographs)
+    if count < 3 or not capture.mask.any():
+        return None
+    rows, columns = bounding_window(capture.mask)
+    step = max(1, round(max(rows.stop - rows.start, columns.stop - columns.start) / SIDE_PX))
+    thin = (slice(rows.start, rows.stop, step), slice(columns.start, columns.stop, step))
+    mask = capture.mask[thin]
+    values = capture.photographs[(slice(None), *thin)]
+    bright = (values >= SATURATED * capture.white).any(axis=-1)
+    good = usable(values).any(axis=-1) & ~bright & mask
+    light = to_linear(values, capture.encoding).mean(axis=-1, dtype=np.float64)
+    seen = mask & (good.sum(axis=0) >= max(3, SEEN * count))
+    if np.count_nonzero(seen) < 10 * count:
+        return None
+
+    medians = np.array([np.median(each[seen & use]) if (seen & use).any() else 0.0
+                        for each, use in zip(light, good, strict=True)])  # fmt: skip
+    floor = np.maximum(medians, 1e-6)[:, None, None]
+    logs = np.log(np.maximum(light, DARKEST * floor) / floor)
+    mean = np.where(good, logs, 0.0).sum(axis=0) / np.maximum(good.sum(axis=0), 1)
+    relative = np.clip(logs - mean, -LARGEST_LOG, LARGEST_LOG)
+    sigma_px = SMOOTHING * float(np.sqrt(np.count_nonzero(mask)))
+    smooth = np.stack(
+        [blurred(np.where(use, each, 0.0), sigma_px, use)
+         for each, use in zip(relative, good, strict=True)]
+    )[:, seen]  # fmt: skip
+    smooth -= smooth.mean(axis=1, keepdims=True)
+    _, sizes, axes = np.linalg.svd(smooth, full_matrices=False)
+    pixels = np.count_nonzero(seen)
+    kept = min(COMPONENTS, count - 1)
+    components = np.zeros((kept, *mask.shape))
+    components[:, seen] = axes[:kept] * np.sqrt(pixels)
+    window = capture.camera.cropped(rows, columns)
+    camera = Camera(
+        mask.shape[1], mask.shape[0], window.fx / step, window.fy / step,
+        window.cx / step, window.cy / step,
+    )  # fmt: skip
+    variances = sizes**2 / (pixels * count)
+    return RelativeShading(components, variances, seen, camera, step, rows, columns, sigma_px)

@@ -1,0 +1,113 @@
+"""What is not known of the whole surface's shape: its bas-relief transform.
+
+Photographs under distant lamps leave open the g of  1/z' = a/z + g . (x, y, 1).  Two things tell
+it: the sensor's depth, and the lamps' brightness where that is alike.  Each may err, and they may
+contradict each other; both make every normal less certain, which no pixel's own values show.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rakelight.geometry.camera import back_project
+from rakelight.geometry.derivatives import gradient_image
+from rakelight.geometry.normals import normal_derivatives, normals_from_gradient
+from rakelight.methods.estimate import DARK
+from rakelight.methods.levels import Level
+from rakelight.model import Floats, Mask
+from rakelight.shading.photographs import Lamps
+
+# Blocks of sensor pixels that share an error grow as long as there are so many; the variance of a
+# sum over fewer would be chance.
+FEWEST_BLOCKS = 16
+# Numbers that lamps' brightness determines: its mean and g.  More lamps than that say how alike.
+LAMPS_NEEDED = 6
+
+
+def bas_relief_variance(level: Level, log_depth: Floats, lamps: Lamps) -> Floats:
+    """(h, w) expected squared error of the normals, radians^2, by the bas-relief transform alone.
+
+    log_depth : (h, w) of the refined surface
+    """
+    moment = sensor_moment(level, log_depth) + lamps_moment(level, lamps)
+    camera, grid = level.photographs.camera, level.grid
+    gradient = gradient_image(log_depth, grid)
+    normals, length = normals_from_gradient(gradient[..., 0], gradient[..., 1], camera)
+    turns = np.stack(normal_derivatives(normals, length, camera), axis=-1)
+    # 1/z' = 1/z + g . ray  changes log depth by  -z g . ray.
+    changes = -np.exp(log_depth)[..., None] * _rays(level)
+    slopes = np.stack([gradient_image(each, grid) for each in np.moveaxis(changes, -1, 0)], axis=-1)
+    turned = turns @ slopes
+    return np.asarray(np.einsum("hwik,kl,hwil->hw", turned, moment, turned))
+
+
+def sensor_moment(level: Level, log_depth: Floats) -> Floats:
+    """(3, 3) second moment of g, 1/metre, from what the sensor says of a log depth (h, w).
+
+    Its best correction by least squares, squared, and that correction's covariance.  The sensor's
+    errors hang together over an unknown number of pixels: the covariance is taken with blocks of
+    pixels as clusters (Liang and Zeger 1986), of the size that makes it largest.
+    """
+    nearer, measured = level.sensed(np.exp(-log_depth)), level.sensed(np.exp(-level.aim))
+    columns = [nearer, *(level.sensed(ray) for ray in np.moveaxis(_rays(level), -1, 0))]
+    design = np.stack(columns, axis=-1) / measured[:, None]
+    weight = level.sensor_weight / level.sensor_weight.max()
+    error = 1 - design[:, 0]
+    inverse = np.linalg.pinv((design * weight[:, None]).T @ design)
+    off = inverse @ ((weight * error) @ design)
+    scores = design * (weight * (error - design @ off))[:, None]
+    where = level.mask if level.averaging is None else level.averaging.covered
+    largest = max(
+        (inverse @ (scale * sums.T @ sums) @ inverse for scale, sums in _clustered(scores, where)),
+        key=lambda covariance: float(np.trace(covariance[1:, 1:])),
+        default=np.zeros((4, 4)),
+    )
+    return np.asarray((largest + np.outer(off, off))[1:, 1:])
+
+
+def lamps_moment(level: Level, lamps: Lamps) -> Floats:
+    """(3, 3) second moment of g, 1/metre, that the lamps' brightness contradicts the surface by.
+
+    The g that would make the lamps most alike, squared, less what chance alone makes of lamps that
+    differ as much as these still do.  Nothing for fewer than six.
+    """
+    vector = lamps.vector.mean(axis=1)
+    size = np.linalg.norm(vector, axis=1)
+    reaching = size > DARK * np.median(size)
+    if np.count_nonzero(reaching) < LAMPS_NEEDED:
+        return np.zeros((3, 3))
+    toward = vector[reaching] / size[reaching, None]
+    # A transform multiplies lights by (1 + X g^T)^-1, their size by about 1 - (l . X) (g . l).
+    design = -(toward @ level.middle_m)[:, None] * toward
+    design = np.column_stack([np.ones(len(toward)), design])
+    logs = -np.log(size[reaching])
+    inverse = np.linalg.pinv(design.T @ design)
+    fitted = inverse @ (design.T @ logs)
+    freedom = len(logs) - 4
+    variance = float(((logs - design @ fitted) ** 2).sum()) / freedom
+    g, covariance = fitted[1:], variance * inverse[1:, 1:]
+    # How many times more than by chance; 1 is chance.
+    times = float(g @ np.linalg.pinv(covariance) @ g) / 3
+    return np.asarray(max(1 - 1 / max(times, 1e-12), 0.0) * np.outer(g, g))
+
+
+def _clustered(scores: Floats, where: Mask) -> list[tuple[float, Floats]]:
+    """Sums (K, 4) of scores (M, 4) over blocks of the pixels `where`, and K / (K - 4), by size."""
+    rows, columns = np.nonzero(where)
+    found: list[tuple[float, Floats]] = []
+    side = 1
+    while True:
+        blocks = (rows // side) * (where.shape[1] // side + 1) + columns // side
+        _, index = np.unique(blocks, return_inverse=True)
+        count = int(index.max(initial=-1)) + 1
+        if count < FEWEST_BLOCKS:
+            return found
+        sums = np.zeros((count, scores.shape[1]))
+        np.add.at(sums, index, scores)
+        found.append((count / (count - 4), sums))
+        side *= 2
+
+
+def _rays(level: Level) -> Floats:
+    """(h, w, 3) points at depth 1 metre."""
+    return back_project(np.ones(level.mask.shape), level.photographs.camera)

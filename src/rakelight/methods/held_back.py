@@ -1,0 +1,264 @@
+"""How well photographs that are held back are predicted: by a refined surface, by the prepared one.
+
+A photograph's own say in a pixel's albedo and normal is taken away without refining again.  To
+first order the residuals e of a photograph that is left out of a least-squares fit are
+
+    (1 - H)^-1 e,    H = J (J^T J)^-1 J^T                                     (PRESS, Allen 1974)
+
+H its own block of the hat matrix.  With rho eliminated, J~ being the derivatives with the gradient
+of log depth less their projection on the shading a, and with what the prepared depth says of that
+gradient, a precision L,
+
+    H = diag(a_c^2 / sum a_c^2) + J~ (sum J~^T J~ + L)^-1 J~^T
+
+A surface that only explains noise predicts worse than the prepared depth, whose normals no
+photograph has moved: there H is its first part alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from rakelight.geometry.camera import back_project, pixel_rays
+from rakelight.geometry.normals import normal_derivatives, squared_turn, surface_normals
+from rakelight.methods.estimate import Estimate, brightest
+from rakelight.methods.prediction import shadings
+from rakelight.model import MAD_TO_SIGMA, Array, Camera, Finding, Floats, Lights, Mask
+from rakelight.prepare import Prepared
+from rakelight.shading.lighting import arriving, estimate_light
+
+# Refining has to predict held-back photographs by at least this much better: where they say nothing
+# the two errors are alike to 1 %, else the refined surface's is half or less.
+LEAST_GAIN = 0.95
+# With fewer photographs nothing is left to predict one by: two leave a normal and a paint open.
+FEWEST = 4
+
+# Pixels that are compared: medians over so many are good to a few per cent.
+MOST_PIXELS = 4000
+# Rounds of lights and albedo in turn that explain photographs by the prepared depth; more change
+# the median error by less than a per cent.
+ROUNDS = 6
+
+NO_BETTER = Finding(
+    "warning",
+    "photographs-say-nothing",
+    "the photographs, held back one by one, are not predicted better by a refined surface than by "
+    "the depth as it was: the depth is kept",
+    "take photographs of this object with the lamp in other places, the camera and the room light "
+    "unchanged",
+)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Errors of the photographs that are predicted from the others, light of white = 1.
+
+    refined, prepared : (N,) median absolute error by the refined surface, by the prepared depth;
+        NaN for a photograph without usable values
+    brightness, variation : (N,) mean of the usable values, and their median deviation from their
+        median
+    prepared_lights : that explain the photographs best by the prepared depth
+    """
+
+    refined: Floats
+    prepared: Floats
+    brightness: Floats
+    variation: Floats
+    prepared_lights: Lights
+
+    @property
+    def gain(self) -> float:
+        """Typical error by the refined surface over that by the prepared depth."""
+        before = float(np.nanmedian(self.prepared))
+        return float(np.nanmedian(self.refined)) / max(before, np.finfo(float).tiny)
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """Values of some pixels: images (N, P, 3) linear light, good (N, P, 3) usable ones.
+
+    chosen : (P,) indices of the pixels in the window, row by row
+    """
+
+    images: Floats
+    good: Mask
+    chosen: Array
+
+    def of(self, image: Floats) -> Floats:
+        """An image (h, w, ...) at these pixels, (P, ...)."""
+        return np.asarray(image.reshape(-1, *image.shape[2:])[self.chosen])
+
+
+def predict(
+    prepared: Prepared, depth_m: Floats, normals: Floats, lights: Lights
+) -> Prediction | None:
+    """How well each photograph is predicted from the others.
+
+    depth_m, normals : (h, w), (h, w, 3) the refined surface in the prepared window
+
+    None for fewer than four photographs, or a method that used but one of them.
+    """
+    if len(prepared) < FEWEST or len(lights) != len(prepared):
+        return None
+    before = surface_normals(prepared.depth_m, prepared.mask, prepared.camera)
+    known = prepared.mask & np.isfinite(normals).all(axis=-1) & np.isfinite(before).all(axis=-1)
+    sample = _sample(prepared, known)
+    if not sample.good.any():
+        return None
+    shape = sample.images.shape
+    points = sample.of(back_project(depth_m, prepared.camera))
+    after = sample.of(normals)
+    shading = np.broadcast_to(shadings(after, points, lights), shape)
+    toward = arriving(lights, points)
+    lit = np.einsum("npck,pk->npc", toward, after) > 0
+    length, derivatives = _derivatives(normals, prepared.camera, sample)
+    slopes = np.einsum("npck,pkj->npcj", toward, derivatives) * lit[..., None]
+    there, here = (_gradient(each, prepared.camera, sample) for each in (before, normals))
+    refined = _left_out(
+        sample, shading, np.broadcast_to(slopes, (*shape, 2)), there - here,
+        squared_turn(length, prepared.camera),
+    )  # fmt: skip
+    prepared_lights = _lights_of(sample, sample.of(before))
+    plain = np.broadcast_to(shadings(sample.of(before), points, prepared_lights), shape)
+    errors = _left_out(sample, plain)
+    return Prediction(
+        refined=_of_each(refined, sample.good, np.median),
+        prepared=_of_each(errors, sample.good, np.median),
+        brightness=_of_each(sample.images, sample.good, np.mean),
+        variation=_of_each(sample.images, sample.good, _deviation),
+        prepared_lights=prepared_lights,
+    )
+
+
+def kept(prepared: Prepared, lights: Lights) -> Estimate:
+    """The prepared depth as an estimate, with the albedo that explains the photographs by it.
+
+    lights : that do the same.  The confidence is 0: the photographs determine nothing.
+    """
+    normals = surface_normals(prepared.depth_m, prepared.mask, prepared.camera)[prepared.mask]
+    points = back_project(prepared.depth_m, prepared.camera)[prepared.mask]
+    squares = np.zeros((len(points), 3))
+    products = np.zeros_like(squares)
+    for i in range(len(prepared)):
+        light, good = prepared.pixels(i)
+        shading = shadings(normals, points, lights.of(i))[0]
+        squares += good * shading**2
+        products += good * shading * light
+    albedo = np.zeros((*prepared.mask.shape, 3))
+    albedo[prepared.mask] = products / np.maximum(squares, 1e-12)
+    gain = brightest(albedo[prepared.mask])
+    return Estimate(
+        log_depth=np.log(prepared.depth_m),
+        albedo=albedo / gain,
+        confidence=np.zeros(prepared.mask.shape),
+        lights=replace(lights, vector=gain * lights.vector, ambient=gain * lights.ambient),
+        converged=True,
+        findings=(NO_BETTER,),
+    )
+
+
+def _sample(prepared: Prepared, known: Mask) -> _Sample:
+    """Values of about `MOST_PIXELS` of the known pixels (h, w), evenly spaced."""
+    chosen = np.flatnonzero(known)
+    chosen = chosen[:: max(1, -(-len(chosen) // MOST_PIXELS))]
+    few = np.zeros_like(prepared.mask)
+    few.flat[chosen] = True
+    part = replace(prepared, mask=few)
+    images, good = zip(*(part.pixels(i) for i in range(len(prepared))), strict=True)
+    return _Sample(np.stack(images).astype(np.float64), np.stack(good), chosen)
+
+
+def _derivatives(normals: Floats, camera: Camera, sample: _Sample) -> tuple[Floats, Floats]:
+    """|m| (P,) and the derivatives (P, 3, 2) of the normals (h, w, 3) at a sample."""
+    length = 1 / np.maximum(_facing(normals, camera), 1e-3)
+    each = normal_derivatives(np.nan_to_num(normals), length, camera)
+    return sample.of(length), np.stack([sample.of(one) for one in each], axis=-1)
+
+
+def _gradient(normals: Floats, camera: Camera, sample: _Sample) -> Floats:
+    """(P, 2) gradient of log depth that normals (h, w, 3) belong to, at a sample."""
+    slope = normals[..., :2] / np.maximum(_facing(normals, camera), 1e-3)[..., None]
+    return np.asarray(sample.of(slope) / np.array([camera.fx, camera.fy]))
+
+
+def _facing(normals: Floats, camera: Camera) -> Floats:
+    """(h, w) 1 / |m| of normals: minus their product with the viewing ray (x/fx, y/fy, 1)."""
+    x, y = pixel_rays(camera)
+    n = np.nan_to_num(normals)
+    return np.asarray(-(n[..., 0] * x / camera.fx + n[..., 1] * y / camera.fy + n[..., 2]))
+
+
+def _left_out(
+    sample: _Sample,
+    shading: Floats,
+    slopes: Floats | None = None,
+    change: Floats | None = None,
+    turn: Floats | None = None,
+) -> Floats:
+    """(N, P, 3) absolute error of every photograph, left out of its pixels' albedo and normals.
+
+    shading : (N, P, 3) a of equation (3)
+    slopes : (N, P, 3, 2) its derivatives with the gradient of log depth; None where that is fixed
+    change : (P, 2) from the gradient to the prepared depth's; turn : (P,) angle^2 of a normal per
+        squared change of the gradient
+    """
+    images, good = sample.images, sample.good
+    squares = np.maximum((good * shading**2).sum(axis=0), 1e-12)
+    albedo = (good * shading * images).sum(axis=0) / squares
+    error = good * (images - albedo * shading)
+    own = good * shading**2 / squares
+    if slopes is None or change is None or turn is None:
+        return np.asarray(np.abs(error) / np.maximum(1 - own, 1e-6))
+
+    moved = good[..., None] * albedo[..., None] * slopes
+    along = (good[..., None] * shading[..., None] * moved).sum(axis=0) / squares[..., None]
+    moved -= good[..., None] * shading[..., None] * along
+    tensor = np.einsum("npci,npcj->pij", moved, moved)
+    # What the prepared depth says: normals are about as far from its own as the refined ones are.
+    noise = MAD_TO_SIGMA * float(np.median(np.abs(error[good]))) + 1e-6
+    values = good.sum() / error.shape[1]
+    noise *= np.sqrt(values / max(values - 5, 1.0))  # 3 albedos and 2 slopes a pixel are fitted
+    spread = float(np.mean(turn * (change**2).sum(axis=-1))) / 2
+    precision = noise**2 / max(spread, 1e-12) * turn
+    matrix = tensor + precision[:, None, None] * np.eye(2)
+    right = np.einsum("npci,npc->pi", moved, error) + precision[:, None] * change
+    inverse = np.linalg.inv(matrix)
+    error = error - good * np.einsum("npci,pij,pj->npc", moved, inverse, right)
+    hat = np.einsum("npci,pij,npdj->npcd", moved, inverse, moved)
+    hat[..., range(3), range(3)] += own
+    return np.abs(np.linalg.solve((1 + 1e-6) * np.eye(3) - hat, error[..., None])[..., 0])
+
+
+def _lights_of(sample: _Sample, normals: Floats) -> Lights:
+    """White distant lights (N, 1) that explain a sample best by normals (P, 3)."""
+    images, good = sample.images, sample.good
+    albedo = np.sum(good * images, axis=0) / np.maximum(good.sum(axis=0), 1)
+    lights = np.tile([0.0, 0.0, -1.0, 0.0], (len(images), 1))
+    for _ in range(ROUNDS):
+        lights = np.array(
+            [
+                estimate_light(image, use, albedo, normals, light[:3])
+                for image, use, light in zip(images, good, lights, strict=True)
+            ]
+        )
+        shading = (np.maximum(lights[:, :3] @ normals.T, 0) + lights[:, 3:])[..., None]
+        squares = np.maximum((good * shading**2).sum(axis=0), 1e-12)
+        albedo = (good * shading * images).sum(axis=0) / squares
+    return Lights(lights[:, None, :3], lights[:, 3:])
+
+
+def _of_each(values: Floats, good: Mask, figure: Callable[[Floats], Any]) -> Floats:
+    """(N,) a figure of each photograph's usable values (N, P, 3), NaN where there are none."""
+    return np.array(
+        [float(figure(each[use])) if use.any() else np.nan
+         for each, use in zip(values, good, strict=True)]
+    )  # fmt: skip
+
+
+def _deviation(values: Floats) -> float:
+    """Median deviation from the median."""
+    return float(np.median(np.abs(values - np.median(values))))

@@ -1,0 +1,109 @@
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from rakelight.geometry.normals import normals_from_gradient
+from rakelight.methods.bas_relief import best_relief
+from rakelight.methods.bas_relief_variance import (
+    bas_relief_variance,
+    lamps_moment,
+    sensor_moment,
+)
+from rakelight.methods.levels import finest_level
+from rakelight.prepare import prepare
+from rakelight.shading.photographs import Lamps
+from rakelight.synthetic import DepthNoise
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "check"))
+from wrong_captures import sound
+
+NOISE = DepthNoise(rms_mm=2.0, correlation_length_px=4.0, growth=0.0)
+
+
+def true_level(noise):
+    """The finest level of a capture, its true log depth (h, w) and lamps."""
+    capture, truth = sound("head", noise=noise)
+    prepared = prepare(capture)
+    level = finest_level(prepared)
+    true = truth.depth[prepared.rows, prepared.columns]
+    log_depth = np.where(np.isfinite(true), np.log(np.nan_to_num(true, nan=1.0)), level.prior)
+    return level, log_depth, Lamps.distant(truth.lights.vector, truth.lights.ambient)
+
+
+def fitted_relief(level, log_depth, lamps):
+    """The true relief, its bas-relief transform read off the sensor: what the variance is of."""
+    return best_relief(level, log_depth, lamps)[0]
+
+
+def normals_of(level, log_depth):
+    gradient = level.surface(log_depth).gradient
+    return normals_from_gradient(gradient[..., 0], gradient[..., 1], level.photographs.camera)[0]
+
+
+def test_the_variance_is_that_of_reading_the_transform_off_the_sensor():
+    """Over sensors with errors of their own the mean squared angle is about what is expected."""
+    squares, expected = [], []
+    level, log_depth, lamps = true_level(NOISE)
+    active = level.photographs.active
+    true = normals_of(level, log_depth)
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        error = gaussian_filter(rng.normal(size=log_depth.shape), 2.0)
+        error *= 0.002 / error.std()
+        level = replace(level, aim=np.log(np.exp(log_depth) + error))
+        fitted = fitted_relief(level, log_depth, lamps)
+        cosine = np.sum(normals_of(level, fitted) * true, axis=-1)
+        squares.append(np.mean(np.arccos(np.clip(cosine, -1, 1))[active] ** 2))
+        expected.append(np.mean(bas_relief_variance(level, fitted, lamps)[active]))
+    # Blocks of the size that gives the largest variance: more than the truth, not less.
+    assert 0.8 < np.mean(expected) / np.mean(squares) < 2.5
+
+
+def test_it_grows_with_the_sensors_noise():
+    level, log_depth, lamps = true_level(NOISE)
+    error = gaussian_filter(np.random.default_rng(0).normal(size=log_depth.shape), 2.0)
+    quiet, loud = (
+        bas_relief_variance(replace(level, aim=log_depth + size * error), log_depth, lamps)
+        for size in (0.001, 0.008)
+    )
+    np.testing.assert_allclose(loud.max() / quiet.max(), 64, rtol=0.1)
+
+
+def test_lamps_that_are_alike_contradict_nothing():
+    level, _, lamps = true_level(NOISE)
+    assert np.abs(lamps_moment(level, lamps)).max() < 1e-12
+
+
+def test_lamps_of_a_flattened_surface_contradict_it():
+    level, _, lamps = true_level(NOISE)
+    g = np.array([0.0, 0.0, 0.5])
+    transform = np.linalg.inv(np.eye(3) + np.outer(level.middle_m, g))
+    flattened = replace(lamps, vector=lamps.vector @ transform.T)
+    found = np.sqrt(np.diag(lamps_moment(level, flattened)))
+    assert found[2] == pytest.approx(0.5, rel=0.5)
+    assert found[:2].max() < 0.3 * found[2]
+
+
+def test_lamps_that_differ_by_chance_contradict_little():
+    level, _, lamps = true_level(NOISE)
+    rng = np.random.default_rng(0)
+    gains = np.exp(0.3 * rng.normal(size=(200, len(lamps.vector), 1, 1)))
+    found = [lamps_moment(level, replace(lamps, vector=gain * lamps.vector)) for gain in gains]
+    silent = np.mean([not moment.any() for moment in found])
+    assert silent > 0.3  # F below 1 has a probability of one half
+
+
+def test_few_lamps_say_nothing():
+    level, _, lamps = true_level(NOISE)
+    few = Lamps(lamps.vector[:5] * 2, lamps.ambient[:5], lamps.closeness[:5])
+    assert not lamps_moment(level, few).any()
+
+
+def test_a_sensor_that_contradicts_the_surface_counts():
+    level, log_depth, _ = true_level(NOISE)
+    flat = replace(level, aim=np.full_like(level.aim, np.median(log_depth[level.mask])))
+    assert np.trace(sensor_moment(flat, log_depth)) > 20 * np.trace(sensor_moment(level, log_depth))

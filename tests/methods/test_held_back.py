@@ -1,0 +1,131 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rakelight.geometry.normals import surface_normals
+from rakelight.methods.held_back import FEWEST, LEAST_GAIN, _left_out, _Sample, kept, predict
+from rakelight.prepare import prepare
+from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
+
+
+def sample(images, good=None):
+    good = np.ones(images.shape, bool) if good is None else good
+    return _Sample(images, good, np.arange(images.shape[1]))
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10_000), photographs=st.integers(4, 9))
+def test_errors_are_those_of_really_leaving_a_photograph_out(seed, photographs):
+    """Of a model that is linear in the slopes and has an albedo of 1 nothing is approximate."""
+    rng = np.random.default_rng(seed)
+    pixels = 5
+    shading = rng.uniform(0.3, 1.0, (photographs, pixels, 3))
+    albedo = rng.uniform(0.2, 1.0, (pixels, 3))
+    images = albedo * shading + 0.01 * rng.normal(size=shading.shape)
+    found = _left_out(sample(images), shading)
+    for i in range(photographs):
+        others = np.arange(photographs) != i
+        left = (shading[others] * images[others]).sum(axis=0) / (shading[others] ** 2).sum(axis=0)
+        np.testing.assert_allclose(found[i], np.abs(images[i] - left * shading[i]), atol=1e-6)
+
+
+def ridge_prediction(images, shading, slopes, change, precision, left_out):
+    """Residual of a photograph from a fit of albedo and slopes to the others: linearized, plainly.
+
+    One pixel: images, shading (N, 3), slopes (N, 3, 2), change (2,), precision a number.
+    """
+    count = len(images)
+    albedo = (shading * images).sum(axis=0) / (shading**2).sum(axis=0)
+    J = np.zeros((count, 3, 5))
+    for c in range(3):
+        J[:, c, c] = shading[:, c]
+        J[:, c, 3:] = albedo[c] * slopes[:, c]
+    error = images - albedo * shading
+    use = np.arange(count) != left_out
+    A, r = J[use].reshape(-1, 5), error[use].ravel()
+    hold = np.diag([0, 0, 0, precision, precision])
+    step = np.linalg.solve(A.T @ A + hold, A.T @ r + hold @ [0, 0, 0, *change])
+    return error[left_out] - J[left_out] @ step
+
+
+def test_slopes_are_left_out_with_the_photograph():
+    rng = np.random.default_rng(3)
+    shading = rng.uniform(0.3, 1.0, (6, 40, 3))
+    slopes = rng.normal(size=(6, 40, 3, 2))
+    albedo, change = rng.uniform(0.2, 1.0, (40, 3)), 0.1 * rng.normal(size=(40, 2))
+    images = albedo * shading + 0.02 * rng.normal(size=shading.shape)
+    turn = np.full(40, 4.0)
+    found = _left_out(sample(images), shading, slopes, change, turn)
+    # The precision that the sample's own residuals give.
+    fitted = (shading * images).sum(axis=0) / (shading**2).sum(axis=0)
+    noise = 1.4826 * np.median(np.abs(images - fitted * shading)) + 1e-6
+    noise *= np.sqrt(18 / 13)
+    precision = noise**2 / (np.mean(4.0 * (change**2).sum(axis=1)) / 2) * 4.0
+    for pixel in range(40):
+        for i in range(6):
+            plain = ridge_prediction(
+                images[:, pixel], shading[:, pixel], slopes[:, pixel], change[pixel], precision, i
+            )
+            np.testing.assert_allclose(found[i, pixel], np.abs(plain), rtol=1e-3, atol=1e-5)
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    """A prepared capture with correlated depth noise, and its truth."""
+    shape = make_shape("head")
+    options = SceneOptions(
+        camera=shape.camera.scaled(0.3),
+        photographs=6,
+        depth_noise=DepthNoise(rms_mm=3.3, correlation_length_px=5.0),
+    )
+    capture, truth = render_scene(shape, make_albedo("pattern"), options)
+    return prepare(capture), truth
+
+
+def in_window(prepared, image):
+    return np.nan_to_num(image[prepared.rows, prepared.columns], nan=1.0).astype(float)
+
+
+def test_the_true_surface_predicts_better_than_the_prepared_one(noisy):
+    prepared, truth = noisy
+    found = predict(
+        prepared, in_window(prepared, truth.depth), in_window(prepared, truth.normals), truth.lights
+    )
+    assert found.gain < 0.5
+    assert (found.refined < found.prepared).all()
+
+
+def test_the_prepared_surface_predicts_like_itself(noisy):
+    prepared, truth = noisy
+    depth = np.where(prepared.mask, prepared.depth_m, 1.0)
+    normals = surface_normals(depth, prepared.mask, prepared.camera)
+    before = predict(prepared, depth, normals, truth.lights)
+    again = predict(prepared, depth, normals, before.prepared_lights)
+    assert again.gain > LEAST_GAIN
+
+
+@pytest.mark.parametrize("count", [1, FEWEST - 1])
+def test_too_few_photographs_predict_nothing(noisy, count):
+    prepared, truth = noisy
+    few = prepared.select(range(count))
+    lights = replace(
+        truth.lights, vector=truth.lights.vector[:count], ambient=truth.lights.ambient[:count]
+    )
+    depth, normals = in_window(prepared, truth.depth), in_window(prepared, truth.normals)
+    assert predict(few, depth, normals, lights) is None
+
+
+def test_the_kept_depth_is_the_prepared_one(noisy):
+    prepared, truth = noisy
+    estimate = kept(prepared, truth.lights)
+    np.testing.assert_array_equal(np.exp(estimate.log_depth), np.exp(np.log(prepared.depth_m)))
+    assert estimate.confidence.max() == 0
+    assert [finding.code for finding in estimate.findings] == ["photographs-say-nothing"]
+    inside = estimate.albedo[prepared.mask]
+    assert np.percentile(inside, 99) == pytest.approx(1.0)
+    # As bright as the photographs: albedo and lights belong together.
+    true = truth.albedo[prepared.rows, prepared.columns][prepared.mask]
+    assert np.corrcoef(inside[:, 0], true[:, 0])[0, 1] > 0.8
