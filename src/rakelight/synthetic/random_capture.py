@@ -487,7 +487,13 @@ def _materials(drawn: Draw, near: Mask, albedo: Floats, rays: int) -> Materials:
         )
     rough = np.ones_like(rough) if drawn.material == "rough" else rough
     shiny = np.ones_like(shiny) if drawn.material == "shiny" else shiny
-    return Materials(albedo, drawn.roughness * rough, drawn.gloss * shiny, drawn.gloss_exponent)
+    rough, shiny = drawn.roughness * rough, drawn.gloss * shiny
+    return Materials(
+        albedo=albedo.astype(np.float32),
+        roughness=rough.astype(np.float32),
+        gloss=shiny.astype(np.float32),
+        exponent=drawn.gloss_exponent,
+    )
 
 
 # ---- light
