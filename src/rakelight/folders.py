@@ -257,7 +257,7 @@ def _owned(folder: Path, manifest: Manifest) -> Set[str]:
         return frozenset()
     try:
         listed = manifest.read(path.read_bytes())
-    except InputError:
+    except (InputError, RecursionError):  # nested a thousand deep
         return frozenset()
     unchanged = {
         name

@@ -44,7 +44,9 @@ MARKERS = {
 
 
 @pytest.mark.usefixtures("result")
-@pytest.mark.parametrize("content", [b"", b"{}", b"[" * 1000])
+@pytest.mark.parametrize(
+    "content", [b"", b"{}", b'{"schema": "rakelight-result/1", "x": ' + b"[" * 5000]
+)
 @pytest.mark.parametrize("command", MARKERS)
 def test_33_a_file_of_a_known_name_makes_no_folder_ours(refused, tmp_path, command, content):
     arguments = command_into(command, tmp_path)
