@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := src tests benchmarks
 
-.PHONY: demo test lint types pytest format picture screenshot paper clean
+.PHONY: demo test lint types pytest format kills picture screenshot paper clean
 
 demo: $(VENV)/demo.stamp
 	@echo "== rendering a capture with 12 lights and refining it (the first run also compiles)"
@@ -30,6 +30,11 @@ pytest: $(VENV)/dev.stamp
 format: $(VENV)/dev.stamp
 	$(BIN)/ruff check --fix $(SOURCES)
 	$(BIN)/ruff format $(SOURCES)
+
+# Runs killed while they write a result, 200 with a fixed seed and 200 with a fresh one;
+# make kills SEED=5 takes this seed alone.
+kills: $(VENV)/dev.stamp
+	$(BIN)/python tests/faults/kills.py $(if $(SEED),--seed $(SEED))
 
 # The README's picture, from the real capture of an oven mitten.
 MITTEN ?= ../shared/captures/mitten

@@ -16,6 +16,7 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 LAYERS = (
     ("errors",),
     ("model", "files", "jit", "memory"),
+    ("folders",),
     ("geometry",),
     ("capture", "prepare", "shading", "solve"),
     ("check",),

@@ -369,16 +369,17 @@ class Result:
         mesh: Literal["ply", "glb", "none"] = "ply",
         normal_map: Literal["opengl", "directx"] = "opengl",
         truth: Truth | None = None,
-    ) -> None:
+    ) -> tuple[Finding, ...]:
         """Write the result folder of docs/conventions.md; it appears complete or not at all.
 
-        With the truth of a synthetic capture its report.html shows the errors.
+        With the truth of a synthetic capture its report.html shows the errors.  Returns a warning
+        for each older folder that stays under a hidden name because it could not be deleted.
 
-        Raises OutputExistsError when `folder` exists and `overwrite` is False, MachineError
-        when the disk is full or may not be written to.
+        Raises OutputExistsError when `folder` exists, or with `overwrite` when it holds anything
+        but an older result, MachineError when the disk is full or may not be written to.
         """
         from rakelight.report import save_with_report
 
-        save_with_report(
+        return save_with_report(
             self, folder, overwrite=overwrite, mesh=mesh, normal_map=normal_map, truth=truth
         )

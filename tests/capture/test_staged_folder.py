@@ -1,5 +1,7 @@
 import errno
+import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -7,16 +9,24 @@ from pathlib import Path
 
 import pytest
 
-from rakelight import files
+from rakelight import files, folders
 from rakelight.errors import InputError, MachineError, OutputExistsError
-from rakelight.files import read_bytes, require_free, staged_folder, write_bytes
+from rakelight.files import read_bytes, write_bytes
+from rakelight.folders import FILE_LIST, Manifest, file_list, put_back, require_free, staged_folder
+
+NOTES = file_list("notes")
+# As result.json: the writer lists the names, whatever the files hold.
+LISTED = Manifest("list", "list", lambda data: dict.fromkeys(data.decode().split()))
 
 
-def write(target, content=b"new", **options):
-    with staged_folder(target, **options) as staging:
-        (staging / "sub").mkdir()
-        write_bytes(staging / "sub" / "data", content)
-        write_bytes(staging / "result.json", content)
+def write(target, content=b"new", manifest=NOTES, **options):
+    with staged_folder(target, manifest=manifest, **options) as staging:
+        (staging.path / "sub").mkdir()
+        write_bytes(staging.path / "sub" / "data", content)
+        write_bytes(staging.path / "top", content)
+        if manifest is LISTED:
+            write_bytes(staging.path / "list", b"sub/data top list")
+    return staging.findings
 
 
 def names(folder):
@@ -25,11 +35,11 @@ def names(folder):
 
 def test_appears_at_the_end(tmp_path):
     target = tmp_path / "made" / "on the way" / "out"
-    with staged_folder(target) as staging:
-        assert staging.parent == target.parent
+    with staged_folder(target, manifest=NOTES) as staging:
+        assert staging.path.parent == target.parent
         assert not target.exists()
-        write_bytes(staging / "a", b"1")
-    assert names(target) == ["a"]
+        write_bytes(staging.path / "a", b"1")
+    assert names(target) == ["a", FILE_LIST]
     assert names(target.parent) == ["out"]
     assert target.stat().st_mode & 0o055 == (0o055 & ~_umask())
 
@@ -45,14 +55,14 @@ def test_nothing_is_left_of_a_failure(tmp_path, error):
     write(tmp_path / "out", b"old")
 
     def fail():
-        with staged_folder(tmp_path / "out", overwrite=True) as staging:
-            write_bytes(staging / "a", b"1")
+        with staged_folder(tmp_path / "out", manifest=NOTES, overwrite=True) as staging:
+            write_bytes(staging.path / "a", b"1")
             raise error
 
     with pytest.raises(error):
         fail()
     assert names(tmp_path) == ["out"]
-    assert (tmp_path / "out" / "result.json").read_bytes() == b"old"
+    assert (tmp_path / "out" / "top").read_bytes() == b"old"
 
 
 def test_what_stands_there_is_kept(tmp_path):
@@ -67,34 +77,268 @@ def test_what_stands_there_is_kept(tmp_path):
     (tmp_path / "mine" / "thesis.tex").write_text("x")
     with pytest.raises(OutputExistsError, match="not written by rakelight"):
         write(tmp_path / "mine", overwrite=True)
-    with pytest.raises(OutputExistsError, match=r"capture\.toml"):
-        write(tmp_path / "out", overwrite=True, marker="capture.toml")
+    with pytest.raises(
+        OutputExistsError, match=r"rakelight-files.json, needed a poem with nothing"
+    ):
+        write(tmp_path / "out", overwrite=True, manifest=file_list("poem"))
     assert names(tmp_path) == ["file", "mine", "out"]
-    assert (tmp_path / "out" / "result.json").read_bytes() == b"old"
+    assert (tmp_path / "out" / "top").read_bytes() == b"old"
 
 
-def test_overwrite(tmp_path):
-    write(tmp_path / "out", b"old")
-    (tmp_path / "out" / "stale").write_text("x")
-    write(tmp_path / "out", overwrite=True)
-    assert names(tmp_path / "out") == ["result.json", "sub"]
+@pytest.fixture(params=["exchange", "two renames"])
+def renaming(request, monkeypatch):
+    """Both ways to put a folder in the place of another."""
+    if request.param == "two renames":
+        monkeypatch.setattr(folders, "_exchange", lambda *_: False)
+    elif sys.platform != "linux":
+        pytest.skip("names are exchanged on Linux")
+
+
+@pytest.mark.parametrize("manifest", [NOTES, LISTED], ids=["checksums", "names"])
+@pytest.mark.usefixtures("renaming")
+def test_overwrite(tmp_path, manifest):
+    write(tmp_path / "out", b"old", manifest)
+    (tmp_path / "out" / "top").unlink()  # what is missing is no obstacle
+    assert write(tmp_path / "out", manifest=manifest, overwrite=True) == ()
+    assert names(tmp_path / "out") == sorted([manifest.name, "sub", "top"])
     assert (tmp_path / "out" / "sub" / "data").read_bytes() == b"new"
     (tmp_path / "empty").mkdir()
     write(tmp_path / "empty", overwrite=True)
     assert names(tmp_path) == ["empty", "out"]
 
 
+# --- what is ours ---
+
+
+def everything(folder):
+    """Relative name -> bytes, target of a link, or None for a folder."""
+    found = {}
+    for path in folder.rglob("*"):
+        what = None if path.is_dir() else "a file"
+        if path.is_symlink():
+            what = path.readlink()
+        elif path.is_file():
+            what = path.read_bytes()
+        found[path.relative_to(folder).as_posix()] = what
+    return found
+
+
+def add_file(folder):
+    (folder / "thesis.docx").write_text("x")
+
+
+def add_file_to_subfolder(folder):
+    (folder / "sub" / "thesis.docx").write_text("x")
+
+
+def add_empty_folder(folder):
+    (folder / "thesis").mkdir()
+
+
+def add_link(folder):
+    (folder / "thesis").symlink_to("/")
+
+
+def add_dangling_link(folder):
+    (folder / "thesis").symlink_to("nowhere")
+
+
+def add_fifo(folder):
+    os.mkfifo(folder / "thesis")
+
+
+def add_droppings(folder):
+    (folder / ".DS_Store").write_bytes(b"x")
+
+
+def link_for_file(folder):
+    (folder / "top").rename(folder.parent / "thesis")
+    (folder / "top").symlink_to("../thesis")
+
+
+def link_for_folder(folder):
+    (folder / "sub").rename(folder.parent / "thesis")
+    (folder / "sub").symlink_to("../thesis")
+
+
+def link_for_manifest(folder):
+    for name in (FILE_LIST, "list"):
+        if (folder / name).exists():
+            (folder / name).rename(folder.parent / "thesis")
+            (folder / name).symlink_to("../thesis")
+
+
+def folder_for_file(folder):
+    (folder / "top").unlink()
+    (folder / "top").mkdir()
+
+
+CHANGES = {
+    add_file: "thesis.docx",
+    add_file_to_subfolder: "sub/thesis.docx",
+    add_empty_folder: "thesis/",
+    add_link: "thesis",
+    add_dangling_link: "thesis",
+    add_fifo: "thesis",
+    add_droppings: ".DS_Store",
+    link_for_file: "top",
+    link_for_folder: "sub",
+    link_for_manifest: "",
+    folder_for_file: "top/",
+}
+
+
+@pytest.mark.parametrize("manifest", [NOTES, LISTED], ids=["checksums", "names"])
+@pytest.mark.parametrize("change", CHANGES, ids=lambda change: change.__name__)
+def test_a_folder_with_anything_foreign_is_never_replaced(tmp_path, change, manifest):
+    out = tmp_path / "out"
+    write(out, b"old", manifest)
+    change(out)
+    before = everything(tmp_path)
+    with pytest.raises(OutputExistsError, match="not overwritten") as caught:
+        require_free(out, manifest=manifest, overwrite=True)
+    assert caught.value.exit_code == 2
+    assert caught.value.seen == (CHANGES[change] or manifest.name)
+    with pytest.raises(OutputExistsError, match="not overwritten"):
+        write(out, manifest=manifest, overwrite=True)
+    assert everything(tmp_path) == before
+
+
+def test_a_file_that_was_changed_since_is_not_ours(tmp_path):
+    write(tmp_path / "out", b"old")
+    (tmp_path / "out" / "top").write_bytes(b"my")
+    with pytest.raises(OutputExistsError, match=r"changed since.*seen top, needed a notes"):
+        write(tmp_path / "out", overwrite=True)
+    write(tmp_path / "names", b"old", LISTED)
+    (tmp_path / "names" / "top").write_bytes(b"my")
+    write(tmp_path / "names", manifest=LISTED, overwrite=True)
+
+
+@pytest.mark.parametrize("listed", ["", "{}", "[]", "\0", '{"schema":1}', "[" * 10_000, None])
+def test_a_list_that_is_none_makes_nothing_ours(tmp_path, listed):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "thesis").write_text("x")
+    if listed is not None:
+        (tmp_path / "out" / FILE_LIST).write_text(listed)
+    before = everything(tmp_path)
+    with pytest.raises(OutputExistsError):
+        write(tmp_path / "out", overwrite=True)
+    assert everything(tmp_path) == before
+
+
+@pytest.mark.parametrize("name", ["../thesis", "sub/../../thesis", "{outside}", "", ".", "C:/x"])
+@pytest.mark.parametrize("manifest", [NOTES, LISTED], ids=["checksums", "names"])
+def test_names_that_lead_out_of_the_folder_are_not_followed(tmp_path, name, manifest):
+    outside, out = tmp_path / "thesis", tmp_path / "out"
+    outside.write_bytes(b"old")
+    name = name.format(outside=outside)
+    write(out, b"old", manifest)
+    if manifest is NOTES:
+        listed = json.loads((out / FILE_LIST).read_text())
+        listed["files"][name] = listed["files"]["top"]  # the thesis has this content, too
+        (out / FILE_LIST).write_text(json.dumps(listed))
+    else:
+        (out / "list").write_text(f"sub/data top list {name}")
+    write(out, manifest=manifest, overwrite=True)
+    assert outside.read_bytes() == b"old"
+    assert names(tmp_path) == ["out", "thesis"]
+
+
+@pytest.mark.usefixtures("renaming")
+def test_what_appears_while_a_folder_is_replaced_survives(tmp_path):
+    out = tmp_path / "out"
+    write(out, b"old")
+    with staged_folder(out, manifest=NOTES, overwrite=True) as staging:
+        (out / "sub" / "thesis").write_text("x")
+    (finding,) = staging.findings
+    (hidden,) = set(tmp_path.iterdir()) - {out}
+    assert finding.severity == "warning"
+    assert finding.message.startswith(f"{hidden}: ")
+    assert "seen sub/thesis" in finding.message
+    assert names(out) == [FILE_LIST]
+    assert (hidden / "sub" / "thesis").read_text() == "x"
+    # The next run says it again, and deletes it once nothing foreign is left.
+    assert write(out, overwrite=True) == (finding,)
+    (hidden / "sub" / "thesis").unlink()
+    assert write(out, overwrite=True) == ()
+    assert names(tmp_path) == ["out"]
+
+
+@pytest.mark.parametrize("call", ["unlink", "rmdir", "rename"])
+def test_an_older_folder_that_cannot_be_deleted_is_said(tmp_path, monkeypatch, call):
+    out = tmp_path / "out"
+    write(out, b"old")
+    with monkeypatch.context() as patch:
+        original = getattr(Path, call)
+
+        def refused(self, *arguments, **options):
+            if ".replaced" in f"{self}{arguments}":
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+            return original(self, *arguments, **options)
+
+        patch.setattr(Path, call, refused)
+        (finding,) = write(out, overwrite=True)
+        (hidden,) = set(tmp_path.iterdir()) - {out}
+        assert f"{hidden}: " in finding.message
+        assert "seen Permission denied" in finding.message
+        assert "delete it" in finding.remedy
+        again = write(out, overwrite=True)
+        assert finding in again
+        assert (out / "top").read_bytes() == b"new"
+    assert write(out, overwrite=True) == ()
+    assert names(tmp_path) == ["out"]
+
+
+def test_a_dead_runs_folder_that_cannot_be_deleted_is_said(tmp_path, monkeypatch):
+    (tmp_path / ".out.rakelight-12345678.partial").mkdir()
+
+    def refused(path, **_):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(shutil, "rmtree", refused)
+        with pytest.raises(PermissionError):
+            shutil.rmtree(tmp_path)
+        patch.setattr(
+            shutil, "rmtree", lambda path, ignore_errors=False: ignore_errors or refused(path)
+        )
+        (finding,) = write(tmp_path / "out")
+    assert "12345678.partial: " in finding.message
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names are exchanged on Linux")
+def test_the_exchange_of_two_names(tmp_path):
+    (tmp_path / "a").write_text("a")
+    (tmp_path / "b").mkdir()
+    if not folders._exchange(tmp_path / "a", tmp_path / "b"):
+        pytest.skip("not on this file system")
+    assert (tmp_path / "b").read_text() == "a"
+    assert (tmp_path / "a").is_dir()
+    assert not folders._exchange(tmp_path / "a", tmp_path / "none")
+    assert names(tmp_path) == ["a", "b"]
+
+
+def test_without_the_exchange_two_renames_do(tmp_path, monkeypatch):
+    class OldLibrary:
+        pass
+
+    monkeypatch.setattr(folders.ctypes, "CDLL", lambda _: OldLibrary())
+    write(tmp_path / "out", b"old")
+    assert write(tmp_path / "out", overwrite=True) == ()
+    assert (tmp_path / "out" / "top").read_bytes() == b"new"
+    assert names(tmp_path) == ["out"]
+
+
 def test_home_and_working_directory_are_never_replaced(tmp_path, monkeypatch):
     write(tmp_path / "out", b"old")
-    (tmp_path / "out" / "here").mkdir()
-    monkeypatch.chdir(tmp_path / "out" / "here")
-    with pytest.raises(OutputExistsError):
+    monkeypatch.chdir(tmp_path / "out" / "sub")
+    with pytest.raises(OutputExistsError, match="home or working directory"):
         write(tmp_path / "out", overwrite=True)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HOME", str(tmp_path / "out"))
-    with pytest.raises(OutputExistsError):
+    with pytest.raises(OutputExistsError, match="home or working directory"):
         write(tmp_path / "out", overwrite=True)
-    assert (tmp_path / "out" / "here").is_dir()
+    assert (tmp_path / "out" / "top").read_bytes() == b"old"
 
 
 def test_a_link_stays_a_link(tmp_path):
@@ -102,26 +346,26 @@ def test_a_link_stays_a_link(tmp_path):
     (tmp_path / "link").symlink_to(tmp_path / "real")
     write(tmp_path / "link", overwrite=True)
     assert (tmp_path / "link").is_symlink()
-    assert (tmp_path / "real" / "result.json").read_bytes() == b"new"
+    assert (tmp_path / "real" / "top").read_bytes() == b"new"
 
 
 def test_second_run_into_one_folder(tmp_path):
-    with staged_folder(tmp_path / "out") as staging:
+    with staged_folder(tmp_path / "out", manifest=NOTES) as staging:
         with pytest.raises(MachineError, match="another run is writing") as caught:
             write(tmp_path / "out")
         assert caught.value.exit_code == 3
         write(tmp_path / "other")
-        write_bytes(staging / "a", b"1")
+        write_bytes(staging.path / "a", b"1")
     assert names(tmp_path) == ["other", "out"]
-    assert names(tmp_path / "out") == ["a"]
+    assert names(tmp_path / "out") == ["a", FILE_LIST]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="SIGKILL")
 def test_killed_run_is_cleaned_up(tmp_path):
     program = (
-        "import sys, time; from pathlib import Path; from rakelight.files import *\n"
-        "with staged_folder(Path(sys.argv[1])) as staging:\n"
-        "    write_bytes(staging / 'a', b'1'); print('ready', flush=True); time.sleep(60)"
+        "import sys, time; from pathlib import Path; from rakelight.folders import *\n"
+        "with staged_folder(Path(sys.argv[1]), manifest=file_list('notes')) as staging:\n"
+        "    (staging.path / 'a').write_bytes(b'1'); print('ready', flush=True); time.sleep(60)"
     )
     source = str(Path(files.__file__).parents[1])
     run = subprocess.Popen(
@@ -138,9 +382,11 @@ def test_killed_run_is_cleaned_up(tmp_path):
     left = names(tmp_path)
     assert "out" not in left
     assert any(name.endswith(".partial") for name in left)
-    (tmp_path / ".other.rakelight-00.partial").mkdir()  # somebody else's
+    others = [".other.rakelight-01234567.partial", ".out.rakelight-thesis.partial"]
+    for name in others:
+        (tmp_path / name).mkdir()
     write(tmp_path / "out")
-    assert names(tmp_path) == [".other.rakelight-00.partial", "out"]
+    assert names(tmp_path) == [*others, "out"]
 
 
 def test_killed_between_the_renames(tmp_path):
@@ -149,23 +395,54 @@ def test_killed_between_the_renames(tmp_path):
     with pytest.raises(OutputExistsError):
         write(tmp_path / "out")
     assert names(tmp_path) == ["out"]
-    assert (tmp_path / "out" / "result.json").read_bytes() == b"old"
+    assert (tmp_path / "out" / "top").read_bytes() == b"old"
 
 
-def test_old_comes_back_when_the_new_cannot_take_its_place(tmp_path, monkeypatch):
+def test_what_was_moved_aside_is_found(tmp_path):
+    out = tmp_path / "out"
+    assert put_back(out) == out
+    write(out, b"old")
+    out.rename(tmp_path / ".out.rakelight-12345678.old")
+    (tmp_path / ".out.rakelight-12345678.replaced").mkdir()
+    (tmp_path / ".out.rakelight-thesis.old").mkdir()
+    assert put_back(out) == out
+    assert (out / "top").read_bytes() == b"old"
+    assert ".out.rakelight-12345678.old" not in names(tmp_path)
+    for elsewhere in ("no/such/folder", "x" * 300, "loop"):
+        (tmp_path / "loop").unlink(missing_ok=True)
+        (tmp_path / "loop").symlink_to("loop")
+        assert put_back(tmp_path / elsewhere) == tmp_path / elsewhere
+
+
+def test_what_was_moved_aside_is_read_there_if_it_cannot_be_put_back(tmp_path, monkeypatch):
+    out, aside = tmp_path / "out", tmp_path / ".out.rakelight-12345678.old"
+    write(aside, b"old")
+
+    def read_only(*_):
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    monkeypatch.setattr(Path, "rename", read_only)
+    assert put_back(out) == aside
+    assert names(tmp_path) == [aside.name]
+
+
+@pytest.mark.parametrize("failing", range(3))
+def test_old_comes_back_when_the_new_cannot_take_its_place(tmp_path, monkeypatch, failing):
     write(tmp_path / "out", b"old")
-    rename = Path.rename
+    monkeypatch.setattr(folders, "_exchange", lambda *_: False)
+    rename, calls = Path.rename, []
 
-    def fails_for_new(self, target):
-        if self.suffix == ".partial":
+    def fails_once(self, target):
+        calls.append(self)
+        if len(calls) == failing + 1:
             raise OSError(errno.EIO, os.strerror(errno.EIO))
         return rename(self, target)
 
-    monkeypatch.setattr(Path, "rename", fails_for_new)
+    monkeypatch.setattr(Path, "rename", fails_once)
     with pytest.raises(MachineError, match="Input/output error"):
         write(tmp_path / "out", overwrite=True)
     assert names(tmp_path) == ["out"]
-    assert (tmp_path / "out" / "result.json").read_bytes() == b"old"
+    assert (tmp_path / "out" / "top").read_bytes() == b"old"
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
@@ -185,8 +462,8 @@ def write_bytes_keeping(path, data):
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS, errno.EACCES])
 def test_failures_of_the_system_inside(tmp_path, number):
     def fail():
-        with staged_folder(tmp_path / "out") as staging:
-            raise OSError(number, os.strerror(number), str(staging))
+        with staged_folder(tmp_path / "out", manifest=NOTES) as staging:
+            raise OSError(number, os.strerror(number), str(staging.path))
 
     with pytest.raises(MachineError) as caught:
         fail()
@@ -202,7 +479,7 @@ def test_below_a_file(tmp_path):
 
 
 def free(target):
-    require_free(target, overwrite=False, marker="result.json")
+    require_free(target, manifest=NOTES)
 
 
 def test_require_free_sees_what_cannot_be_written(tmp_path, monkeypatch):
@@ -219,7 +496,7 @@ def test_require_free_sees_what_cannot_be_written(tmp_path, monkeypatch):
         tried.append(dir)
         raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
-    monkeypatch.setattr(files, "TemporaryFile", read_only)
+    monkeypatch.setattr(folders, "TemporaryFile", read_only)
     with pytest.raises(MachineError, match=r"new/out: cannot be written \(seen Read-only file sys"):
         free(tmp_path / "new" / "out")
     assert tried == [tmp_path]

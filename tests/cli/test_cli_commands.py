@@ -307,7 +307,7 @@ def test_synth_replaces_only_what_it_wrote(run, refused, capture, tmp_path):
     refused(*command, about=capture, words=("the folder exists", "--overwrite"))
     assert run(*command, "--overwrite").code == 0
     assert len(load_capture(capture).photographs) == 3
-    shutil.rmtree(capture / "truth")  # now it is like somebody's real capture
+    (capture / "rakelight-files.json").unlink()  # now it is like somebody's real capture
     refused(*command, "--overwrite", about=capture, words=("not overwritten",))
 
 
@@ -368,17 +368,17 @@ def test_eval_maps(run, refused, capture, result, tmp_path):
     maps = tmp_path / "maps"
     command = ("eval", result, "--truth", capture, "--maps", maps)
     assert run(*command).out.endswith(f"error maps: {maps}\n")
-    assert sorted(path.name for path in maps.iterdir()) == ["depth_error.png", "normal_error.png"]
+    pictures = ["depth_error.png", "normal_error.png"]
+    assert sorted(path.name for path in maps.iterdir()) == [*pictures, "rakelight-files.json"]
     mask = load_capture(capture).mask
-    for path in maps.iterdir():
+    for path in maps.glob("*.png"):
         picture = decode_image(path.read_bytes())
         assert picture.shape[:2] == (36, 48)
         assert len(np.unique(picture[mask].reshape(mask.sum(), -1), axis=0)) > 10
         assert len(np.unique(picture[~mask].reshape((~mask).sum(), -1), axis=0)) == 1
     refused(*command, about=maps, words=("the folder exists", "--overwrite"))
     assert run(*command, "--overwrite").code == 0
-    refused(*command[:-1], capture, "--overwrite", about=capture, words=("not overwritten",))
-    below = result / "depth.tiff" / "maps"
+    below = maps / "depth_error.png" / "maps"
     refused(
         *command[:-1], below, about=below, words=("Not a directory", "Fix: choose another place")
     )
@@ -462,11 +462,11 @@ def test_demo(run, tmp_path, monkeypatch):
 def test_demo_replaces_an_earlier_demo_but_nothing_else(run, refused, capture, tmp_path):
     mine = tmp_path / "mine"
     assert run("demo", "-o", mine, "--quiet").code == 0
-    (mine / "result" / "stale").write_text("x")
+    before = [(mine / name).stat().st_ino for name in ("capture", "result")]
     assert run("demo", "-o", mine, "--quiet").code == 0
     assert sorted(path.name for path in mine.iterdir()) == ["capture", "result"]
-    assert not (mine / "result" / "stale").exists()
-    shutil.rmtree(mine / "capture" / "truth")  # now it is like somebody's real capture
+    assert before != [(mine / name).stat().st_ino for name in ("capture", "result")]
+    (mine / "capture" / "rakelight-files.json").unlink()  # now it is like somebody's real capture
     refused("demo", "-o", mine, about=mine / "capture", words=("not overwritten",))
 
 

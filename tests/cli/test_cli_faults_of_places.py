@@ -10,7 +10,8 @@ import pytest
 from cli_helpers import contents
 from cli_process import PROGRAM, run_process
 
-from rakelight.files import staged_folder
+from rakelight.export import RESULT
+from rakelight.folders import staged_folder
 
 ODD_NAMES = [
     b"with space",
@@ -42,8 +43,8 @@ def failing(error):
 @pytest.fixture
 def old_result(run, capture, tmp_path):
     """An earlier result at `out`, with a file that only it has."""
-    assert run("refine", capture, "-o", tmp_path / "out", "--quiet").code == 0
-    (tmp_path / "out" / "of the old one").write_text("x")
+    command = ("refine", capture, "-o", tmp_path / "out", "--mesh", "glb")
+    assert run(*command, "--quiet").code == 0
     return tmp_path / "out"
 
 
@@ -121,7 +122,7 @@ def test_24_an_existing_result_needs_overwrite(run, refused, capture, old_result
     words = ("the folder exists", "--overwrite")
     refused("refine", capture, "-o", old_result, about=old_result, words=words)
     assert run("refine", capture, "-o", old_result, "--overwrite", "--quiet").code == 0
-    assert not (old_result / "of the old one").exists()
+    assert not (old_result / "mesh.glb").exists()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["capture", "out"]
 
 
@@ -298,9 +299,9 @@ def test_26_killed_while_writing(run, capture, old_result, tmp_path):
 def test_27_two_runs_into_one_folder(run, capture, tmp_path):
     pytest.importorskip("fcntl")
     out = tmp_path / "out"
-    with staged_folder(out) as staging:
+    with staged_folder(out, manifest=RESULT) as staging:
         ran = run("refine", capture, "-o", out)
-        (staging / "result.json").write_text("of the first")
+        (staging.path / "result.json").write_text("of the first")
     assert (ran.code, ran.out) == (3, "")
     assert ran.err.startswith(f"error: {out}: another run is writing this folder. Fix: wait for it")
     assert (out / "result.json").read_text() == "of the first"

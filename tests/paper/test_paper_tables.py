@@ -201,7 +201,8 @@ def test_the_command_writes_the_table_in_three_formats(run, tmp_path, small):
     made = tmp_path / "made"
     pictures = {f"table1_{scenario}.png" for scenario in SCENARIOS}
     assert {path.name for path in made.iterdir()} == pictures | {
-        f"table1.{kind}" for kind in ("md", "csv", "json")
+        "rakelight-files.json",
+        *(f"table1.{kind}" for kind in ("md", "csv", "json")),
     }
     assert (made / "table1.json").read_text() == as_json(small.cells)
     assert (made / "table1.csv").read_text() == as_csv(small.cells)
@@ -211,16 +212,16 @@ def test_the_command_writes_the_table_in_three_formats(run, tmp_path, small):
 def test_an_older_table_is_replaced_only_when_asked(run, tmp_path):
     command = ("table1", "--size", "0.1", "-o", "made", "--quiet")
     assert run(*command) == (0, "", "")
-    (tmp_path / "made/table1.json").write_text("old")
+    before = (tmp_path / "made/table1.json").stat().st_ino
     code, out, err = run(*command)
     assert (code, out) == (2, "")
     assert re.fullmatch(r"error: made: the folder exists.*--overwrite\n", err)
-    assert (tmp_path / "made/table1.json").read_text() == "old"
+    assert (tmp_path / "made/table1.json").stat().st_ino == before
     assert run(*command, "--overwrite") == (0, "", "")
-    assert (tmp_path / "made/table1.json").read_text() != "old"
+    assert (tmp_path / "made/table1.json").stat().st_ino != before
 
 
-@pytest.mark.parametrize("file", ["table2.json", "thesis.tex"])
+@pytest.mark.parametrize("file", ["table1.json", "table2.json", "thesis.tex"])
 def test_no_other_folder_is_replaced(run, tmp_path, file):
     (tmp_path / "made").mkdir()
     (tmp_path / "made" / file).write_text("mine")
@@ -235,6 +236,7 @@ def test_the_command_prints_markdown_and_where_it_is(run, tmp_path):
     assert (code, err) == (0, "")
     assert out == (tmp_path / "made/table2.md").read_text() + "\nwritten to made\n"
     assert {path.name for path in (tmp_path / "made").iterdir()} == {
+        "rakelight-files.json",
         "table2.md",
         "table2.csv",
         "table2.json",

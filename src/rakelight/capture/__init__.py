@@ -1,6 +1,14 @@
 """Capture folders: read strictly, written whole or not at all."""
 
-from rakelight.capture.folder import load_capture, load_depth, write_capture
+from rakelight.capture.folder import CAPTURE, SYNTHETIC, load_capture, load_depth, write_capture
 from rakelight.capture.truth import has_truth, load_truth
 
-__all__ = ["has_truth", "load_capture", "load_depth", "load_truth", "write_capture"]
+__all__ = [
+    "CAPTURE",
+    "SYNTHETIC",
+    "has_truth",
+    "load_capture",
+    "load_depth",
+    "load_truth",
+    "write_capture",
+]

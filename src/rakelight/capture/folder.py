@@ -35,7 +35,8 @@ from rakelight.capture.listing import (
 )
 from rakelight.capture.truth import write_truth
 from rakelight.errors import CaptureError, OutputExistsError, printable
-from rakelight.files import clear_errors, in_threads, read_bytes, staged_folder, write_bytes
+from rakelight.files import clear_errors, in_threads, read_bytes, write_bytes
+from rakelight.folders import file_list, staged_folder
 from rakelight.model import (
     Array,
     Capture,
@@ -46,6 +47,12 @@ from rakelight.model import (
     Mask,
     Truth,
 )
+
+CAPTURE = file_list("capture")
+"""By which a capture folder that `write_capture` made without truth is known."""
+
+SYNTHETIC = file_list("synthetic capture")
+"""By which one with truth is known: never a real capture."""
 
 
 def load_capture(folder: str | PathLike[str], photographs: Sequence[int] | None = None) -> Capture:
@@ -155,7 +162,7 @@ def write_capture(
     truth: Truth | None = None,
     depth_scale: float | None = None,
     overwrite: bool = False,
-) -> None:
+) -> tuple[Finding, ...]:
     """Write a capture folder; it appears complete or not at all.
 
     Parameters
@@ -166,7 +173,13 @@ def write_capture(
     truth : stored in truth/ for `load_truth`
     depth_scale : store depth as 16-bit PNG with so many values per metre, rounded; without it as
         float32 TIFF in metres, exact
-    overwrite : replace an older capture folder, but never the one that `capture` was read from
+    overwrite : replace an older capture folder, with truth or without as this one, if it holds
+        nothing but what its rakelight-files.json lists, unchanged; never one made by hand, nor
+        the one that `capture` was read from
+
+    Returns
+    -------
+    a warning for each older folder that stays under a hidden name because it could not be deleted
 
     Raises
     ------
@@ -187,7 +200,7 @@ def write_capture(
     ...                   mask=np.eye(6, 8, dtype=bool),
     ...                   camera=Camera(8, 6, 10.0, 10.0, 3.5, 2.5))
     >>> with TemporaryDirectory() as scratch:
-    ...     write_capture(capture, Path(scratch) / "small")
+    ...     findings = write_capture(capture, Path(scratch) / "small")
     ...     again = load_capture(Path(scratch) / "small")
     >>> np.array_equal(again.photographs, capture.photographs), again.names[0]
     (True, '000.png')
@@ -210,19 +223,22 @@ def write_capture(
         capture.depth_noise,
         capture.register,
     )
-    with staged_folder(target, overwrite=overwrite, marker=CONFIG) as staging:
+    manifest = CAPTURE if truth is None else SYNTHETIC
+    with staged_folder(target, manifest=manifest, overwrite=overwrite) as staging:
+        path = staging.path
         for name in ("rgb", "depth"):
-            (staging / name).mkdir()
-        _write_each(staging / "rgb", ".png", encode_png, capture.photographs)
+            (path / name).mkdir()
+        _write_each(path / "rgb", ".png", encode_png, capture.photographs)
         if depth_scale is None:
-            _write_each(staging / "depth", ".tiff", encode_tiff, capture.depth_m)
+            _write_each(path / "depth", ".tiff", encode_tiff, capture.depth_m)
         else:
             values = depth_values(capture.depth_m, depth_scale)
-            _write_each(staging / "depth", ".png", encode_png, values)
-        write_bytes(staging / "mask.png", encode_png(capture.mask.astype(np.uint8) * np.uint8(255)))
+            _write_each(path / "depth", ".png", encode_png, values)
+        write_bytes(path / "mask.png", encode_png(capture.mask.astype(np.uint8) * np.uint8(255)))
         if truth is not None:
-            write_truth(truth, staging / "truth")
-        write_bytes(staging / CONFIG, config.encode())
+            write_truth(truth, path / "truth")
+        write_bytes(path / CONFIG, config.encode())
+    return staging.findings
 
 
 def _read_config(root: Root) -> CaptureTable:

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from rakelight.cli.eval import score_table
-from rakelight.cli.options import output_options
+from rakelight.cli.options import output_options, print_findings
 from rakelight.cli.progress import shown_progress
 from rakelight.cli.refine import outcome
 from rakelight.errors import printable
@@ -32,22 +32,25 @@ def command(output: Path, as_json: bool, quiet: bool, debug: bool) -> None:
     The depth sensor of this capture has half the colour camera's resolution, noise of 2.5 mm,
     steps of 1 mm and holes.
     """
-    from rakelight.capture import load_capture, write_capture
-    from rakelight.files import require_free
+    from rakelight.capture import SYNTHETIC, load_capture, write_capture
+    from rakelight.export import RESULT
+    from rakelight.folders import require_free
     from rakelight.methods import refine
     from rakelight.metrics import evaluate, evaluate_depth
     from rakelight.synthetic import demo_scene
 
     folder, result_folder = output / "capture", output / "result"
-    require_free(folder, overwrite=True, marker="truth/depth.tiff")  # never somebody's own capture
-    require_free(result_folder, overwrite=True, marker="result.json")
+    require_free(folder, manifest=SYNTHETIC, overwrite=True)  # never somebody's own capture
+    require_free(result_folder, manifest=RESULT, overwrite=True)
     with shown_progress(quiet or as_json) as progress:
         progress(Progress("render"))
         scene, truth = demo_scene()
-        write_capture(scene, folder, truth=truth, overwrite=True)
+        kept = write_capture(scene, folder, truth=truth, overwrite=True)
         result = refine(load_capture(folder), progress=progress)
         progress(Progress("write"))
-        result.save(result_folder, overwrite=True, truth=truth)
+        kept += result.save(result_folder, overwrite=True, truth=truth)
+    if not quiet:
+        print_findings(kept)
     before = evaluate_depth(result.prepared_depth, result.camera, truth)
     after = evaluate(result.depth, result.normals, truth)
     if as_json:

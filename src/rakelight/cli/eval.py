@@ -8,12 +8,13 @@ from pathlib import Path
 
 import click
 
-from rakelight.cli.options import output_options
+from rakelight.cli.options import output_options, print_findings, refuse_input_as_output
 from rakelight.errors import InputError, printable
+from rakelight.folders import file_list, require_free, staged_folder
 from rakelight.metrics import DEPTH_RANGE_MM, NORMAL_RANGE_DEG, Evaluation
-from rakelight.model import Floats, Truth, checksum
+from rakelight.model import Finding, Floats, Truth, checksum
 
-_MAPS_MARKER = "depth_error.png"
+_MAPS = file_list("folder of error maps")
 
 
 @click.command("eval")
@@ -49,11 +50,12 @@ def command(
     """
     from rakelight.capture import load_depth, load_truth
     from rakelight.export import load_result
-    from rakelight.files import require_free
     from rakelight.metrics import evaluate, evaluate_depth
 
     if maps is not None:
-        require_free(maps, overwrite=overwrite, marker=_MAPS_MARKER)
+        refuse_input_as_output(truth, maps)
+        refuse_input_as_output(result, maps, "result")
+        require_free(maps, manifest=_MAPS, overwrite=overwrite)
     loaded, known = load_result(result), load_truth(truth)
     after = evaluate(loaded.depth, loaded.normals, known)
     before = evaluate_depth(loaded.prepared_depth, loaded.summary.camera, known)
@@ -68,7 +70,9 @@ def command(
             remedy="name the capture that was refined, or refine this one again",
         )
     if maps is not None:
-        _write_maps(loaded.depth, loaded.normals, known, maps, overwrite)
+        kept = _write_maps(loaded.depth, loaded.normals, known, maps, overwrite)
+        if not quiet:
+            print_findings(kept)
     if as_json:
         scores = {"prepared": asdict(before), "refined": asdict(after)}
         click.echo(json.dumps({"result": printable(str(result)), **scores}))
@@ -94,16 +98,17 @@ def score_table(before: Evaluation, after: Evaluation) -> str:
 
 def _write_maps(
     depth: Floats, normals: Floats, truth: Truth, folder: Path, overwrite: bool
-) -> None:
+) -> tuple[Finding, ...]:
     from rakelight.capture.images import encode_png
-    from rakelight.files import staged_folder, write_bytes
+    from rakelight.files import write_bytes
     from rakelight.metrics import color_errors, depth_error_map_mm, normal_error_map_deg
 
     depth_map = depth_error_map_mm(depth, truth.depth, truth.mask)
     normal_map = normal_error_map_deg(normals, truth.normals, truth.mask)
-    with staged_folder(folder, overwrite=overwrite, marker=_MAPS_MARKER) as staging:
+    with staged_folder(folder, manifest=_MAPS, overwrite=overwrite) as staging:
         for name, errors, largest in (
             ("depth_error.png", depth_map, DEPTH_RANGE_MM),
             ("normal_error.png", normal_map, NORMAL_RANGE_DEG),
         ):
-            write_bytes(staging / name, encode_png(color_errors(errors, largest)))
+            write_bytes(staging.path / name, encode_png(color_errors(errors, largest)))
+    return staging.findings

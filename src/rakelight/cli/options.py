@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
-from rakelight.errors import InputError
+from rakelight.errors import InputError, OutputExistsError, printable
+from rakelight.model import Finding
 from rakelight.prepare import Scale
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -23,6 +26,29 @@ def output_options(command: F) -> F:
     ):
         command = option(command)
     return command
+
+
+def print_findings(findings: Iterable[Finding]) -> None:
+    """One line each on stderr, with what to do about it."""
+    for finding in findings:
+        line = f"{finding.severity}: {finding.message}"
+        line += f". Fix: {finding.remedy}" if finding.remedy else ""
+        click.echo(printable(line), err=True)
+
+
+def refuse_input_as_output(source: Path, output: Path, what: str = "capture") -> None:
+    """Raise OutputExistsError when `output` is the input, or one lies inside the other.
+
+    source : the input, a file or folder; what : it is, for the message
+    """
+    inner, outer = Path(os.path.realpath(output)), Path(os.path.realpath(source))
+    if inner.is_relative_to(outer):
+        wrong = f"this would be written into the {what}, which is never changed"
+    elif outer.is_relative_to(inner):
+        wrong = f"the {what} lies in this folder and would be replaced with it"
+    else:
+        return
+    raise OutputExistsError(wrong, source=str(output), remedy="choose a folder beside it")
 
 
 def count_photographs(count: int) -> str:

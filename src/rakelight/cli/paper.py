@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from rakelight.cli.options import output_options
+from rakelight.cli.options import output_options, print_findings, refuse_input_as_output
 from rakelight.cli.progress import shown_progress
 from rakelight.errors import printable
 
@@ -49,21 +49,27 @@ def command(
     """
     from rakelight.capture import load_capture
     from rakelight.errors import InputError
-    from rakelight.files import require_free, staged_folder, write_bytes
-    from rakelight.paper.make import folder_of, marker, require_extras
+    from rakelight.files import write_bytes
+    from rakelight.folders import file_list, require_free, staged_folder
+    from rakelight.paper.make import folder_of, require_extras
     from rakelight.paper.runs import Runs
 
     if not 0.1 <= size <= 4:
         raise InputError("not a size", source="--size", seen=str(size), needed="0.1 to 4")
     require_extras(what)
-    require_free(output, overwrite=overwrite, marker=marker(what))
+    if capture is not None:
+        refuse_input_as_output(capture, output)
+    manifest = file_list(f"paper's {what}")
+    require_free(output, manifest=manifest, overwrite=overwrite)
     own = None if capture is None else load_capture(capture)
     with shown_progress(quiet or as_json) as progress:
         files, rows, text = folder_of(what, Runs(size, own, progress))
-    with staged_folder(output, overwrite=overwrite, marker=marker(what)) as staging:
+    with staged_folder(output, manifest=manifest, overwrite=overwrite) as staging:
         for name, content in files.items():
-            (staging / name).parent.mkdir(exist_ok=True)
-            write_bytes(staging / name, content)
+            (staging.path / name).parent.mkdir(exist_ok=True)
+            write_bytes(staging.path / name, content)
+    if not quiet:
+        print_findings(staging.findings)
     if as_json:
         click.echo(rows)
     elif not quiet:

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import json
-import os
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any, Literal
 
 import click
 
-from rakelight.cli.options import count_photographs, output_options, parse_photographs, parse_scale
+from rakelight.cli.options import (
+    count_photographs,
+    output_options,
+    parse_photographs,
+    parse_scale,
+    print_findings,
+    refuse_input_as_output,
+)
 from rakelight.cli.progress import shown_progress
 from rakelight.cli.view import view_command
-from rakelight.errors import OutputExistsError, printable
+from rakelight.errors import printable
 from rakelight.methods import METHODS
 from rakelight.model import Progress, Result
 
@@ -72,13 +79,14 @@ def command(
 ) -> None:
     """Refine the depth of the capture folder CAPTURE by its photographs; write OUT."""
     from rakelight.capture import has_truth, load_capture, load_truth
-    from rakelight.files import require_free
+    from rakelight.export import RESULT
+    from rakelight.folders import require_free
     from rakelight.methods import refine
 
     wanted = parse_scale(scale)
     chosen = None if photographs is None else parse_photographs(photographs)
     refuse_input_as_output(capture, output)
-    require_free(output, overwrite=overwrite, marker="result.json")
+    require_free(output, manifest=RESULT, overwrite=overwrite)
     began = perf_counter()
     with shown_progress(quiet or as_json) as progress:
         progress(Progress("read"))
@@ -88,21 +96,12 @@ def command(
         result = refine(loaded, method, scale=wanted, progress=progress)
         progress(Progress("write"))
         result = result.timed(read=read_s)
-        result.save(output, overwrite=overwrite, mesh=mesh, normal_map=normal_map, truth=truth)
+        kept = result.save(
+            output, overwrite=overwrite, mesh=mesh, normal_map=normal_map, truth=truth
+        )
+        result = replace(result, findings=(*result.findings, *kept))
     if as_json or not quiet:
         report_result(result, output, as_json)
-
-
-def refuse_input_as_output(capture: Path, output: Path) -> None:
-    """Raise OutputExistsError when `output` is the capture, or one lies inside the other."""
-    target, source = Path(os.path.realpath(output)), Path(os.path.realpath(capture))
-    if target.is_relative_to(source):
-        what = "the result would be written into the capture, which is never changed"
-    elif source.is_relative_to(target):
-        what = "the capture lies in this folder and would be replaced with it"
-    else:
-        return
-    raise OutputExistsError(what, source=str(output), remedy="choose a folder beside it with -o")
 
 
 def outcome(result: Result, folder: Path) -> dict[str, Any]:
@@ -128,11 +127,7 @@ def report_result(result: Result, folder: Path, as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps(facts))
         return
-    for finding in result.findings:
-        line = f"{finding.severity}: {finding.message}"
-        click.echo(
-            printable(line + (f". Fix: {finding.remedy}" if finding.remedy else "")), err=True
-        )
+    print_findings(result.findings)
     height, width = result.depth.shape
     ended = "converged" if result.converged else "stopped"
     click.echo(

@@ -12,7 +12,13 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from rakelight.cli.options import F, count_photographs, output_options
+from rakelight.cli.options import (
+    F,
+    count_photographs,
+    output_options,
+    print_findings,
+    refuse_input_as_output,
+)
 from rakelight.errors import InputError, printable
 
 
@@ -153,8 +159,8 @@ def command(
     **settings: Any,
 ) -> None:
     """Make a capture with known truth: an object, its paint, lamps and sensors."""
-    from rakelight.capture import write_capture
-    from rakelight.files import require_free
+    from rakelight.capture import SYNTHETIC, write_capture
+    from rakelight.folders import require_free
     from rakelight.synthetic import (
         DepthNoise,
         SceneOptions,
@@ -172,7 +178,10 @@ def command(
         raise InputError("not a size", source="--size", seen=str(size), needed="above 0, up to 16")
     settings["depth_to_color"] = _beside(settings["depth_to_color"])
     noise = {f.name: settings.pop(f.name) for f in fields(DepthNoise) if f.name in settings}
-    require_free(output, overwrite=overwrite, marker="truth/depth.tiff")  # never a real capture
+    for file, what in ((shape_file, "shape file"), (texture, "texture")):
+        if file is not None:
+            refuse_input_as_output(file, output, what)
+    require_free(output, manifest=SYNTHETIC, overwrite=overwrite)  # never a real capture
     with _options_named():
         solid = make_shape(shape or SHAPE) if shape_file is None else shape_from_file(shape_file)
         if texture is None:
@@ -183,7 +192,9 @@ def command(
             camera=solid.camera.scaled(size), depth_noise=DepthNoise(**noise), **settings
         )
         capture, truth = render_scene(solid, paint, options)
-    write_capture(capture, output, truth=truth, overwrite=overwrite)
+    kept = write_capture(capture, output, truth=truth, overwrite=overwrite)
+    if not quiet:
+        print_findings(kept)
     if as_json:
         click.echo(
             json.dumps(

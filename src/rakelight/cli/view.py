@@ -32,9 +32,13 @@ def command(result: Path, only_print: bool, debug: bool) -> None:
 def report_address(folder: Path) -> str:
     """The file: address of a result folder's report; bytes that do not print are escaped in it.
 
+    An older result that a killed run had moved aside is put back first.
+
     Raises InputError when the folder has none.
     """
-    report = folder / "report.html"
+    from rakelight.folders import put_back
+
+    report = put_back(folder) / "report.html"
     if not report.is_file():
         raise InputError(
             "no report here",

@@ -32,12 +32,21 @@ from rakelight.export.summary import (
     summarise,
     summary_json,
 )
-from rakelight.files import in_threads, read_bytes, staged_folder, write_bytes
+from rakelight.files import in_threads, read_bytes, write_bytes
+from rakelight.folders import Manifest, put_back, staged_folder
 from rakelight.model import Array, Finding, Floats, Result
 
-__all__ = ["LoadedResult", "Summary", "load_result", "save_result"]
+__all__ = ["RESULT", "LoadedResult", "Summary", "load_result", "save_result"]
 
 MARKER = "result.json"
+
+
+def _listed(data: bytes) -> Mapping[str, None]:
+    return dict.fromkeys(parse_summary(data, source=MARKER).files)
+
+
+RESULT = Manifest("result", MARKER, _listed)
+"""By which a result folder is known."""
 
 ExtraFiles: TypeAlias = Mapping[str, Callable[[Result], bytes]]
 
@@ -50,17 +59,22 @@ def save_result(
     mesh: MeshFormat = "ply",
     normal_map: NormalMap = "opengl",
     extra_files: ExtraFiles | None = None,
-) -> None:
+) -> tuple[Finding, ...]:
     """Write the result folder of docs/conventions.md; it appears complete or not at all.
 
     Parameters
     ----------
     folder : where it is to appear; its parents are made
-    overwrite : replace an older result folder there; other folders and files are never replaced
+    overwrite : replace an older result folder there if it holds nothing but what its result.json
+        lists; other folders and files are never replaced
     mesh : format of the mesh file
     normal_map : the axes of normals.png
     extra_files : more files for the folder, such as the report: name -> function that makes the
         content from the result as it is written
+
+    Returns
+    -------
+    a warning for each older folder that stays under a hidden name because it could not be deleted
 
     Raises
     ------
@@ -82,15 +96,16 @@ def save_result(
     ...                 camera=Camera(4, 4, 100.0, 100.0, 1.5, 1.5), prepared_depth=plane,
     ...                 method="none")
     >>> with TemporaryDirectory() as scratch:
-    ...     save_result(result, Path(scratch) / "out")
+    ...     findings = save_result(result, Path(scratch) / "out")
     ...     load_result(Path(scratch) / "out").summary.pixels
     16
     """
     _check_option("mesh", mesh, ("ply", "glb", "none"))
     _check_option("normal_map", normal_map, ("opengl", "directx"))
     result = only_finite(result)
-    with staged_folder(Path(folder), overwrite=overwrite, marker=MARKER) as staging:
-        _write(result, staging, mesh, normal_map, extra_files or {})
+    with staged_folder(Path(folder), manifest=RESULT, overwrite=overwrite) as staging:
+        _write(result, staging.path, mesh, normal_map, extra_files or {})
+    return staging.findings
 
 
 def _write(
@@ -152,10 +167,12 @@ class LoadedResult:
 def load_result(folder: str | PathLike[str]) -> LoadedResult:
     """Read the result folder that `save_result` wrote.
 
+    An older one that a killed run had moved aside is put back first.
+
     Raises InputError when `folder` is not one or one of its files is damaged, MachineError when
     a file cannot be read.
     """
-    folder = Path(folder)
+    folder = put_back(Path(folder))
     if not (folder / MARKER).is_file():
         raise InputError(
             "not a result folder",

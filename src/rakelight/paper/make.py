@@ -17,11 +17,6 @@ PLOTTED = ("figure7", ALL)
 """These need matplotlib."""
 
 
-def marker(what: str) -> str:
-    """The file by which a folder is known to hold `what`."""
-    return "paper.json" if what == ALL else f"{what}.json"
-
-
 def require_extras(what: str) -> None:
     """Raise MissingExtraError, before any work, when `what` cannot be drawn."""
     if what in PLOTTED:
@@ -56,7 +51,7 @@ def make_all(runs: Runs) -> tuple[dict[str, bytes], str]:
         files |= sheet.files()
     found = claims(sheets)
     said = as_json(found)
-    return {**files, **page(sheets, found, runs.size), marker(ALL): said.encode()}, said
+    return {**files, **page(sheets, found, runs.size), "paper.json": said.encode()}, said
 
 
 def folder_of(what: str, runs: Runs) -> tuple[Mapping[str, bytes], str, str]:

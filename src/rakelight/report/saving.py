@@ -8,7 +8,7 @@ from os import PathLike
 from rakelight.export import save_result
 from rakelight.export.normals import NormalMap
 from rakelight.export.summary import MeshFormat
-from rakelight.model import Result, Truth
+from rakelight.model import Finding, Result, Truth
 from rakelight.report.page import report_html
 
 REPORT = "report.html"
@@ -22,17 +22,17 @@ def save_with_report(
     mesh: MeshFormat = "ply",
     normal_map: NormalMap = "opengl",
     truth: Truth | None = None,
-) -> None:
+) -> tuple[Finding, ...]:
     """`export.save_result` with report.html among the files; what `Result.save` calls.
 
     truth : of a synthetic capture, for the errors in the report; left out where it has another
         size than the result
 
-    Raises what `save_result` raises.
+    Returns and raises what `save_result` does.
     """
     if truth is not None and truth.depth.shape != result.depth.shape:
         truth = None
-    save_result(
+    return save_result(
         result,
         folder,
         overwrite=overwrite,
