@@ -36,7 +36,7 @@ def unpacked(
     if compression == "none":
         return np.frombuffer(data, np.uint8, size)
     if compression == "deflate":
-        whole = np.frombuffer(_inflated(data, most, source), np.uint8)
+        whole = np.frombuffer(inflated(data, most, source)[0], np.uint8)
     else:
         from rakelight.capture._kernels import unpack_lzw, unpack_packbits
 
@@ -51,8 +51,11 @@ def unpacked(
     return whole[:size]
 
 
-def _inflated(data: bytes, most: int, source: str) -> bytes:
-    """What a whole zlib stream holds, checksum included; one byte more than `most` at the most."""
+def inflated(data: bytes, most: int, source: str) -> tuple[bytes, int]:
+    """What a zlib stream holds, at most one byte more than `most`, and how many bytes it takes.
+
+    Raises CaptureError where it is not whole or its checksum is wrong.
+    """
     stream = zlib.decompressobj()
     try:
         whole = stream.decompress(data, most + 1)
@@ -60,4 +63,4 @@ def _inflated(data: bytes, most: int, source: str) -> bytes:
         raise damaged(source, "its compressed pixels contradict themselves") from error
     if not stream.eof:
         raise damaged(source, "its compressed pixels have another size than the image")
-    return whole
+    return whole, len(data) - len(stream.unused_data)

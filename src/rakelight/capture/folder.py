@@ -46,7 +46,9 @@ from rakelight.model import (
     Truth,
 )
 
-_LARGEST_CONFIG = 100_000  # bytes of capture.toml; a full one takes a thousand
+# Bytes of capture.toml: a full one takes a thousand.  The time of the TOML parser grows with the
+# square of some texts: 80,000 take it a minute.
+_LARGEST_CONFIG = 16_000
 
 
 def load_capture(folder: str | PathLike[str], photographs: Sequence[int] | None = None) -> Capture:

@@ -6,7 +6,9 @@ import struct
 import zlib
 from collections.abc import Iterator
 
-from rakelight.capture.compression import unpacked
+import numpy as np
+
+from rakelight.capture.compression import inflated
 from rakelight.capture.headers import PNG_MAGIC, damaged, png_chunks
 
 _SAMPLES = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # per pixel, by colour type; 3 is a palette
@@ -36,13 +38,17 @@ def plain_png(data: bytes, source: str) -> bytes:
         kept += palettes
     pixels = b"".join(data[start + 8 : end - 4] for kind, start, end in chunks if kind == b"IDAT")
     passes = list(_passes(width, height, bits * _SAMPLES[colour], interlace))
-    rows = unpacked(pixels, "deflate", sum(count * size for count, size in passes), source)
+    total = sum(count * size for count, size in passes)
+    whole, used = inflated(pixels, total, source)
+    if len(whole) != total:
+        raise damaged(source, "its compressed pixels have another size than the image")
+    rows = np.frombuffer(whole, np.uint8)
     at = 0
     for count, size in passes:
         if count and (rows[at : at + count * size : size] > _LARGEST_FILTER).any():
             raise damaged(source, "its compressed pixels contradict themselves")
         at += count * size
-    kept += [_chunk(b"IDAT", pixels), _chunk(b"IEND", b"")]
+    kept += [_chunk(b"IDAT", pixels[:used]), _chunk(b"IEND", b"")]
     return PNG_MAGIC + b"".join(kept)
 
 

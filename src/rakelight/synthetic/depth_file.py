@@ -17,7 +17,7 @@ from rakelight.errors import InputError, parsing
 from rakelight.files import read_bytes
 from rakelight.geometry.camera import pixel_rays
 from rakelight.geometry.grid import bounding_window
-from rakelight.model import Camera, Floats, Mask
+from rakelight.model import Array, Camera, Floats, Mask
 from rakelight.synthetic.implicit import Surface
 from rakelight.synthetic.shapes import Shape
 
@@ -200,7 +200,12 @@ def _npz_array(archive: zipfile.ZipFile, key: str, source: str) -> Floats:
             needed=f"{size} for {shape}",
         )
     array = np.frombuffer(values, dtype).reshape(shape, order="F" if fortran_order else "C")
-    return array.astype(float)
+    return _as_floats(array)
+
+
+def _as_floats(values: Array) -> Floats:
+    with np.errstate(invalid="ignore"):  # of NaN with unusual bits
+        return values.astype(float)
 
 
 def _npy_header(
@@ -246,4 +251,4 @@ def _depth_from_tiff(data: bytes, source: str) -> Floats:
             seen=str(header),
             needed="(H, W) floating point",
         )
-    return decode_image(data, source).astype(float)
+    return _as_floats(decode_image(data, source))
