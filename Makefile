@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := src tests benchmarks
 
-.PHONY: demo test lint types pytest format kills picture screenshot paper clean
+.PHONY: demo test lint types pytest format fuzz kills picture screenshot paper clean
 
 demo: $(VENV)/demo.stamp
 	@echo "== rendering a capture with 12 lights and refining it (the first run also compiles)"
@@ -26,6 +26,11 @@ types: $(VENV)/dev.stamp
 pytest: $(VENV)/dev.stamp
 	@echo "== tests"
 	OMP_WAIT_POLICY=PASSIVE OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
+
+# Damaged files of every kind: a fixed seed and a fresh one; SEED=7 CASES=20000 chooses.
+CASES ?= 10000
+fuzz: $(VENV)/dev.stamp
+	$(BIN)/python tests/faults/fuzz.py --cases $(CASES) $(if $(SEED),--seed $(SEED))
 
 format: $(VENV)/dev.stamp
 	$(BIN)/ruff check --fix $(SOURCES)

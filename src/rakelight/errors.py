@@ -13,7 +13,10 @@ The library raises these and nothing else for bad input; it never prints and nev
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+
+_LONGEST = 400  # characters of each part of a message; what a file holds may be any length
 
 
 class RakelightError(Exception):
@@ -51,13 +54,13 @@ class RakelightError(Exception):
     def __str__(self) -> str:
         found = ", ".join(
             f"{word} {value}"
-            for word, value in (("seen", self.seen), ("needed", self.needed))
+            for word, value in (("seen", cut(self.seen)), ("needed", cut(self.needed)))
             if value
         )
         line = f"{self.source}: " if self.source else ""
-        line += self.what
+        line += cut(self.what)
         line += f" ({found})" if found else ""
-        line += f". Fix: {self.remedy}" if self.remedy else ""
+        line += f". Fix: {cut(self.remedy)}" if self.remedy else ""
         return printable(line)
 
 
@@ -87,6 +90,39 @@ class MachineError(RakelightError):
 
 class MissingExtraError(MachineError):
     """An optional package is needed and not installed."""
+
+
+@contextmanager
+def parsing(source: str, what: str, error: type[InputError] = InputError) -> Iterator[None]:
+    """Turn whatever a parser raises about its input into one `error`, which says `what` is wrong.
+
+    For calls of other people's parsers alone.  About damaged input they raise anything: ValueError
+    for a number of 5,000 digits, RecursionError for nesting, KeyError, OverflowError.
+
+    >>> with parsing("lights.json", "not the lights of a capture"):
+    ...     float("1.2.3")
+    Traceback (most recent call last):
+    rakelight.errors.InputError: lights.json: not the lights of a capture (seen could not ...
+    """
+    try:
+        yield
+    except RakelightError:
+        raise
+    except MemoryError as cause:
+        raise MachineError("too little memory to read it", source=source) from cause
+    except Exception as cause:
+        seen = "nested too deep" if isinstance(cause, RecursionError) else str(cause)
+        raise error(what, source=source, seen=seen or type(cause).__name__) from cause
+
+
+def cut(text: str, longest: int = _LONGEST) -> str:
+    """`text`, its middle left out when it is long.
+
+    >>> cut("0123456789", 5)
+    '01…89'
+    """
+    half = longest // 2
+    return text if len(text) <= longest else f"{text[:half]}…{text[-half:]}"
 
 
 def printable(text: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import stat
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -11,6 +12,11 @@ from pathlib import Path
 from typing import TypeVar
 
 from rakelight.errors import InputError, MachineError
+
+# Bytes of the largest file that is read.  A photograph of 100 megapixels and 16 bit takes 600 MB,
+# and a text of ours some ten kilobytes.
+MAX_BYTES = 1_000_000_000
+MAX_TEXT_BYTES = 10_000_000
 
 T = TypeVar("T")
 S = TypeVar("S")
@@ -46,16 +52,19 @@ def in_threads(function: Callable[[S], T], items: Iterable[S]) -> list[T]:
         return list(pool.map(function, items))
 
 
-def read_bytes(path: Path, *, source: str = "", max_bytes: int | None = None) -> bytes:
+def read_bytes(path: Path, *, source: str = "", max_bytes: int = MAX_BYTES) -> bytes:
     """The content of a file; `source` names it in messages (default: the path).
 
-    Raises InputError when there is no such file or it is larger than `max_bytes`, MachineError
-    when it cannot be read.
+    Raises InputError when there is no such file, it is larger than `max_bytes`, or is a folder, a
+    pipe, a device, a socket; MachineError when it cannot be read.
     """
     source = source or str(path)
-    with clear_errors(source, "cannot be read"), path.open("rb") as file:
+    with clear_errors(source, "cannot be read"):
+        _require_regular(path.stat().st_mode, source)
+    # A pipe put there since then does not keep us waiting.
+    with clear_errors(source, "cannot be read"), open(path, "rb", opener=_open_at_once) as file:
         size = os.fstat(file.fileno()).st_size
-        if max_bytes is not None and size > max_bytes:
+        if size > max_bytes:
             raise InputError(
                 "file too large",
                 source=source,
@@ -63,6 +72,17 @@ def read_bytes(path: Path, *, source: str = "", max_bytes: int | None = None) ->
                 needed=f"at most {_megabytes(max_bytes)}",
             )
         return file.read()
+
+
+def _require_regular(mode: int, source: str) -> None:
+    if not stat.S_ISREG(mode):
+        kinds = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
+        seen = kinds.get(stat.S_IFMT(mode), "a device")
+        raise InputError("cannot be read", source=source, seen=seen, needed="a file")
+
+
+def _open_at_once(path: str, flags: int) -> int:
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def write_bytes(path: Path, data: bytes) -> None:

@@ -529,5 +529,5 @@ def test_read_bytes(tmp_path):
         read_bytes(tmp_path / "a", source="short name", max_bytes=4)
     with pytest.raises(InputError, match="No such file"):
         read_bytes(tmp_path / "b")
-    with pytest.raises(InputError, match="Is a directory"):
+    with pytest.raises(InputError, match="seen a folder, needed a file"):
         read_bytes(tmp_path)

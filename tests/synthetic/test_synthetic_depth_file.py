@@ -3,7 +3,6 @@
 import io
 import re
 import zipfile
-from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -159,16 +158,6 @@ def test_every_truncation_is_refused(npz):
         npz.write_bytes(data[:keep])
         with pytest.raises(InputError):
             shape_from_file(npz)
-
-
-def test_flipped_bytes_are_refused_or_harmless(npz):
-    data = bytearray(npz.read_bytes())
-    for at in np.random.default_rng(0).integers(0, len(data), 60):
-        flipped = data.copy()
-        flipped[at] ^= 0x55
-        npz.write_bytes(flipped)
-        with suppress(InputError):
-            shape_from_file(npz, camera=CAMERA)
 
 
 def test_other_files_are_refused(tmp_path, npz):

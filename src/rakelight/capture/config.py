@@ -10,7 +10,7 @@ from typing import Any, NoReturn, get_args
 import msgspec
 import numpy as np
 
-from rakelight.errors import CaptureError
+from rakelight.errors import CaptureError, parsing
 from rakelight.model import Camera, Encoding, Lighting, RigidTransform, SensorNoise
 
 CONFIG = "capture.toml"
@@ -18,6 +18,7 @@ EXAMPLE = (
     "depth_scale = 1000.0 and, in a table [intrinsics], width = 640, height = 480, "
     "fx = 525.0, fy = 525.0, cx = 319.5, cy = 239.5 (one per line)"
 )
+_HUGE = 1 << 63  # no integer here is that large; much larger ones are no floating-point number
 
 
 class IntrinsicsTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -89,21 +90,25 @@ def parse_config(data: bytes, source: str = "capture.toml") -> CaptureTable:
     """
     try:
         text = data.decode("utf-8-sig")  # Windows editors put a mark first
-        content = tomllib.loads(text.replace("\r\n", "\n"))
     except UnicodeDecodeError as error:
         raise CaptureError(
             "not UTF-8 text", source=source, seen=f"byte {error.start}", remedy="save it as UTF-8"
         ) from error
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise _syntax_error(text, str(error), source) from error
+    with parsing(source, "not valid TOML", CaptureError):
+        try:
+            content = tomllib.loads(text.replace("\r\n", "\n"))
+        except tomllib.TOMLDecodeError as error:
+            raise _syntax_error(text, str(error), source) from error
     for table in _TABLES:
         keys = content.get(table, {}) if table else content
         if isinstance(keys, dict):
             _refuse_unknown(keys, table, source)
-    try:
-        return msgspec.convert(content, CaptureTable)
-    except msgspec.ValidationError as error:
-        _refuse_value(content, str(error), source, error)
+            _refuse_huge(keys, table, source)
+    with parsing(source, "a wrong value", CaptureError):
+        try:
+            return msgspec.convert(content, CaptureTable)
+        except msgspec.ValidationError as error:
+            _refuse_value(content, str(error), source, error)
 
 
 def format_config(
@@ -190,6 +195,16 @@ def _refuse_unknown(keys: dict[str, Any], table: str, source: str) -> None:
         else:
             remedy = f"the keys here are {', '.join(known)}"
         raise CaptureError(f"unknown key {_dotted(table, key)!r}", source=source, remedy=remedy)
+
+
+def _refuse_huge(keys: dict[str, Any], table: str, source: str) -> None:
+    for key, value in keys.items():
+        if isinstance(value, int) and abs(value) >= _HUGE:
+            raise CaptureError(
+                f"key {_dotted(table, key)!r} has a wrong value",
+                source=source,
+                seen=f"a number of {value.bit_length()} bits",
+            )
 
 
 def _refuse_value(content: dict[str, Any], message: str, source: str, cause: Exception) -> NoReturn:

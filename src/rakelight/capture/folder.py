@@ -31,7 +31,6 @@ from rakelight.capture.listing import (
     allocate,
     file_findings,
     list_images,
-    read_file,
 )
 from rakelight.capture.truth import write_truth
 from rakelight.errors import CaptureError, OutputExistsError, printable
@@ -53,6 +52,10 @@ CAPTURE = file_list("capture")
 
 SYNTHETIC = file_list("synthetic capture")
 """By which one with truth is known: never a real capture."""
+
+# Bytes of capture.toml: a full one takes a thousand.  The time of the TOML parser grows with the
+# square of some texts: 80,000 take it a minute.
+_LARGEST_CONFIG = 16_000
 
 
 def load_capture(folder: str | PathLike[str], photographs: Sequence[int] | None = None) -> Capture:
@@ -255,11 +258,11 @@ def _config_bytes(root: Root) -> bytes:
             seen="a file" if a_file else "",
             needed=f"a folder with {CONFIG}",
         )
-    if not (root.path / CONFIG).is_file():
+    if not os.path.lexists(root.path / CONFIG):
         raise CaptureError(
             f"no {CONFIG} in it", source=root.shown(), remedy=f"write one: {EXAMPLE}"
         )
-    return read_bytes(root.path / CONFIG, source=root.shown(CONFIG), max_bytes=1_000_000)
+    return read_bytes(root.path / CONFIG, source=root.shown(CONFIG), max_bytes=_LARGEST_CONFIG)
 
 
 def _check_photograph_kind(rgb: Images) -> None:
@@ -311,15 +314,16 @@ def _defaults(
 def _read_mask(root: Root, shape: tuple[int, int]) -> tuple[Mask, tuple[Finding, ...]] | None:
     """mask.png, (H, W) True = object, and what is to say of it; None when there is none."""
     path, source = root.path / "mask.png", root.shown("mask.png")
-    if not path.exists():
+    if not os.path.lexists(path):
         return None
-    data = read_file(path, source)
+    data = read_bytes(path, source=source)
     header = read_header(data, source)
+    validate.check_mask_size((header.height, header.width), shape, source)
     if header.format != "PNG":
         raise CaptureError("not a PNG", source=source, seen=f"a {header.format}, by its bytes")
     red, green, blue = np.moveaxis(as_rgb(decode_image(data, source)), 2, 0)
     mask = np.asarray((red | green | blue) != 0)
-    return mask, validate.check_mask(mask, shape, source)
+    return mask, validate.check_mask(mask, source)
 
 
 def _cut_out(root: Root, capture: Capture) -> tuple[Mask, tuple[Finding, ...]]:

@@ -12,11 +12,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from rakelight.errors import CaptureError
+
+Compression = Literal["none", "deflate", "LZW", "PackBits"]
 
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 MAX_PIXELS = 100_000_000
-_PIECE = 1 << 20  # bytes that are inflated at a time
+# A JPEG is decoded once per scan; progressive ones have about ten, and more than this only to
+# keep a decoder busy.
+_MOST_SCANS = 200
 
 _OTHER_FORMATS = (
     (b"II+\0", "a BigTIFF"),
@@ -31,7 +37,9 @@ _OTHER_FORMATS = (
     (b"version https://git-lfs", "a Git LFS pointer: run `git lfs pull`"),
     (b"<", "HTML or XML"),
 )
-_PNG_CHANNELS = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}  # by colour type; a palette is expanded
+# By colour type: channels (a palette is expanded), and the bits that a sample may have.
+_PNG_CHANNELS = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}
+_PNG_BITS = {0: (1, 2, 4, 8, 16), 2: (8, 16), 3: (1, 2, 4, 8), 4: (8, 16), 6: (8, 16)}
 _TIFF_DTYPES = {  # by bits and sample format
     (8, 1): "uint8",
     (16, 1): "uint16",
@@ -43,10 +51,34 @@ _TIFF_DTYPES = {  # by bits and sample format
     (64, 3): "float64",
 }
 _TIFF_INTEGERS = {1: "B", 3: "H", 4: "I"}
-_WIDTH, _HEIGHT, _BITS, _PHOTOMETRIC, _ORIENTATION = 256, 257, 258, 262, 274
-_COMPRESSION, _DEFLATE = 259, (8, 32946)
-_CHANNELS, _SAMPLE_FORMAT, _TILE_WIDTH, _TILE_HEIGHT = 277, 339, 322, 323
-_BLOCK_TAGS = ((273, 279), (324, 325))  # offsets and byte counts of strips, of tiles
+_TIFF_TAGS = {
+    "width": 256,
+    "height": 257,
+    "bits": 258,
+    "compression": 259,
+    "photometric": 262,
+    "fill_order": 266,
+    "strip_offsets": 273,
+    "orientation": 274,
+    "channels": 277,
+    "rows_per_strip": 278,
+    "strip_byte_counts": 279,
+    "planar": 284,
+    "predictor": 317,
+    "tile_width": 322,
+    "tile_height": 323,
+    "tile_offsets": 324,
+    "tile_byte_counts": 325,
+    "sample_format": 339,
+}
+TIFF_COMPRESSIONS: dict[int, Compression] = {
+    1: "none",
+    5: "LZW",
+    8: "deflate",
+    32946: "deflate",
+    32773: "PackBits",
+}
+_OTHER_COMPRESSIONS = {6: "JPEG", 7: "JPEG", 34925: "LZMA", 50000: "ZSTD", 50001: "WebP"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +98,12 @@ class Header:
     channels: int
     dtype: str
     orientation: int = 1
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the decoded array: (height, width), and the channels when there are several."""
+        size = (self.height, self.width)
+        return size if self.channels == 1 else (*size, self.channels)
 
     def __str__(self) -> str:
         return f"{self.width}x{self.height}x{self.channels} {self.dtype}"
@@ -104,45 +142,57 @@ def damaged(source: str, how: str) -> CaptureError:
     )
 
 
-def without_extras(data: bytes) -> bytes:
-    """A PNG reduced to size, palette and pixels: no colour profile, transparency, animation.
+def png_chunks(data: bytes, source: str = "") -> Iterator[tuple[bytes, int, int]]:
+    """(kind, start, end) of every chunk up to IEND; length and checksum are part of it."""
+    start = len(PNG_MAGIC)
+    while start + 12 <= len(data):
+        length, kind = struct.unpack_from(">I4s", data, start)
+        end = start + 12 + length
+        if end > len(data):
+            break
+        yield kind, start, end
+        if kind == b"IEND":
+            return
+        start = end
+    raise damaged(source, "the end of the PNG is missing")
 
-    The decoder would print warnings about some of these and act on others.
+
+class TiffTags:
+    """The integers of the tags that describe the first image of a TIFF; raises struct.error.
+
+    Only what is asked for is read, so that a lying count costs nothing.
     """
-    kept = (b"IHDR", b"PLTE", b"IDAT", b"IEND")
-    chunks = (data[start:end] for kind, start, end in _png_chunks(data, "") if kind in kept)
-    return PNG_MAGIC + b"".join(chunks)
 
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+        self.order: Literal["<", ">"] = "<" if data.startswith(b"II") else ">"
+        (directory,) = struct.unpack_from(self.order + "I", data, 4)
+        (entries,) = struct.unpack_from(self.order + "H", data, directory)
+        self.places: dict[int, tuple[np.dtype[np.generic], int, int]] = {}  # dtype, start, count
+        for entry in range(directory + 2, directory + 2 + 12 * entries, 12):
+            tag, kind, count = struct.unpack_from(self.order + "HHI", data, entry)
+            if kind not in _TIFF_INTEGERS or tag in self.places:
+                continue
+            dtype = np.dtype(self.order + _TIFF_INTEGERS[kind])
+            at = entry + 8  # up to four bytes lie in the entry itself
+            if dtype.itemsize * count > 4:
+                (at,) = struct.unpack_from(self.order + "I", data, at)
+            if at + dtype.itemsize * count > len(data):
+                raise struct.error("tag outside the file")
+            self.places[tag] = dtype, at, count
 
-def _inflated(data: bytes | bytearray, size: int, source: str) -> Iterator[bytes]:
-    """What a whole zlib stream holds, in pieces; CaptureError where it is not sound, or longer.
+    def __contains__(self, name: str) -> bool:
+        return _TIFF_TAGS[name] in self.places
 
-    >>> b"".join(_inflated(zlib.compress(b"abc"), 3, "0.png"))
-    b'abc'
-    """
-    stream = zlib.decompressobj()
-    try:
-        for start in range(0, len(data), _PIECE):
-            left, full = data[start : start + _PIECE], False
-            while (left or full) and size >= 0 and not stream.eof:
-                piece = stream.decompress(left, _PIECE)
-                left, full = stream.unconsumed_tail, len(piece) == _PIECE
-                size -= len(piece)
-                yield piece
-    except zlib.error as error:
-        raise damaged(source, "its compressed pixels contradict themselves") from error
-    if size < 0 or not stream.eof:
-        raise damaged(source, "its compressed pixels have another size than the image")
+    def all(self, name: str) -> list[int]:
+        """Every value of a tag; none when it is not there."""
+        dtype, at, count = self.places.get(_TIFF_TAGS[name], (np.dtype("B"), 0, 0))
+        return [int(value) for value in np.frombuffer(self.data, dtype, count, at)]
 
-
-def without_orientation(data: bytes) -> bytes:
-    """A TIFF whose orientation tag says "as stored"; OpenCV turns the pixels by it."""
-    tags = _tiff_tags(data)
-    if _ORIENTATION not in tags:
-        return data
-    order = "<" if data.startswith(b"II") else ">"
-    at = tags[_ORIENTATION][1]
-    return data[:at] + struct.pack(order + "H", 1) + data[at + 2 :]
+    def first(self, name: str, default: int) -> int:
+        """The first value of a tag."""
+        dtype, at, count = self.places.get(_TIFF_TAGS[name], (np.dtype("B"), 0, 0))
+        return int(np.frombuffer(self.data, dtype, 1, at)[0]) if count else default
 
 
 def _what_it_is(data: bytes) -> str:
@@ -169,33 +219,21 @@ def _check_size(width: int, height: int, source: str) -> None:
 
 
 def _png_header(data: bytes, source: str) -> Header:
-    length, kind, width, height, bits, colour = struct.unpack_from(">I4sIIBB", data, 8)
-    if kind != b"IHDR" or length != 13 or colour not in _PNG_CHANNELS:
+    length, kind, width, height, bits, colour, compression, filtering, interlace = (
+        struct.unpack_from(">I4sIIBBBBB", data, 8)
+    )
+    sound = kind == b"IHDR" and length == 13 and bits in _PNG_BITS.get(colour, ())
+    if not sound or compression != 0 or filtering != 0 or interlace > 1:
         raise damaged(source, "no valid PNG header")
     _check_size(width, height, source)
     orientation, view = 1, memoryview(data)
-    for chunk, start, end in _png_chunks(data, source):
+    for chunk, start, end in png_chunks(data, source):
         if zlib.crc32(view[start + 4 : end - 4]) != struct.unpack_from(">I", data, end - 4)[0]:
             raise damaged(source, f"wrong checksum at byte {start}")
         if chunk == b"eXIf":
             orientation = _exif_orientation(data[start + 8 : end - 4])
     dtype = "uint16" if bits == 16 else "uint8"
     return Header("PNG", width, height, _PNG_CHANNELS[colour], dtype, orientation)
-
-
-def _png_chunks(data: bytes, source: str) -> Iterator[tuple[bytes, int, int]]:
-    """(kind, start, end) of every chunk up to IEND; length and checksum are part of it."""
-    start = len(PNG_MAGIC)
-    while start + 12 <= len(data):
-        length, kind = struct.unpack_from(">I4s", data, start)
-        end = start + 12 + length
-        if end > len(data):
-            break
-        yield kind, start, end
-        if kind == b"IEND":
-            return
-        start = end
-    raise damaged(source, "the end of the PNG is missing")
 
 
 def _jpeg_header(data: bytes, source: str) -> Header:
@@ -218,6 +256,8 @@ def _jpeg_header(data: bytes, source: str) -> Header:
         raise damaged(source, "no valid JPEG header")
     if data.rfind(b"\xff\xd9") < at:
         raise damaged(source, "the end of the JPEG is missing")
+    if data.count(b"\xff\xda", at) > _MOST_SCANS:
+        raise damaged(source, f"more than {_MOST_SCANS} scans")
     return Header("JPEG", header.width, header.height, header.channels, header.dtype, orientation)
 
 
@@ -236,65 +276,46 @@ def _jpeg_frame(data: bytes, at: int, source: str) -> Header:
 
 
 def _tiff_header(data: bytes, source: str) -> Header:
-    tags = _tiff_tags(data)
-
-    def first(tag: int, default: int) -> int:
-        values = tags.get(tag, ((), 0))[0]
-        return values[0] if values else default
-
-    width, height = first(_WIDTH, 0), first(_HEIGHT, 0)
+    tags = TiffTags(data)
+    width, height = tags.first("width", 0), tags.first("height", 0)
     _check_size(width, height, source)
-    if _TILE_WIDTH in tags:
-        _check_size(first(_TILE_WIDTH, 0), first(_TILE_HEIGHT, 0), source)
-    for offsets, counts in _BLOCK_TAGS:
-        if offsets in tags and counts in tags:
-            ends = (a + n for a, n in zip(tags[offsets][0], tags[counts][0], strict=False))
-            if any(end > len(data) for end in ends):
-                raise damaged(source, "the end of the TIFF is missing")
-    channels, bits = first(_CHANNELS, 1), first(_BITS, 1)
-    dtype = _TIFF_DTYPES.get((bits, first(_SAMPLE_FORMAT, 1)))
-    # OpenCV multiplies the alpha of a TIFF into its colours and leaves inverted grey inverted.
-    if dtype is None or channels not in (1, 3) or first(_PHOTOMETRIC, 1) not in (1, 2):
-        raise CaptureError(
-            "this kind of TIFF is not read",
-            source=source,
-            seen=f"{channels} channels of {bits} bit, photometric {first(_PHOTOMETRIC, 1)}",
+    if "tile_width" in tags:
+        _check_size(tags.first("tile_width", 0), tags.first("tile_height", 0), source)
+    channels, bits = tags.first("channels", 1), tags.first("bits", 1)
+    dtype = _TIFF_DTYPES.get((bits, tags.first("sample_format", 1)))
+    photometric = tags.first("photometric", 1)
+    if dtype is None or channels not in (1, 3) or photometric not in (1, 2):
+        raise _unread_tiff(
+            source,
+            seen=f"{channels} channels of {bits} bit, photometric {photometric}",
             needed="grey or RGB without alpha, 8, 16 or 32 bit",
-            remedy="export it as PNG, or as plain RGB or grey TIFF",
         )
-    if first(_COMPRESSION, 1) in _DEFLATE and _TILE_WIDTH not in tags:
-        # OpenCV leaves out, without a word, what it cannot inflate.
-        left = width * height * channels * bits // 8
-        for at, count in zip(*(tags.get(tag, ((), 0))[0] for tag in _BLOCK_TAGS[0]), strict=False):
-            left -= sum(map(len, _inflated(data[at : at + count], left, source)))
-    return Header("TIFF", width, height, channels, dtype, first(_ORIENTATION, 1))
+    compression = tags.first("compression", 1)
+    if compression not in TIFF_COMPRESSIONS:
+        raise _unread_tiff(
+            source,
+            seen=f"compression {_OTHER_COMPRESSIONS.get(compression, compression)}",
+            needed="none, deflate, LZW or PackBits",
+        )
+    predictor, fill_order = tags.first("predictor", 1), tags.first("fill_order", 1)
+    if predictor not in (1, 2, 3) or (predictor == 3 and dtype[0] != "f") or fill_order != 1:
+        raise _unread_tiff(source, seen=f"predictor {predictor}, fill order {fill_order}")
+    return Header("TIFF", width, height, channels, dtype, tags.first("orientation", 1))
 
 
-def _tiff_tags(data: bytes) -> dict[int, tuple[tuple[int, ...], int]]:
-    """Tag -> (its integers, where they lie) of the first image; raises struct.error."""
-    order = "<" if data.startswith(b"II") else ">"
-    (directory,) = struct.unpack_from(order + "I", data, 4)
-    (entries,) = struct.unpack_from(order + "H", data, directory)
-    tags: dict[int, tuple[tuple[int, ...], int]] = {}
-    for entry in range(directory + 2, directory + 2 + 12 * entries, 12):
-        tag, kind, count = struct.unpack_from(order + "HHI", data, entry)
-        if kind not in _TIFF_INTEGERS:
-            continue
-        code = _TIFF_INTEGERS[kind]
-        at = entry + 8  # up to four bytes lie in the entry itself
-        size = struct.calcsize(order + code) * count
-        if size > 4:
-            (at,) = struct.unpack_from(order + "I", data, at)
-        if at + size > len(data):  # before a lying count is believed
-            raise struct.error("tag outside the file")
-        tags[tag] = struct.unpack_from(f"{order}{count}{code}", data, at), at
-    return tags
+def _unread_tiff(source: str, *, seen: str, needed: str = "") -> CaptureError:
+    return CaptureError(
+        "this kind of TIFF is not read",
+        source=source,
+        seen=seen,
+        needed=needed,
+        remedy="export it as PNG, or as plain RGB or grey TIFF",
+    )
 
 
 def _exif_orientation(exif: bytes) -> int:
     """The orientation in an EXIF block (a small TIFF); 1 when there is none to be read."""
     try:
-        values = _tiff_tags(exif).get(_ORIENTATION, ((1,), 0))[0]
+        return TiffTags(exif).first("orientation", 1)
     except struct.error:
         return 1
-    return values[0] if values else 1

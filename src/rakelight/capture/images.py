@@ -2,7 +2,8 @@
 
 Channels are red, green, blue (, alpha); integer samples keep their 8 or 16 bit; palettes are
 expanded; EXIF orientation, colour profiles and the transparent colour of a PNG are ignored.
-CMYK, TIFF with alpha, and anything but PNG, TIFF and JPEG is refused.
+CMYK, TIFF with alpha, and anything but PNG, TIFF and JPEG is refused, and so is every file whose
+pixels cannot be read to the last.
 """
 
 from __future__ import annotations
@@ -15,8 +16,10 @@ from typing import cast
 import cv2
 import numpy as np
 
-from rakelight.capture.headers import damaged, read_header, without_extras, without_orientation
-from rakelight.errors import CaptureError, InputError, MachineError
+from rakelight.capture.headers import Header, damaged, read_header
+from rakelight.capture.png import plain_png
+from rakelight.capture.tiff import decode_tiff
+from rakelight.errors import InputError, MachineError
 from rakelight.model import Array
 
 _SILENT = 0  # OpenCV's log level
@@ -47,28 +50,42 @@ def decode_image(data: bytes, source: str = "") -> Array:
     [[[65535, 0, 0], [65535, 0, 0]]]
     """
     header = read_header(data, source)
-    if header.format == "PNG":
-        data = without_extras(data)
-    elif header.format == "TIFF":
-        data = without_orientation(data)
+    try:
+        if header.format == "TIFF":
+            pixels = decode_tiff(data, header, source)
+        elif header.format == "JPEG":
+            pixels = _decode_jpeg(data, header, source)
+        else:
+            pixels = _decode_png(plain_png(data, source), header, source)
+    except MemoryError as error:
+        raise MachineError("too little memory to decode the image", source=source) from error
+    if pixels.shape != header.shape or pixels.dtype != header.dtype:
+        raise damaged(source, f"{header}, decoded as {pixels.shape} {pixels.dtype}")
+    return pixels
+
+
+def _decode_jpeg(data: bytes, header: Header, source: str) -> Array:
+    """By libjpeg with its default (exact) settings; what it complains of is an error."""
+    from simplejpeg import decode_jpeg
+
+    colours = "GRAY" if header.channels == 1 else "RGB"
+    try:
+        pixels = decode_jpeg(data, colours, fastdct=False, fastupsample=False, strict=True)
+    except ValueError as error:
+        raise damaged(source, str(error)) from error
+    return np.asarray(pixels).reshape(header.shape)
+
+
+def _decode_png(data: bytes, header: Header, source: str) -> Array:
     try:
         with _quiet_opencv():
-            # Any other flag would cut 16 bit to 8, drop channels or apply EXIF orientation.
+            # Any other flag would cut 16 bit to 8 or drop channels.
             decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:
         decoded = None
-    except MemoryError as error:
-        raise MachineError("too little memory to decode the image", source=source) from error
     if decoded is None:
-        raise damaged(source, f"its {header.format} data cannot be decoded")
+        raise damaged(source, "its PNG data cannot be decoded")
     pixels = np.asarray(decoded)
-    if pixels.shape[:2] != (header.height, header.width) or pixels.dtype != header.dtype:
-        raise CaptureError(
-            "this kind of image is not read",
-            source=source,
-            seen=f"{header}, decoded as {pixels.shape} {pixels.dtype}",
-            remedy="export it as plain PNG",
-        )
     if header.channels == 2:  # decoded as blue, green, red, alpha
         return np.ascontiguousarray(pixels[..., 2:])
     return _reversed_colours(pixels, out=pixels)

@@ -18,7 +18,6 @@ from rakelight.model import Array, Finding
 
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
 UNREAD = {".bmp", ".gif", ".webp", ".heic", ".jp2", ".exr", ".hdr", ".dng", ".cr2", ".nef", ".arw"}
-_LARGEST_FILE = 1_000_000_000  # bytes; 100 megapixels of 16-bit colour take 600 MB
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,8 @@ class Images:
     def read(self, index: int) -> Array:
         """The pixels of one image, as stored."""
         name = self.names[index]
-        return decode_image(read_file(self.folder / name, self.shown(name)), self.shown(name))
+        source = self.shown(name)
+        return decode_image(read_bytes(self.folder / name, source=source), source)
 
     def shown(self, name: str) -> str:
         """One of the files, as the user would write it."""
@@ -82,7 +82,7 @@ def list_images(root: Root, name: str, what: str) -> Images:
         )
     with clear_errors(source, "cannot be read"):
         present = sorted((p for p in folder.iterdir() if p.name[0] != "."), key=_by_number)
-    chosen = [p.name for p in present if p.suffix.lower() in SUFFIXES and p.is_file()]
+    chosen = [p.name for p in present if p.suffix.lower() in SUFFIXES]
     ignored = tuple(p.name for p in present if p.name not in chosen)
     if not chosen:
         raise CaptureError(
@@ -94,7 +94,8 @@ def list_images(root: Root, name: str, what: str) -> Images:
     _refuse_same_stem(chosen, source)
 
     def header(name: str) -> Header:
-        return read_header(read_file(folder / name, f"{source}/{name}"), f"{source}/{name}")
+        shown = f"{source}/{name}"
+        return read_header(read_bytes(folder / name, source=shown), shown)
 
     headers = in_threads(header, chosen)
     return Images(folder, source, tuple(chosen), tuple(headers), ignored)
@@ -117,11 +118,6 @@ def _refuse_same_stem(names: Sequence[str], source: str) -> None:
                 seen=f"{other} and {name}",
                 remedy="remove one of them",
             )
-
-
-def read_file(path: Path, source: str) -> bytes:
-    """The bytes of an image file; refuses what is too large to be one."""
-    return read_bytes(path, source=source, max_bytes=_LARGEST_FILE)
 
 
 def allocate(shape: tuple[int, ...], dtype: str, source: str) -> Array:

@@ -9,10 +9,11 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from rakelight.capture.headers import read_header
 from rakelight.capture.images import decode_image, encode_tiff
-from rakelight.capture.listing import Root, read_file
-from rakelight.errors import CaptureError
-from rakelight.files import write_bytes
+from rakelight.capture.listing import Root
+from rakelight.errors import CaptureError, parsing
+from rakelight.files import MAX_TEXT_BYTES, read_bytes, write_bytes
 from rakelight.model import Floats, Lights, Truth
 
 
@@ -76,29 +77,29 @@ def write_truth(truth: Truth, folder: Path) -> None:
 
 def _read_truth_map(root: Root, name: str, shape: tuple[int, ...] | None) -> Floats:
     source = root.shown(f"truth/{name}.tiff")
-    pixels = decode_image(read_file(root.path / "truth" / f"{name}.tiff", source), source)
-    fits = pixels.ndim == 2 if shape is None else pixels.shape == shape
-    if not fits or pixels.dtype != np.float32:
+    data = read_bytes(root.path / "truth" / f"{name}.tiff", source=source)
+    header = read_header(data, source)
+    fits = header.channels == 1 if shape is None else header.shape == shape
+    if not fits or header.dtype != "float32":
         raise CaptureError(
             "this map does not fit the others",
             source=source,
-            seen=f"{pixels.shape} {pixels.dtype}",
+            seen=f"{header.shape} {header.dtype}",
             needed=f"{shape or '(H, W)'} float32",
         )
-    return pixels
+    return decode_image(data, source)
 
 
 def _read_lights(root: Root) -> Lights | None:
     path, source = root.path / "truth" / "lights.json", root.shown("truth/lights.json")
-    if not path.exists():
+    if not os.path.lexists(path):
         return None
-    try:
-        stored = msgspec.json.decode(read_file(path, source), type=_LightsFile)
+    data = read_bytes(path, source=source, max_bytes=MAX_TEXT_BYTES)
+    with parsing(source, "not the lights of a capture", CaptureError):
+        stored = msgspec.json.decode(data, type=_LightsFile)
         vector, ambient = np.array(stored.vector), np.array(stored.ambient)
         position_m = None if stored.position_m is None else np.array(stored.position_m)
         middle_m = None if stored.middle_m is None else np.array(stored.middle_m)
-    except (msgspec.MsgspecError, ValueError) as error:
-        raise CaptureError("not the lights of a capture", source=source, seen=str(error)) from error
     n, channels = ambient.shape if ambient.ndim == 2 else (-1, -1)
     fits = vector.shape == (n, channels, 3)
     fits = fits and (position_m is None) == (middle_m is None)

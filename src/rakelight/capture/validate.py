@@ -313,16 +313,20 @@ def check_exposure(
     )
 
 
-def check_mask(mask: Mask, shape: tuple[int, int], source: str) -> tuple[Finding, ...]:
-    """The mask has the photographs' (height, width) and marks something."""
-    if mask.shape != shape:
+def check_mask_size(mask_shape: tuple[int, int], shape: tuple[int, int], source: str) -> None:
+    """The mask has the photographs' (height, width)."""
+    if mask_shape != shape:
         raise CaptureError(
             "the mask has another size than the photographs",
             source=source,
-            seen=f"{mask.shape[1]}x{mask.shape[0]}",
+            seen=f"{mask_shape[1]}x{mask_shape[0]}",
             needed=f"{shape[1]}x{shape[0]}",
             remedy="draw it on a photograph",
         )
+
+
+def check_mask(mask: Mask, source: str) -> tuple[Finding, ...]:
+    """The mask marks something."""
     if not mask.any():
         raise CaptureError(
             "the mask is empty", source=source, seen="only zeros", needed="non-zero = object"

@@ -5,6 +5,7 @@ What every file holds is in docs/conventions.md.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -14,6 +15,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from rakelight.capture.headers import read_header
 from rakelight.capture.images import decode_image
 from rakelight.errors import InputError
 from rakelight.export.albedo import albedo_png
@@ -32,7 +34,7 @@ from rakelight.export.summary import (
     summarise,
     summary_json,
 )
-from rakelight.files import in_threads, read_bytes, write_bytes
+from rakelight.files import MAX_TEXT_BYTES, in_threads, read_bytes, write_bytes
 from rakelight.folders import Manifest, put_back, staged_folder
 from rakelight.model import Array, Finding, Floats, Result
 
@@ -180,10 +182,12 @@ def load_result(folder: str | PathLike[str]) -> LoadedResult:
             needed=f"a folder with {MARKER}",
             remedy="name the folder that `rakelight refine` wrote",
         )
-    summary = parse_summary(read_bytes(folder / MARKER), source=str(folder / MARKER))
+    summary = parse_summary(
+        read_bytes(folder / MARKER, max_bytes=MAX_TEXT_BYTES), source=str(folder / MARKER)
+    )
     shape = summary.camera.shape
     confidence: Floats | None = None
-    if (folder / "confidence.png").is_file():
+    if os.path.lexists(folder / "confidence.png"):
         values = _read_map(folder / "confidence.png", shape, np.dtype(np.uint8))
         confidence = values.astype(np.float32) / summary.conventions.confidence_one
     float32 = np.dtype(np.float32)
@@ -198,15 +202,16 @@ def load_result(folder: str | PathLike[str]) -> LoadedResult:
 
 def _read_map(path: Path, shape: tuple[int, ...], dtype: np.dtype[np.generic]) -> Array:
     """The image at `path`, which has to have this shape and type."""
-    values = decode_image(read_bytes(path), source=str(path))
-    if values.shape != shape or values.dtype != dtype:
+    data = read_bytes(path)
+    header = read_header(data, str(path))
+    if header.shape != shape or header.dtype != dtype:
         raise InputError(
             "this file does not belong to the result beside it",
             source=str(path),
-            seen=f"{values.shape} {values.dtype}",
+            seen=f"{header.shape} {header.dtype}",
             needed=f"{shape} {dtype}, as {MARKER} says",
         )
-    return values
+    return decode_image(data, str(path))
 
 
 def _check_option(name: str, value: str, allowed: tuple[str, ...]) -> None:

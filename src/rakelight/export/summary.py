@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
-from rakelight.errors import InputError
+from rakelight.errors import InputError, parsing
 from rakelight.export.normals import NormalMap
 from rakelight.export.plain import json_bytes, plain
 from rakelight.model import Camera, Finding, Result
@@ -41,7 +41,7 @@ class Conventions(msgspec.Struct, frozen=True, kw_only=True):
     normal_map_outside: tuple[int, int, int] = (128, 128, 255)
     albedo_encoding: Literal["srgb"] = "srgb"
     albedo_white: float = 1.0
-    confidence_one: int = 255
+    confidence_one: Annotated[int, msgspec.Meta(ge=1)] = 255
     camera_frame: str = "x right, y down, z forward"
     pixels: str = "(u, v) = (column, row), centres at integers from 0"
     depth: str = "along the optical axis; NaN = outside the object"
@@ -104,15 +104,13 @@ def parse_summary(data: bytes, *, source: str) -> Summary:
 
     Raises InputError when it is not one, or of another version of the schema.
     """
-    try:
+    with parsing(source, "not a result.json"):
         schema = msgspec.json.decode(data, type=_Versioned).schema
         if schema != SCHEMA:
             raise InputError(
                 "a result.json of another version", source=source, seen=schema, needed=SCHEMA
             )
         return msgspec.json.decode(data, type=Summary)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise InputError("not a result.json", source=source, seen=str(error)) from error
 
 
 class _Versioned(msgspec.Struct):

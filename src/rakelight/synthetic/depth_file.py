@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import io
+import re
 import zipfile
-import zlib
 from dataclasses import replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING
 
 import numpy as np
 
-from rakelight.errors import InputError
+from rakelight.errors import InputError, parsing
 from rakelight.files import read_bytes
 from rakelight.geometry.camera import pixel_rays
 from rakelight.geometry.grid import bounding_window
-from rakelight.model import Camera, Floats, Mask
+from rakelight.model import Array, Camera, Floats, Mask
 from rakelight.synthetic.implicit import Surface
 from rakelight.synthetic.shapes import Shape
 
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 
 MAX_SIDE = 16384
-MAX_BYTES = 1 << 30
 FARTHEST_M = 1000
+_LONGEST_HEADER = 10_000  # bytes at the start of an array; numpy writes about 128
 
 
 def shape_from_file(
@@ -44,7 +44,7 @@ def shape_from_file(
     refused, sizes are checked before anything is loaded.  Raises InputError, MachineError.
     """
     source = str(path)
-    data = read_bytes(Path(path), max_bytes=MAX_BYTES)
+    data = read_bytes(Path(path))
     kind = Path(path).suffix.lower()
     if kind == ".npz":
         depth_m = _depth_from_npz(data, source)
@@ -152,14 +152,14 @@ def _render_depth(spline: Spline, mask: Mask, seen_by: Camera, camera: Camera) -
 
 
 def _depth_from_npz(data: bytes, source: str) -> Floats:
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            _check_names(archive, source)
-            depth_mm = _npz_array(archive, "depth_mm", source)
-            has_mask = "mask.npy" in archive.namelist()
-            mask = _npz_array(archive, "mask", source) != 0 if has_mask else np.isfinite(depth_mm)
-    except (zipfile.BadZipFile, EOFError, zlib.error, NotImplementedError, RuntimeError) as error:
-        raise InputError("not a whole .npz archive", source=source, seen=str(error)) from error
+    with (
+        parsing(source, "not a whole .npz archive"),
+        zipfile.ZipFile(io.BytesIO(data)) as archive,
+    ):
+        _check_names(archive, source)
+        depth_mm = _npz_array(archive, "depth_mm", source)
+        has_mask = "mask.npy" in archive.namelist()
+        mask = _npz_array(archive, "mask", source) != 0 if has_mask else np.isfinite(depth_mm)
     if mask.shape != depth_mm.shape:
         raise InputError(
             "depth and mask are of different size",
@@ -188,44 +188,67 @@ def _npz_array(archive: zipfile.ZipFile, key: str, source: str) -> Floats:
             needed=f"{key}.npy",
         )
     with archive.open(f"{key}.npy") as member:
-        try:
-            version = np.lib.format.read_magic(member)
-            if version not in ((1, 0), (2, 0)):
-                raise ValueError(f"format version {version}")
-            read_header = getattr(np.lib.format, f"read_array_header_{version[0]}_0")
-            shape, fortran_order, dtype = read_header(member)
-        except ValueError as error:
-            raise InputError(f"{key} is damaged", source=source, seen=str(error)) from error
-        fits = len(shape) == 2 and all(0 < side <= MAX_SIDE for side in shape)
-        if dtype.kind not in "fiub" or not fits:
-            raise InputError(
-                f"{key} is not an image of numbers",
-                source=source,
-                seen=f"{dtype} {shape}",
-                needed=f"(H, W) numbers of at most {MAX_SIDE} x {MAX_SIDE}",
-            )
+        shape, fortran_order, dtype = _npy_header(member, key, source)
         size = shape[0] * shape[1] * dtype.itemsize
-        values = member.read(size + 1)
+        stated = archive.getinfo(f"{key}.npy").file_size - member.tell()
+        values = member.read(size + 1) if stated == size else b""
     if len(values) != size:
         raise InputError(
             f"{key} is not of the size it states",
             source=source,
-            seen=f"{len(values)} bytes",
+            seen=f"{stated} bytes",
             needed=f"{size} for {shape}",
         )
     array = np.frombuffer(values, dtype).reshape(shape, order="F" if fortran_order else "C")
-    return array.astype(float)
+    return _as_floats(array)
+
+
+def _as_floats(values: Array) -> Floats:
+    with np.errstate(invalid="ignore"):  # of NaN with unusual bits
+        return values.astype(float)
+
+
+def _npy_header(
+    member: IO[bytes], key: str, source: str
+) -> tuple[tuple[int, int], bool, np.dtype[np.generic]]:
+    """Shape, whether columns come first, and type; the values come next in `member`.
+
+    Looked for in the text: numpy would evaluate it, and warn about what it finds.
+    """
+    start = member.read(8)
+    width = {1: 2, 2: 4, 3: 4}.get(start[6], 0) if len(start) == 8 else 0  # bytes of its length
+    length = int.from_bytes(member.read(width), "little")
+    if not start.startswith(b"\x93NUMPY") or not 0 < length <= _LONGEST_HEADER:
+        raise InputError(f"{key} is damaged", source=source, seen="no header of an array")
+    text = member.read(length).decode("latin-1")
+    dtype = re.search(r"""['"]descr['"]: *['"]([<>|=]?(?:b1|[iu][1248]|f[248]))['"]""", text)
+    order = re.search(r"""['"]fortran_order['"]: *(True|False)""", text)
+    shape = re.search(r"""['"]shape['"]: *\( *(\d{1,9})L?, *(\d{1,9})L? *,? *\)""", text)
+    if not (dtype and order and shape):
+        raise InputError(
+            f"{key} is not an image of numbers", source=source, seen=text.strip(), needed="(H, W)"
+        )
+    height, columns = int(shape[1]), int(shape[2])
+    if not (0 < height <= MAX_SIDE and 0 < columns <= MAX_SIDE):
+        raise InputError(
+            f"{key} is not an image of numbers",
+            source=source,
+            seen=f"{height} x {columns}",
+            needed=f"at most {MAX_SIDE} x {MAX_SIDE}",
+        )
+    return (height, columns), order[1] == "True", np.dtype(dtype[1])
 
 
 def _depth_from_tiff(data: bytes, source: str) -> Floats:
+    from rakelight.capture.headers import read_header
     from rakelight.capture.images import decode_image
 
-    depth_m = decode_image(data, source)
-    if depth_m.ndim != 2 or depth_m.dtype.kind != "f":
+    header = read_header(data, source)
+    if header.channels != 1 or not header.dtype.startswith("float"):
         raise InputError(
             "not a depth map in metres",
             source=source,
-            seen=f"{depth_m.dtype} {depth_m.shape}",
+            seen=str(header),
             needed="(H, W) floating point",
         )
-    return depth_m.astype(float)
+    return _as_floats(decode_image(data, source))
