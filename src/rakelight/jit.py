@@ -5,8 +5,11 @@ This module is light.  Modules with kernels import numba; load those on use only
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -108,3 +111,26 @@ def _on_disk(dispatcher: Any) -> bool:
     stem = Path(dispatcher.py_func.__code__.co_filename).stem
     pattern = f"{stem}.{dispatcher.py_func.__qualname__}-*.nbi"
     return folder is not None and any(Path(folder).glob(pattern))
+
+
+def _after_fork() -> None:
+    """Let a forked process run kernels: on one core, as the other threads stayed with its parent.
+
+    OpenMP would wait for them for ever, wherefore numba ends a process that lacks them.  A team of
+    one waits for nobody; starting numba's threads again tells it whose process this is.
+    """
+    numba = sys.modules.get("numba")
+    try:
+        if numba is None or numba.threading_layer() != "omp":
+            return  # the other layers look after themselves
+    except ValueError:  # no kernel was loaded yet
+        return
+    from ctypes import CFUNCTYPE, c_int
+
+    layer = import_module("numba.np.ufunc.omppool")
+    CFUNCTYPE(None, c_int)(layer.launch_threads)(1)
+    numba.set_num_threads(1)
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)
