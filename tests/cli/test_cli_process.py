@@ -33,13 +33,13 @@ MOMENTS = {
     "  try: signal.raise_signal(SIGNAL)\n"
     "  except KeyboardInterrupt: raise ImportError('no numpy')\n"
     "e.lights_json = at\n",
-    "in a finalizer": "import rakelight.export as e, time\n"
+    "in a finalizer": "import rakelight.methods as m, time\n"
     "class At:\n"
     "  def __del__(self): signal.raise_signal(SIGNAL)\n"
     "def at(*_):\n"
     "  At()\n"
     "  for _ in range(2000): time.sleep(0.01)\n"
-    "e.lights_json = at\n",
+    "m.surface_normals = at\n",
     "a lock that is never free": "import rakelight.export as e, threading\n"
     "def at(*_):\n"
     "  try: signal.raise_signal(SIGNAL)\n"
