@@ -19,8 +19,8 @@ from rakelight.capture.config import (
     TransformTable,
     parse_config,
 )
-from rakelight.cli import COMMANDS
-from rakelight.cli import rakelight as program
+from rakelight.cli.commands import COMMANDS
+from rakelight.cli.commands import rakelight as program
 from rakelight.errors import InputError, MachineError, RakelightError
 from rakelight.export.summary import Conventions, Summary
 from rakelight.methods import METHODS

@@ -15,7 +15,8 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 # A room may import from rooms further up, and from itself.
 LAYERS = (
     ("errors",),
-    ("model", "files", "jit", "memory"),
+    ("memory",),
+    ("model", "files", "jit"),
     ("folders",),
     ("geometry",),
     ("capture", "prepare", "shading", "solve"),

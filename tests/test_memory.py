@@ -1,13 +1,15 @@
 """Free memory as Linux tells it, and what is refused for want of it."""
 
+import threading
 from math import inf
 from pathlib import Path
+from threading import Thread
 
 import pytest
 
-from rakelight import memory
+from rakelight import jit, memory
 from rakelight.errors import MachineError
-from rakelight.memory import free_memory, require_memory
+from rakelight.memory import free_addresses, free_memory, require_memory, require_threads
 
 
 def system(root, **files):
@@ -51,3 +53,40 @@ def test_what_is_too_much_is_told(monkeypatch):
     assert str(caught.value) == (
         "x: too little memory (seen 3,050 MB free, needed 6,700 MB). Fix: buy some"
     )
+
+
+def test_of_the_process(monkeypatch):
+    resource = pytest.importorskip("resource")
+    if not Path("/proc/self/statm").exists():
+        pytest.skip("Linux only")
+    assert free_addresses() == inf
+    taken = 4096 * int(Path("/proc/self/statm").read_text().split()[0])
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (taken + 10_000_000, -1))
+    assert free_addresses() == pytest.approx(10_000_000, abs=9_000_000)
+    assert free_memory() == pytest.approx(free_addresses(), abs=9_000_000)
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (10_000_000, -1))
+    assert free_memory() == 0
+
+
+def test_threads_that_do_not_start_are_told(monkeypatch):
+    start, running = Thread.start, threading.active_count()
+
+    def second_refused(thread):
+        if threading.active_count() > running:
+            raise RuntimeError("can't start new thread")
+        start(thread)
+
+    monkeypatch.setattr(Thread, "start", second_refused)
+    with pytest.raises(MachineError) as caught:
+        require_threads(3, source="x", remedy="raise the limit")
+    assert str(caught.value) == (
+        "x: the system starts no more threads (seen 1, needed 3). Fix: raise the limit"
+    )
+    assert threading.active_count() == running
+
+
+def test_kernels_are_not_compiled_where_llvm_would_end_the_process(monkeypatch):
+    monkeypatch.setattr(jit, "free_addresses", lambda: 1e9)
+    jit._numba.cache_clear()
+    with pytest.raises(MachineError, match=r"too few addresses .*ulimit -v unlimited"):
+        jit.kernel(len)

@@ -173,3 +173,18 @@ def test_colors_grow_darker_to_the_stated_range_and_stay_there():
 def test_an_impossible_color_range(largest):
     with pytest.raises(InputError, match="range"):
         color_errors(np.zeros(SIZE), largest)
+
+
+@pytest.mark.parametrize("bad", [None, [[1.0]], np.full(SIZE, "x"), np.ones(SIZE, complex), 3.0])
+def test_what_is_no_array_of_numbers(bad):
+    flat = Truth(np.ones(SIZE), np.ones((*SIZE, 3)), np.ones((*SIZE, 3)))
+    for depth, normals, truth in (
+        (bad, flat.normals, flat),
+        (flat.depth, bad, flat),
+        (flat.depth, flat.normals, Truth(bad, flat.normals, flat.albedo)),
+        (flat.depth, flat.normals, bad),
+    ):
+        with pytest.raises(InputError, match="is no"):
+            evaluate(depth, normals, truth)
+    with pytest.raises(InputError, match="mask"):
+        evaluate(flat.depth, flat.normals, flat, mask=[[True]])

@@ -9,9 +9,8 @@
 from __future__ import annotations
 
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING, Any
 
+TYPE_CHECKING = False  # as `typing` has it, which takes a while to import
 if TYPE_CHECKING:
     from rakelight.capture import load_capture, load_truth, write_capture
     from rakelight.errors import (
@@ -25,10 +24,7 @@ if TYPE_CHECKING:
     from rakelight.methods import refine
     from rakelight.model import Camera, Capture, Finding, Lights, Progress, Result, Truth
 
-try:
-    __version__ = version("rakelight")
-except PackageNotFoundError:  # run from a source tree that was not installed
-    __version__ = "0+source"
+__version__: str
 
 _HOMES = {
     "rakelight.capture": ("load_capture", "load_truth", "write_capture"),
@@ -46,11 +42,22 @@ _HOMES = {
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     # Names load on first use, so that `import rakelight` stays light.
+    if name == "__version__":
+        return _version()
     if name not in _HOME_OF:
         raise AttributeError(f"module 'rakelight' has no attribute {name!r}")
     return getattr(import_module(_HOME_OF[name]), name)
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("rakelight")
+    except PackageNotFoundError:  # run from a source tree that was not installed
+        return "0+source"
 
 
 def __dir__() -> list[str]:

@@ -5,13 +5,25 @@ This module is light.  Modules with kernels import numba; load those on use only
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from rakelight.errors import MachineError
+from rakelight.memory import free_addresses, require_threads
+
 # Below this many pixels the cores wait for each other longer than they work.
 WORTH_SHARING = 1 << 14
+
+# Bytes of addresses to load LLVM and compile every kernel: 1.0e9 on x86-64, and a margin.  With
+# fewer LLVM ends the process, or it hangs.
+COMPILER_BYTES = 1.2e9
+STACK_BYTES = 8e6  # of addresses for each thread, as Linux gives them
 
 Function: TypeAlias = Callable[..., Any]
 
@@ -44,15 +56,14 @@ def threads_for(pixels: int, rows: int = 0) -> Iterator[None]:
 
     rows : that a core takes at a time, for rows of unequal work; 0 shares them out at once
     """
-    from numba import get_num_threads, parallel_chunksize, set_num_threads
-
-    before = get_num_threads()
-    set_num_threads(before if pixels >= WORTH_SHARING else 1)
+    numba = _numba()
+    before = numba.get_num_threads()
+    numba.set_num_threads(before if pixels >= WORTH_SHARING else 1)
     try:
-        with parallel_chunksize(rows):
+        with numba.parallel_chunksize(rows):
             yield
     finally:
-        set_num_threads(before)
+        numba.set_num_threads(before)
 
 
 @contextmanager
@@ -69,9 +80,8 @@ def one_blas_thread() -> Iterator[None]:
 
 def share(columns: int) -> int:
     """How many columns each thread takes: all that there are, split evenly, but 64 or more."""
-    from numba import get_num_threads
-
-    return max(-(-columns // get_num_threads()), 64)
+    threads: int = _numba().get_num_threads()
+    return max(-(-columns // threads), 64)
 
 
 def compiled() -> bool:
@@ -82,11 +92,40 @@ def compiled() -> bool:
     return any(each.signatures or _on_disk(each) for each in _kernels)
 
 
+def __getattr__(name: str) -> Any:
+    # Kernels take numba's prange from here: then numba is loaded only where there is room for it.
+    if name == "prange":
+        return _numba().prange
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+@cache
+def _numba() -> Any:
+    """numba; MachineError where the system gives too little for it to end well."""
+    source, cores = "compiling the kernels", os.cpu_count() or 1
+    free, needed = free_addresses(), COMPILER_BYTES + cores * STACK_BYTES
+    if free < needed:
+        raise MachineError(
+            "too few addresses for this process",
+            source=source,
+            seen=f"{free / 1e6:,.0f} MB free",
+            needed=f"{needed / 1e6:,.0f} MB",
+            remedy="raise the limit on virtual memory (`ulimit -v unlimited`)",
+        )
+    numba = import_module("numba")
+    threads: int = numba.config.NUMBA_NUM_THREADS
+    require_threads(
+        threads,
+        source=source,
+        remedy="raise the limit on processes (`ulimit -u`), or set NUMBA_NUM_THREADS=1",
+    )
+    return numba
+
+
 def _compiled_lazily(
     function: Function, *, parallel: bool, any_order: bool, inline: bool = False
 ) -> Function:
-    from numba import njit
-
+    njit = _numba().njit
     # No more of fastmath than that: the same numbers however the work is split.
     options: dict[str, Any] = {
         "parallel": parallel, "nogil": True, "error_model": "numpy",
@@ -108,3 +147,26 @@ def _on_disk(dispatcher: Any) -> bool:
     stem = Path(dispatcher.py_func.__code__.co_filename).stem
     pattern = f"{stem}.{dispatcher.py_func.__qualname__}-*.nbi"
     return folder is not None and any(Path(folder).glob(pattern))
+
+
+def _after_fork() -> None:
+    """Let a forked process run kernels: on one core, as the other threads stayed with its parent.
+
+    OpenMP would wait for them for ever, wherefore numba ends a process that lacks them.  A team of
+    one waits for nobody; starting numba's threads again tells it whose process this is.
+    """
+    numba = sys.modules.get("numba")
+    try:
+        if numba is None or numba.threading_layer() != "omp":
+            return  # the other layers look after themselves
+    except ValueError:  # no kernel was loaded yet
+        return
+    from ctypes import CFUNCTYPE, c_int
+
+    layer = import_module("numba.np.ufunc.omppool")
+    CFUNCTYPE(None, c_int)(layer.launch_threads)(1)
+    numba.set_num_threads(1)
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)

@@ -1,10 +1,11 @@
-"""How much memory there is: what needs more is refused before it starts, not killed on the way."""
+"""What the machine gives: what needs more is refused before it starts, not killed on the way."""
 
 from __future__ import annotations
 
 from contextlib import suppress
 from math import inf
 from pathlib import Path
+from threading import Event, Thread
 
 from rakelight.errors import MachineError
 
@@ -28,7 +29,8 @@ def require_memory(needed: float, *, source: str, remedy: str) -> None:
 def free_memory(root: Path = Path("/")) -> float:
     """Bytes that can be had without swapping; infinite where the system does not say.
 
-    Linux says: of the machine, and of the container (cgroup v2) that this runs in.
+    Linux says: of the machine, of the container (cgroup v2) that this runs in, and of this process
+    (`free_addresses`).
 
     >>> free_memory(Path("no/such/folder"))
     inf
@@ -40,7 +42,50 @@ def free_memory(root: Path = Path("/")) -> float:
     with suppress(OSError, KeyError, ValueError):  # "max" is no number: there is no limit
         limit, used = (int((group / f"memory.{name}").read_text()) for name in ("max", "current"))
         free = min(free, limit - used + _table(group / "memory.stat")["inactive_file"])
-    return max(free, 0)
+    return max(min(free, free_addresses(root)), 0)
+
+
+def free_addresses(root: Path = Path("/")) -> float:
+    """Bytes of addresses that this process may still take under its limit (`ulimit -v`).
+
+    Infinite where there is no limit, or no /proc to say what is taken.
+
+    >>> free_addresses(Path("no/such/folder"))
+    inf
+    """
+    with suppress(ImportError, OSError, ValueError):
+        from resource import RLIM_INFINITY, RLIMIT_AS, getpagesize, getrlimit
+
+        limit, _ = getrlimit(RLIMIT_AS)
+        if limit != RLIM_INFINITY:
+            pages = int((root / "proc" / "self" / "statm").read_text().split()[0])
+            return limit - pages * getpagesize()
+    return inf
+
+
+def require_threads(count: int, *, source: str, remedy: str) -> None:
+    """Raise MachineError where the system does not let this process start `count` more threads.
+
+    >>> require_threads(2, source="the kernels", remedy="raise `ulimit -u`")
+    """
+    end, started = Event(), list[Thread]()
+    try:
+        for _ in range(count):
+            thread = Thread(target=end.wait)
+            thread.start()
+            started.append(thread)
+    except RuntimeError as error:  # "can't start new thread"
+        raise MachineError(
+            "the system starts no more threads",
+            source=source,
+            seen=str(len(started)),
+            needed=str(count),
+            remedy=remedy,
+        ) from error
+    finally:
+        end.set()
+        for thread in started:
+            thread.join()
 
 
 def _table(path: Path) -> dict[str, int]:

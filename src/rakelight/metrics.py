@@ -76,6 +76,15 @@ def evaluate(depth: Floats, normals: Floats, truth: Truth, mask: Mask | None = N
     >>> round(scores.depth.rmse_mm, 9), scores.normals.mae_deg, scores.normals.coverage
     (3.0, 0.0, 1.0)
     """
+    if not isinstance(truth, Truth):
+        raise InputError(
+            "this is no Truth",
+            source="truth",
+            seen=type(truth).__name__,
+            needed="rakelight.Truth",
+            remedy="read one with rakelight.load_truth",
+        )
+    _check_numbers("truth", truth.depth)
     chosen = truth.mask if mask is None else mask
     return Evaluation(
         depth=depth_errors(depth, truth.depth, chosen),
@@ -139,6 +148,7 @@ def depth_error_map_mm(depth_m: Floats, truth_m: Floats, mask: Mask) -> Floats:
     >>> depth_error_map_mm(truth + 0.002, truth, mask)
     array([[ 2., nan]])
     """
+    _check_numbers("depth", depth_m, truth_m)
     _check("depth", depth_m, truth_m, mask, np.isfinite(truth_m))
     charge = DEPTH_CHARGE * np.asarray(truth_m, float)
     with np.errstate(invalid="ignore"):
@@ -154,6 +164,7 @@ def normal_error_map_deg(normals: Floats, truth_normals: Floats, mask: Mask) -> 
     >>> normal_error_map_deg(np.array([[[0.0, 1.0, -1.0]]]), facing, np.ones((1, 1), bool)).round(9)
     array([[45.]])
     """
+    _check_numbers("normals", normals, truth_normals)
     _check("normals", normals, truth_normals, mask, _has_normal(truth_normals))
     present = mask & _has_normal(normals)
     a, b = np.asarray(normals, float)[present], np.asarray(truth_normals, float)[present]
@@ -200,7 +211,20 @@ def _has_normal(normals: Floats) -> Mask:
     return np.asarray(np.isfinite(normals).all(axis=-1) & (np.asarray(normals) != 0).any(axis=-1))
 
 
+def _check_numbers(name: str, *arrays: Floats) -> None:
+    for array in arrays:
+        if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu" or not array.ndim:
+            raise InputError(
+                f"{name} is no array of numbers",
+                source=name,
+                seen=f"{type(array).__name__} {getattr(array, 'dtype', '')}",
+                needed="a numpy.ndarray of floats",
+            )
+
+
 def _check(name: str, estimate: Floats, truth: Floats, mask: Mask, known: Mask) -> None:
+    if not isinstance(mask, np.ndarray):
+        raise InputError("the mask is no array", source="mask", seen=type(mask).__name__)
     if estimate.shape != truth.shape or mask.shape != known.shape:
         raise InputError(
             f"{name}, truth and mask are of different size",

@@ -6,9 +6,10 @@ import re
 
 import click
 import pytest
-from cli_process import start
+from cli_process import run_process, start
 
-from rakelight.cli import COMMANDS, main, rakelight
+from rakelight import __version__
+from rakelight.cli.commands import COMMANDS, rakelight
 
 
 @pytest.fixture
@@ -112,8 +113,6 @@ def test_help_of_each_command(run, name):
 
 
 def test_version(run):
-    from rakelight import __version__
-
     assert run("--version").out == f"rakelight {__version__}\n"
 
 
@@ -148,12 +147,8 @@ def test_no_command_shows_the_help(run):
     assert ran.err.startswith("Usage: rakelight")
 
 
-def test_arguments_default_to_those_of_the_process(monkeypatch, capfd):
-    monkeypatch.setattr("sys.argv", ["rakelight", "--version"])
-    with pytest.raises(SystemExit) as left:
-        main()
-    assert left.value.code == 0
-    assert capfd.readouterr().out.startswith("rakelight ")
+def test_arguments_default_to_those_of_the_process():
+    assert run_process("--version") == (0, f"rakelight {__version__}\n".encode(), b"")
 
 
 # --- progress ---

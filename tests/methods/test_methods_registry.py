@@ -3,6 +3,7 @@
 import tomllib
 from dataclasses import dataclass, replace
 
+import numba
 import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
@@ -124,8 +125,11 @@ def test_what_progress_raises_comes_through(capture):
         if progress.step == 2:
             raise StopError
 
+    threads, before = numba.get_num_threads(), refine(capture)
     with pytest.raises(StopError):
         refine(capture, progress=stop)
+    assert numba.get_num_threads() == threads
+    np.testing.assert_array_equal(refine(capture).depth, before.depth)
 
 
 def test_the_capture_is_not_changed(capture):

@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from rakelight.capture import validate
+from rakelight.capture.arrays import checked_arrays, checked_truth
 from rakelight.capture.config import CONFIG, EXAMPLE, CaptureTable, format_config, parse_config
 from rakelight.capture.depth import check_depth_kind, depth_geometry, depth_values, read_depth
 from rakelight.capture.headers import read_header
@@ -208,7 +209,9 @@ def write_capture(
     >>> np.array_equal(again.photographs, capture.photographs), again.names[0]
     (True, '000.png')
     """
-    _check_arrays(capture, truth)
+    capture = checked_arrays(capture)
+    if truth is not None:
+        checked_truth(truth, capture.camera.shape)
     target = Path(os.fsdecode(folder))
     if capture.source and _same_folder(target, Path(capture.source)):
         raise OutputExistsError(
@@ -350,29 +353,6 @@ def _coarse(mask: Mask, factor: int | None, shape: tuple[int, int]) -> Mask | No
         return None
     h, w = shape
     return np.asarray(mask.reshape(h, factor, w, factor).any(axis=(1, 3)))
-
-
-def _check_arrays(capture: Capture, truth: Truth | None) -> None:
-    """The arrays of a Capture (and its Truth) are those of the model's docstring."""
-    n, *shape = capture.photographs.shape[:3]
-    size = tuple(shape)
-    expected = {
-        "photographs": (capture.photographs.shape, (max(n, 1), *capture.camera.shape, 3)),
-        "mask": (capture.mask.shape, size),
-        "depth_m": (np.ndim(capture.depth_m), 3),
-    }
-    if truth is not None:
-        expected["truth.depth"] = (truth.depth.shape, size)
-        expected["truth.normals"] = (truth.normals.shape, (*size, 3))
-        expected["truth.albedo"] = (truth.albedo.shape, (*size, 3))
-    for name, (seen, needed) in expected.items():
-        if seen != needed:
-            raise CaptureError(
-                "this array does not fit the capture",
-                source=name,
-                seen=str(seen),
-                needed=str(needed),
-            )
 
 
 def _same_folder(first: Path, second: Path) -> bool:

@@ -19,6 +19,8 @@ from rakelight.prepare.sensor import SensorGrid, sensed
 # Of the square root of the object's area: smoothing of the depth, and width of the border in which
 # slopes are taken, inside the outline, and the background is looked at, outside it.
 SMOOTHING, BORDER = 0.02, 0.1
+# A border of fewer pixels shows nothing.
+FEWEST = 10
 # The first pixels inside the outline see some of the background.
 MIXED_PX = 1.5
 # The border of the depth map counts as background where at least this share of it is measured.
@@ -79,7 +81,7 @@ def outline_of(capture: Capture) -> Outline | None:
     # The image's own border is no outline.
     inside = distance_transform_edt(np.pad(mask, 1, mode="edge"))[1:-1, 1:-1]
     border = mask & known & (inside > MIXED_PX) & (inside < MIXED_PX + BORDER * side)
-    if mask.all() or np.count_nonzero(border) < side:
+    if mask.all() or np.count_nonzero(border) < max(side, FEWEST):
         return None
     camera = capture.camera.resized(*depth_m.shape[::-1])
     log_depth = np.log(np.where(known, depth_m, 1.0))

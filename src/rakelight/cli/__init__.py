@@ -1,145 +1,144 @@
-"""The command line: one thin file per command, loaded when it is called."""
+"""The command line.  Here is how the program begins and ends; `commands` runs what was asked.
+
+Nothing slow is imported here: Ctrl-C has its answer from the first moment on.
+"""
 
 from __future__ import annotations
 
-import atexit
-import ctypes
-import gc
+import _thread
 import os
+import signal
 import sys
-import traceback
-from importlib import import_module
-from io import TextIOWrapper
-from typing import Any
+from errno import EPIPE
+from io import BufferedWriter, FileIO, TextIOWrapper
+from time import monotonic, sleep
 
-import click
+TYPE_CHECKING = False  # as `typing` has it, which takes longer to import than all else here
+if TYPE_CHECKING:
+    from typing import Any, NoReturn, TextIO
 
-from rakelight.errors import RakelightError, printable
-
-# Command -> module and function; `rakelight --help` shows them in this order.
-COMMANDS = {
-    "demo": "make a synthetic capture, refine it, compare it with its truth",
-    "refine": "refine the depth of a capture folder",
-    "view": "open the report of a result in the browser",
-    "synth": "make a capture with known truth",
-    "eval": "compare a result with the truth of a synthetic capture",
-    "paper": "the paper's tables and figures on our captures",
-}
-
-
-class LazyGroup(click.Group):
-    """Commands whose modules are imported only when they are needed."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        """The commands, the most used first."""
-        return list(COMMANDS)
-
-    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        """The command `name`, from the module of that name."""
-        if name not in COMMANDS:
-            return None
-        module = import_module(f"rakelight.cli.{name}")
-        command: click.Command = module.command
-        return command
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The list of commands, without importing any of them."""
-        with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
-
-
-def _show_version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
-    if wanted:
-        from rakelight import __version__
-
-        click.echo(f"rakelight {__version__}")
-        ctx.exit()
-
-
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
-@click.option(
-    "--version", is_flag=True, is_eager=True, expose_value=False, callback=_show_version,
-    help="Show the version and exit.",
-)  # fmt: skip
-def rakelight() -> None:
-    """Depth maps of RGB-D cameras refined by photographs under moving light."""
+INTERRUPTED = "interrupted; nothing unfinished was left behind"
+NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
+SIGNALS = [getattr(signal, name) for name in NAMES if hasattr(signal, name)]
+# A second signal comes with the first, or from impatience: so long none disturbs the clean-up.
+DEAF_S = 2.0
+# Then it ends at the latest: a lock of Python's own, interrupted while it was taken, is never free.
+PATIENCE_S = 5.0
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the program and leave with its exit code (docs/conventions.md)."""
-    # Threads that wait sleep: a machine busy with other work would else stand still with us.
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-    # Our dense systems are small; BLAS threads would only wait for each other.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # What is left goes with the process: the last search for cycles would take a quarter second.
-    atexit.register(gc.freeze)
-    # Libraries come with more objects than that, and no cycles worth the search.
-    gc.set_threshold(100_000)
-    keep_freed_memory()
-    given = sys.argv[1:] if arguments is None else arguments
-    if isinstance(sys.stdout, TextIOWrapper):  # a name may not fit the terminal's alphabet
-        sys.stdout.reconfigure(errors="backslashreplace")
-    code = _run(given)
+    """Run the program and leave with its exit code (docs/conventions.md).
+
+    arguments : None for those of the process, whose signals and streams are then ours, too
+    """
+    if arguments is not None:
+        from rakelight.cli.commands import run
+
+        sys.exit(run(arguments))
+    interrupt = Interrupt()
     try:
-        sys.stdout.flush()
-    except OSError:
-        # What a full disk did not take stays in the buffer; without this Python would try once
-        # more on its way out, and leave with a code of its own.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        interrupt.listen()
+        printed = _open_streams()
+        from rakelight.cli.commands import run
+
+        code = run(sys.argv[1:])
+        interrupt.ignore()
+    except KeyboardInterrupt:  # before anything was begun, or after all was done
+        interrupt.ignore()
+        _leave(INTERRUPTED, 130)
+    except (ImportError, MemoryError) as error:
+        _leave(f"the program cannot be loaded (seen {error}). Fix: free some memory", 3)
+    sys.stdout.flush()
+    refused = printed.refused
+    if code == 0 and refused is not None and refused.errno != EPIPE:
+        seen = f"seen {refused.strerror}"
+        _leave(f"stdout: cannot be written ({seen}). Fix: print to another place", 3)
     sys.exit(code)
 
 
-def keep_freed_memory() -> None:
-    """Let the next array have what the last one leaves, where the C library is glibc.
+def _leave(message: str, code: int) -> NoReturn:
+    sys.stderr.write(f"error: {message}\n")
+    sys.exit(code)
 
-    Else it goes back to the system each time, which clears it anew.
-    """
-    if sys.platform != "linux":
-        return
+
+class Interrupt:
+    """Signals that end the program raise KeyboardInterrupt: once, to clean up in peace."""
+
+    def __init__(self) -> None:
+        # What was to be ignored, as under nohup or in the background of a script, stays so.
+        self._signals = [each for each in SIGNALS if signal.getsignal(each) != signal.SIG_IGN]
+        self._last_s = -DEAF_S
+
+    def listen(self) -> None:
+        """From now on signals interrupt."""
+        sys.unraisablehook = self._not_lost
+        for each in self._signals:
+            signal.signal(each, self._raise)
+
+    def ignore(self) -> None:
+        """From now on they change nothing: the work is done, what is left takes a moment."""
+        for each in self._signals:
+            signal.signal(each, signal.SIG_IGN)
+
+    def _raise(self, *_: object) -> None:
+        now_s = monotonic()
+        if now_s - self._last_s >= DEAF_S:
+            self._last_s = now_s
+            _thread.start_new_thread(_end_at_last, ())
+            raise KeyboardInterrupt
+
+    def _not_lost(self, caught: sys.UnraisableHookArgs) -> None:
+        """Once more what was raised where nothing can be raised, as in a finalizer."""
+        if issubclass(caught.exc_type, KeyboardInterrupt):
+            self._last_s = -DEAF_S
+            _thread.start_new_thread(_interrupt_soon, ())
+        else:
+            sys.__unraisablehook__(caught)
+
+
+def _interrupt_soon() -> None:
+    sleep(0.01)
+    _thread.interrupt_main()
+
+
+def _end_at_last() -> None:
+    sleep(PATIENCE_S)
     try:
-        set_option = ctypes.CDLL(None).mallopt
-    except (OSError, AttributeError):  # another C library
-        return
-    trim_threshold, mmap_threshold = -1, -3
-    set_option(trim_threshold, 1 << 30)
-    set_option(mmap_threshold, 1 << 25)
+        os.write(2, f"error: {INTERRUPTED}\n".encode())
+    finally:
+        os._exit(130)
 
 
-def _run(arguments: list[str]) -> int:
-    debug = "--debug" in arguments
-    try:
-        code: Any = rakelight.main(arguments, prog_name="rakelight", standalone_mode=False)
-    except RakelightError as error:
-        return _fail(str(error), error.exit_code, debug)
-    except click.exceptions.NoArgsIsHelpError as error:
-        click.echo(error.format_message(), err=True)
-        return 2
-    except click.ClickException as error:
-        message = " ".join(error.format_message().split()).rstrip(".")
-        return _fail(message + _where_to_look(error), 2, debug)
-    except (KeyboardInterrupt, click.Abort):
-        return _fail("interrupted; nothing unfinished was left behind", 130, debug)
-    except SystemExit:  # click's answer when the reader of our output has gone, as after `| head`
-        return 0
-    except MemoryError:
-        return _fail("not enough memory. Fix: close other programs or use --scale 1", 3, debug)
-    except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
-        return _fail(f"{where}the system refused it (seen {error.strerror or error})", 3, debug)
-    except Exception as error:
-        what = f"a bug in rakelight: {type(error).__name__}: {error}"
-        return _fail(f"{what}. Fix: run it again with --debug and report all it prints", 1, debug)
-    return code if isinstance(code, int) else 0
+class Stream(FileIO):
+    """A standard stream; what it does not take (a full disk, a reader that left) is dropped."""
+
+    refused: OSError | None = None
+
+    def write(self, data: Any, /) -> int:
+        """Write, or keep the first refusal in mind."""
+        try:
+            return super().write(data)
+        except OSError as error:
+            self.refused = self.refused or error
+            return memoryview(data).nbytes
 
 
-def _where_to_look(error: click.ClickException) -> str:
-    if isinstance(error, click.UsageError) and error.ctx is not None:
-        return f" (see {error.ctx.command_path} --help)"
-    return ""
+def _open_streams() -> Stream:
+    """stdout and stderr that never fail, and what there is to know of stdout."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:  # closed: the next file opened would be taken for it.  stdout takes nothing
+            os.open(os.devnull, os.O_WRONLY if number == 2 else os.O_RDONLY)
+    out, err = (Stream(number, "w", closefd=False) for number in (1, 2))
+    if sys.platform != "win32":  # whose consoles are no files
+        sys.stdout, sys.stderr = _text(out, sys.stdout), _text(err, sys.stderr)
+    return out
 
 
-def _fail(message: str, code: int, debug: bool) -> int:
-    if debug:
-        traceback.print_exc()
-    click.echo(f"error: {printable(message)}", err=True)
-    return code
+def _text(stream: Stream, like: TextIO | None) -> TextIOWrapper:
+    encoding = "utf-8" if like is None else like.encoding
+    # A name may not fit the terminal's alphabet.
+    return TextIOWrapper(
+        BufferedWriter(stream), encoding, errors="backslashreplace", line_buffering=True
+    )

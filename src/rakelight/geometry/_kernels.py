@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-from numba import prange
-
-from rakelight.jit import kernel
+from rakelight.jit import kernel, prange
 
 
 @kernel

@@ -15,9 +15,10 @@ from typing import Any
 
 import numpy as np
 
+from rakelight.capture.arrays import checked_capture
 from rakelight.check.depth_orientation import depth_orientation
 from rakelight.check.inside_out import inside_out
-from rakelight.errors import MethodError
+from rakelight.errors import CaptureError, InputError, MethodError
 from rakelight.jit import one_blas_thread
 from rakelight.memory import require_memory
 from rakelight.methods.estimate import Estimate
@@ -70,7 +71,7 @@ def load_method(name: str) -> Method:
     >>> load_method("multi-light-alternating").name
     'multi-light-alternating'
     """
-    if name not in METHODS:
+    if not isinstance(name, str) or name not in METHODS:
         raise MethodError(
             f"method {name!r} is unknown",
             needed="one of " + ", ".join(METHODS),
@@ -104,9 +105,13 @@ def refine(
 
     Returns a `Result` at the output resolution: metres and unit vectors in the camera frame.
     Raises MethodError when the method does not fit, InputError for a bad scale, CaptureError when
-    the depth is plainly that of another place, MachineError when there is too little memory.
+    an array is of another type, shape or range than `Capture` says, or the depth is plainly that of
+    another place, MachineError when there is too little memory.  What `progress` raises comes
+    through.
     """
-    began = perf_counter()
+    capture = checked_capture(capture)
+    if not callable(progress):
+        raise InputError("progress is no function", seen=type(progress).__name__)
     chosen = load_method(choose_method(capture) if method == "auto" else method)
     options = chosen.options() if options is None else options
     if not isinstance(options, chosen.options):
@@ -115,6 +120,34 @@ def refine(
             seen=type(options).__qualname__,
             needed=f"{chosen.options.__module__}.{chosen.options.__qualname__}",
         )
+    try:
+        # What overflows shows in the result.
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            result = _refined(capture, chosen, scale, options, progress)
+    except ValueError as error:
+        if isinstance(error, np.linalg.LinAlgError) or "infs or NaNs" in str(error):  # scipy's
+            raise _without_solution(capture, str(error)) from error
+        raise
+    found = (result.depth[result.mask], result.normals[result.mask], result.albedo)
+    if np.isinf(result.depth).any() or not all(np.isfinite(each).all() for each in found):
+        raise _without_solution(capture, "values that are not finite")
+    return result
+
+
+def _without_solution(capture: Capture, seen: str) -> CaptureError:
+    return CaptureError(
+        "no surface explains this capture",
+        source=capture.source,
+        seen=seen,
+        needed="depth and photographs of one object",
+        remedy="look for outliers in the depth on the object, and check the mask",
+    )
+
+
+def _refined(
+    capture: Capture, chosen: Method, scale: Scale, options: Any, progress: ProgressCallback
+) -> Result:
+    began = perf_counter()
     if capture.register:
         with one_blas_thread():
             capture = _registered(capture, chosen, options, progress)

@@ -4,9 +4,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import prange
 
-from rakelight.jit import helper, kernel
+from rakelight.jit import helper, kernel, prange
 
 # Three pairs of three channels are worth two independent equations.
 PAIR_SHARE = 2.0 / 3.0

@@ -29,7 +29,8 @@ def best_relief(
     columns = [level.sensed(each) for each in (nearer, *np.moveaxis(rays, -1, 0))]
     root = np.sqrt(level.sensor_weight) / aim
     weighed = np.stack(columns, axis=-1) * root[:, None]
-    left, size, axes = np.linalg.svd(weighed, full_matrices=False)
+    # LAPACK's iterations need not end on what is not finite.
+    left, size, axes = np.linalg.svd(np.asarray_chkfinite(weighed), full_matrices=False)
     told = size > 1e-12 * size[0]
     # Away from the nearest by `solved @ off`, the sensor's misfit is |off|^2 more.
     solved = axes[told].T / size[told]
@@ -57,7 +58,9 @@ def deepening(level: Level, log_depth: Floats) -> Floats:
     transform makes a multiple and a plane.
     """
     nearer, rays = np.exp(-log_depth), _rays(level)
-    plane = np.linalg.lstsq(rays[level.mask], nearer[level.mask], rcond=None)[0]
+    plane = np.linalg.lstsq(rays[level.mask], np.asarray_chkfinite(nearer[level.mask]), rcond=None)[
+        0
+    ]
     return np.where(level.mask, rays @ plane / nearer - 1, 0.0)
 
 

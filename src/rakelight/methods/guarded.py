@@ -43,7 +43,8 @@ def guarded(
             break
         findings.append(odd_finding(prepared.names, odd))
         prepared = prepared.select(np.flatnonzero(~odd))
-    if prediction is not None and prediction.gain > LEAST_GAIN:
+    if prediction is not None and prediction.gain > LEAST_GAIN and estimate.iterations:
+        findings += [each for each in estimate.findings if each.severity == "warning"]
         estimate = kept(prepared, prediction.prepared_lights)
     return prepared, replace(estimate, findings=(*findings, *estimate.findings))
 

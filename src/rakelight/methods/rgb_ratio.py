@@ -293,10 +293,16 @@ def deserved_trust(scene: Scene, log_depth: Floats, trust: float) -> float:
     steps = [np.diff(change, axis=axis) for axis in (0, 1)]
     bends = [np.diff(step, axis=axis) for axis, step in enumerate(steps)]
     whole, steep, bent = (
-        float(np.nanmedian(np.concatenate([each.ravel() for each in images]) ** 2))
+        _median(np.concatenate([each.ravel() for each in images]) ** 2)
         for images in ([change - np.nanmedian(change)], steps, bends)
     )
     if whole * bent > DRIFT * steep**2:
         trust = 3 * trust
     rough = bent / max(steep, 1e-30)
     return max(trust, COHERENT_PIXELS * rough, 1.5 * COHERENT_PIXELS * rough**2)
+
+
+def _median(values: Floats) -> float:
+    """Of those that are numbers; 0 where there are none, as of bends where nothing is wide."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else 0.0

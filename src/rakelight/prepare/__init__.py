@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from numbers import Integral
 from typing import Literal
 
 import numpy as np
@@ -167,10 +168,10 @@ def coarsest_scale(capture: Capture) -> int:
 
 def _shrink(colour: SensorGrid, scale: Scale) -> int:
     """Colour pixels along each side of an output pixel."""
-    if scale == "auto":
+    if isinstance(scale, str) and scale == "auto":
         return 1
     scales = _scales(colour)
-    if scale not in scales:
+    if not isinstance(scale, Integral) or scale not in scales:
         raise InputError(
             "the colour camera does not have that resolution",
             source=f"scale {scale}",
@@ -178,7 +179,7 @@ def _shrink(colour: SensorGrid, scale: Scale) -> int:
             needed=f"one of {', '.join(map(str, sorted(scales)))}",
             remedy="leave --scale away for the colour camera's own resolution",
         )
-    return scales[scale]
+    return scales[int(scale)]
 
 
 def _scales(colour: SensorGrid) -> dict[int, int]:

@@ -13,9 +13,9 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from numba import prange
 
 from rakelight import jit
+from rakelight.jit import prange
 
 # Sums are within a strip of a row, which is never split.
 kernel = partial(jit.kernel, any_order=True)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import prange
 
 from rakelight import jit
+from rakelight.jit import prange
 from rakelight.model import Camera, Floats, Mask
 
 STRIDE_PX = 0.5

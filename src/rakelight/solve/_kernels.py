@@ -12,9 +12,8 @@ Coarse point (i, j) sits on fine point (2i - 1, 2j - 1), borders counted.
 from __future__ import annotations
 
 import numpy as np
-from numba import prange
 
-from rakelight.jit import helper, kernel
+from rakelight.jit import helper, kernel, prange
 
 # Sums of couplings below this fraction of the diagonal give no direction to interpolate from.
 NO_COUPLING = np.float32(1e-6)

@@ -1,0 +1,276 @@
+"""Whether a Capture made in Python holds what its fields promise, before it can do harm."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from math import isfinite
+from numbers import Integral, Real
+from typing import Any, get_args
+
+import numpy as np
+
+from rakelight.capture import validate
+from rakelight.errors import CaptureError, InputError
+from rakelight.model import (
+    Array,
+    Camera,
+    Capture,
+    Encoding,
+    Finding,
+    Lighting,
+    Mask,
+    RigidTransform,
+    SensorNoise,
+    Truth,
+)
+
+# Depth that any sensor could mean, metres; the least still has an inverse square.
+POSSIBLE_M = (1e-4, 1e6)
+# Tangent of the angle from the optical axis beyond which a pixel sees nothing: 84 degrees.
+STEEPEST_RAY = 10.0
+
+
+def checked_arrays(capture: Capture) -> Capture:
+    """The capture with plain contiguous arrays, where every field is of its kind and size.
+
+    Raises CaptureError, with what is needed, for arrays of another type, number of axes or size,
+    for masked arrays, a camera without an image, names that are not as many as the photographs.
+    An InputError where it is no Capture at all.
+
+    >>> camera = Camera(8, 6, 10.0, 10.0, 3.5, 2.5)
+    >>> checked_arrays(Capture(np.zeros((3, 6, 8, 3)), np.ones((1, 6, 8)), np.ones((6, 8)), camera))
+    Traceback (most recent call last):
+    rakelight.errors.CaptureError: photographs: not 8 or 16 bit (seen float64, needed uint8 or
+    uint16). Fix: for values of 0 to 1: np.rint(65535 * photographs).astype(np.uint16)
+    """
+    _check_is(capture, Capture, "capture", "load one with rakelight.load_capture")
+    camera = capture.camera
+    _check_is(camera, Camera, "camera")
+    photographs = _plain(capture.photographs, "photographs", ("N", "H", "W", 3))
+    if photographs.dtype not in (np.uint8, np.uint16):
+        raise CaptureError(
+            "not 8 or 16 bit",
+            source="photographs",
+            seen=str(photographs.dtype),
+            needed="uint8 or uint16",
+            remedy="for values of 0 to 1: np.rint(65535 * photographs).astype(np.uint16)"
+            if photographs.dtype.kind == "f"
+            else "photographs.astype(np.uint16), where all values are 0 to 65535",
+        )
+    depth_m = _plain(capture.depth_m, "depth_m", ("K", "h", "w"))
+    if depth_m.dtype not in (np.float32, np.float64):
+        raise CaptureError(
+            "not metres in floating point",
+            source="depth_m",
+            seen=str(depth_m.dtype),
+            needed="float32",
+            remedy="(depth / values_per_metre).astype(np.float32), NaN where there is none",
+        )
+    mask = _plain(capture.mask, "mask", ("H", "W"))
+    if mask.dtype != bool:
+        raise CaptureError(
+            "not true or false", source="mask", seen=str(mask.dtype), needed="bool",
+            remedy="mask > 0",
+        )  # fmt: skip
+    _check_camera(camera, "camera")
+    for name, array, needed in (
+        ("photographs", photographs, (len(photographs), *camera.shape, 3)),
+        ("mask", mask, camera.shape),
+    ):
+        if array.shape != needed:
+            raise CaptureError(
+                "this array does not fit the capture's camera",
+                source=name,
+                seen=str(array.shape),
+                needed=str(needed),
+            )
+    for field, kind in (
+        ("depth_camera", Camera),
+        ("depth_to_color", RigidTransform),
+        ("depth_noise", SensorNoise),
+    ):
+        if (value := getattr(capture, field)) is not None:
+            _check_is(value, kind, field)
+    _check_words(capture, len(photographs))
+    return replace(capture, photographs=photographs, depth_m=depth_m, mask=mask)
+
+
+def checked_capture(capture: Capture) -> Capture:
+    """As `checked_arrays`; and what the capture says is plausible, as `load_capture` has it.
+
+    Raises CaptureError for an empty mask, depth that is not positive or hardly measured on the
+    object, an implausible unit, depth camera or noise.
+
+    >>> camera = Camera(8, 6, 10.0, 10.0, 3.5, 2.5)
+    >>> checked_capture(Capture(np.zeros((3, 6, 8, 3), np.uint8), np.full((1, 6, 8), 600.0),
+    ...                         np.ones((6, 8), bool), camera))
+    Traceback (most recent call last):
+    rakelight.errors.CaptureError: depth_m: the depth unit looks wrong (seen median depth 600 m,
+    needed 0.05 to 20 m). Fix: the files look like millimetres: divide them by 1000
+    """
+    capture = checked_arrays(capture)
+    _check_depth_camera(capture)
+    depth_m, mask = capture.depth_m, capture.mask
+    validate.check_mask(mask, "mask")
+    known = np.isfinite(depth_m)
+    impossible = ~(np.isnan(depth_m) | ((depth_m >= POSSIBLE_M[0]) & (depth_m <= POSSIBLE_M[1])))
+    if impossible.any():
+        raise CaptureError(
+            "depth that none can be",
+            source="depth_m",
+            seen=f"{depth_m[impossible][0]:g} and {np.count_nonzero(impossible) - 1} more",
+            needed=f"{POSSIBLE_M[0]:g} to {POSSIBLE_M[1]:g} m, or NaN for no measurement",
+            remedy="depth[~(depth > 0)] = np.nan",
+        )
+    on_object: Mask | None = None
+    if capture.depth_camera is None:
+        h, w = depth_m.shape[1:]
+        factor = validate.depth_factor((h, w), capture.camera.shape, "depth_m")
+        on_object = np.asarray(mask.reshape(h, factor, w, factor).any(axis=(1, 3)))
+    elif capture.depth_to_color is not None:
+        validate.check_transform(capture.depth_to_color, "depth_to_color")
+    holes = np.where(known, 0, validate.HOLES.index("not finite")).astype(np.uint8)
+    validate.check_depth(depth_m, holes, on_object, "depth_m", None)
+    if capture.depth_noise is not None:
+        validate.check_noise(capture.depth_noise, "depth_noise")
+    return capture
+
+
+def checked_truth(truth: Truth, shape: tuple[int, int]) -> None:
+    """Raise CaptureError unless the maps of a truth are numbers of an image (height, width)."""
+    _check_is(truth, Truth, "truth")
+    for name, channels in (("depth", ()), ("normals", (3,)), ("albedo", (3,))):
+        source, needed = f"truth.{name}", (*shape, *channels)
+        array = _plain(getattr(truth, name), source, ("H", "W", *channels))
+        if array.shape != needed or array.dtype.kind not in "fiu":
+            raise CaptureError(
+                "this array does not fit the capture",
+                source=source,
+                seen=f"{array.shape} {array.dtype}",
+                needed=f"{needed} float32",
+            )
+
+
+def _plain(array: Array, name: str, axes: tuple[int | str, ...]) -> Array:
+    """The array, contiguous and of no subclass, with these axes, none of them empty."""
+    masked = isinstance(array, np.ma.MaskedArray)
+    if masked or not isinstance(array, np.ndarray):
+        raise CaptureError(
+            "not a plain array",
+            source=name,
+            seen=type(array).__name__,
+            needed="a numpy.ndarray",
+            remedy="fill what is masked" if masked else "numpy.asarray of it",
+        )
+    fits = array.ndim == len(axes) and 0 not in array.shape
+    fits = fits and all(a == b for a, b in zip(axes, array.shape, strict=True) if a == 3)
+    if not fits:
+        raise CaptureError(
+            "this array does not fit a capture: it has another shape",
+            source=name,
+            seen=str(array.shape),
+            needed=f"({', '.join(map(str, axes))}), none of them 0",
+        )
+    return np.ascontiguousarray(array)
+
+
+def _check_is(value: Any, kind: type[Any], name: str, remedy: str = "") -> None:
+    if not isinstance(value, kind):
+        raise InputError(
+            f"this is no {kind.__name__}",
+            source=name,
+            seen=type(value).__name__,
+            needed=f"rakelight.model.{kind.__name__}",
+            remedy=remedy,
+        )
+
+
+def _check_numbers(value: Any, source: str) -> None:
+    """Every field of a Camera or a SensorNoise is a number, width and height whole ones."""
+    for field in fields(value):
+        number = getattr(value, field.name)
+        kind = Integral if field.name in ("width", "height") else Real
+        if not isinstance(number, kind) or isinstance(number, bool) or not isfinite(number):
+            raise CaptureError(
+                f"{field.name} is not a number",
+                source=source,
+                seen=str(number),
+                needed="a whole number" if kind is Integral else "a finite number",
+            )
+
+
+def _check_camera(camera: Camera, source: str) -> None:
+    """Wherever its image was cut out: a principal point beside it is no mistake here."""
+    _check_numbers(camera, source)
+    for key in ("width", "height", "fx", "fy"):
+        if getattr(camera, key) <= 0:
+            raise CaptureError(
+                f"{key} is not positive",
+                source=source,
+                seen=f"{getattr(camera, key):g}",
+                needed="pixels",
+            )
+    rays = [
+        max(abs(centre), abs(side - 1 - centre)) / length
+        for side, centre, length in (
+            (camera.width, camera.cx, camera.fx),
+            (camera.height, camera.cy, camera.fy),
+        )
+    ]
+    if max(rays) > STEEPEST_RAY or max(camera.fx, camera.fy) > 1e6:
+        raise CaptureError(
+            "focal length and principal point do not fit the image",
+            source=source,
+            seen=f"fx = {camera.fx:g}, fy = {camera.fy:g}, cx = {camera.cx:g}, "
+            f"cy = {camera.cy:g} in {camera.width}x{camera.height}",
+            needed="pixels of this image",
+        )
+
+
+def _check_depth_camera(capture: Capture) -> None:
+    camera, pose, noise = capture.depth_camera, capture.depth_to_color, capture.depth_noise
+    if camera is not None:
+        _check_camera(camera, "depth_camera")
+        if capture.depth_m.shape[1:] != camera.shape:
+            raise CaptureError(
+                "this array does not fit the capture's depth camera",
+                source="depth_m",
+                seen=str(capture.depth_m.shape[1:]),
+                needed=str(camera.shape),
+            )
+    if pose is not None:
+        for name, shape in (("rotation", (3, 3)), ("translation_m", (3,))):
+            part = getattr(pose, name)
+            numbers = isinstance(part, np.ndarray) and part.dtype.kind in "fiu"
+            if not numbers or part.shape != shape or not np.isfinite(part).all():
+                raise CaptureError(
+                    f"{name} is not an array of finite numbers",
+                    source="depth_to_color",
+                    seen=f"{type(part).__name__} {getattr(part, 'shape', '')}",
+                    needed=f"a numpy.ndarray {shape}",
+                )
+    if noise is not None:
+        _check_numbers(noise, "depth_noise")
+
+
+def _check_words(capture: Capture, photographs: int) -> None:
+    for name, known in (("encoding", get_args(Encoding)), ("lighting", get_args(Lighting))):
+        if not isinstance(value := getattr(capture, name), str) or value not in known:
+            raise CaptureError(
+                f"an unknown {name}", source=name, seen=str(value)[:80], needed=", ".join(known)
+            )
+    for name, values, kind, count in (
+        ("names", capture.names, str, photographs),
+        ("findings", capture.findings, Finding, None),
+    ):
+        fits = isinstance(values, tuple) and all(isinstance(value, kind) for value in values)
+        if not fits or (count is not None and len(values) not in (0, count)):
+            many = "" if count is None else f", none or {count}"
+            raise CaptureError(
+                f"not a tuple of {kind.__name__}",
+                source=name,
+                seen=f"{type(values).__name__} {str(values)[:80]}",
+                needed=f"a tuple of {kind.__name__}{many}",
+            )
+    _check_is(capture.source, str, "source")
+    _check_is(capture.register, bool, "register")

@@ -1,0 +1,169 @@
+"""The commands: one thin file each, loaded when it is called; and what a failure says."""
+
+from __future__ import annotations
+
+import atexit
+import ctypes
+import gc
+import os
+import re
+import sys
+import traceback
+from collections.abc import Iterator
+from importlib import import_module
+from typing import Any
+
+import click
+
+from rakelight.cli import INTERRUPTED
+from rakelight.errors import RakelightError, printable
+
+# Command -> module and function; `rakelight --help` shows them in this order.
+COMMANDS = {
+    "demo": "make a synthetic capture, refine it, compare it with its truth",
+    "refine": "refine the depth of a capture folder",
+    "view": "open the report of a result in the browser",
+    "synth": "make a capture with known truth",
+    "eval": "compare a result with the truth of a synthetic capture",
+    "paper": "the paper's tables and figures on our captures",
+}
+
+
+class LazyGroup(click.Group):
+    """Commands whose modules are imported only when they are needed."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """The commands, the most used first."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        """The command `name`, from the module of that name."""
+        if name not in COMMANDS:
+            return None
+        module = import_module(f"rakelight.cli.{name}")
+        command: click.Command = module.command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The list of commands, without importing any of them."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+def _show_version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        from rakelight import __version__
+
+        click.echo(f"rakelight {__version__}")
+        ctx.exit()
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.option(
+    "--version", is_flag=True, is_eager=True, expose_value=False, callback=_show_version,
+    help="Show the version and exit.",
+)  # fmt: skip
+def rakelight() -> None:
+    """Depth maps of RGB-D cameras refined by photographs under moving light."""
+
+
+def run(arguments: list[str]) -> int:
+    """Run the command and return its exit code; a failure is one line on stderr."""
+    # Threads that wait sleep: a machine busy with other work would else stand still with us.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    # Our dense systems are small; BLAS threads would only wait for each other.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # What is left goes with the process: the last search for cycles would take a quarter second.
+    atexit.register(gc.freeze)
+    # Libraries come with more objects than that, and no cycles worth the search.
+    gc.set_threshold(100_000)
+    keep_freed_memory()
+    return _run(arguments)
+
+
+def keep_freed_memory() -> None:
+    """Let the next array have what the last one leaves, where the C library is glibc.
+
+    Else it goes back to the system each time, which clears it anew.
+    """
+    if sys.platform != "linux":
+        return
+    try:
+        set_option = ctypes.CDLL(None).mallopt
+    except (OSError, AttributeError):  # another C library
+        return
+    trim_threshold, mmap_threshold = -1, -3
+    set_option(trim_threshold, 1 << 30)
+    set_option(mmap_threshold, 1 << 25)
+
+
+def _run(arguments: list[str]) -> int:
+    debug = "--debug" in arguments
+    try:
+        code: Any = rakelight.main(arguments, prog_name="rakelight", standalone_mode=False)
+    except RakelightError as error:
+        return _fail(str(error), error.exit_code, debug)
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message(), err=True)
+        return 2
+    except click.ClickException as error:
+        message = " ".join(error.format_message().split()).rstrip(".")
+        return _fail(message + _where_to_look(error), 2, debug)
+    except (KeyboardInterrupt, click.Abort):
+        return _interrupted(debug)
+    except SystemExit:  # click's answer when the reader of our output has gone, as after `| head`
+        return 0
+    except Exception as error:
+        return _unexpected(error, debug)
+    return code if isinstance(code, int) else 0
+
+
+def _unexpected(error: Exception, debug: bool) -> int:
+    """What none of us raised: the machine's fault, where a library says so in its own words."""
+    causes = list(_causes(error))
+    if any(isinstance(cause, KeyboardInterrupt) for cause in causes):
+        return _interrupted(debug)  # a library made another error of it
+    for cause in causes:
+        if isinstance(cause, MemoryError) or _NO_MEMORY.search(str(cause)):
+            remedy = "close other programs, use --scale 1, or raise the limit (`ulimit -v`)"
+            return _fail(f"not enough memory. Fix: {remedy}", 3, debug)
+        if "can't start new thread" in str(cause):
+            remedy = "raise the limit on processes (`ulimit -u`) or on memory (`ulimit -v`)"
+            return _fail(f"the system starts no more threads. Fix: {remedy}", 3, debug)
+        if isinstance(cause, ImportError) and not (cause.name or "").startswith("rakelight"):
+            remedy = "free memory or raise its limit (`ulimit -v`), else install rakelight again"
+            seen = str(cause).strip()[:200]
+            return _fail(f"a library cannot be loaded (seen {seen}). Fix: {remedy}", 3, debug)
+    if isinstance(error, OSError):
+        where = f"{error.filename}: " if error.filename else ""
+        return _fail(f"{where}the system refused it (seen {error.strerror or error})", 3, debug)
+    what = f"a bug in rakelight: {type(error).__name__}: {error}"
+    return _fail(f"{what}. Fix: run it again with --debug and report all it prints", 1, debug)
+
+
+# How zlib, OpenCV and the loader of libraries say that memory is short.
+_NO_MEMORY = re.compile("(?i)(insufficient|out of|cannot allocate) memory")
+
+
+def _causes(error: BaseException | None) -> Iterator[BaseException]:
+    """The errors that led to this one, the first of them first."""
+    if error is not None:
+        yield from _causes(error.__cause__ or error.__context__)
+        yield error
+
+
+def _interrupted(debug: bool) -> int:
+    return _fail(INTERRUPTED, 130, debug)
+
+
+def _where_to_look(error: click.ClickException) -> str:
+    if isinstance(error, click.UsageError) and error.ctx is not None:
+        return f" (see {error.ctx.command_path} --help)"
+    return ""
+
+
+def _fail(message: str, code: int, debug: bool) -> int:
+    if debug:
+        traceback.print_exc()
+    click.echo(f"error: {printable(message)}", err=True)
+    return code
