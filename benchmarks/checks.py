@@ -65,7 +65,7 @@ def held_back(capture: Capture) -> tuple[float, int]:
     if found is None:
         return float("nan"), 0
     odd = odd_photographs(found.refined, found.brightness, found.variation)
-    return found.gain, int(odd.sum())
+    return found.gain, int(odd.either.sum())
 
 
 def one_moved(capture: Capture) -> Capture:

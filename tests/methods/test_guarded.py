@@ -1,14 +1,19 @@
 """Captures that say nothing, or lie: the prepared depth stays, odd photographs are left out."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from rakelight import CaptureError, refine
+from rakelight import CaptureError, Lights, load_capture, refine
 from rakelight.geometry.normals import surface_normals
+from rakelight.methods.guarded import guarded
+from rakelight.methods.held_back import Prediction, kept
 from rakelight.metrics import evaluate
+from rakelight.model import silent
+from rakelight.prepare import prepare
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "check"))
 import wrong_captures as wrong
@@ -83,3 +88,39 @@ def test_confidence_falls_as_the_depth_worsens(shape):
     for worse in (noisier, wrong.flat_depth(capture)):
         result = refine(worse)
         assert result.confidence[result.mask].mean() < 0.8 * level
+
+
+@pytest.mark.parametrize(
+    ("others", "left"), [(0.95, 8), (0.4, 7)], ids=["others gain nothing", "others gain"]
+)
+def test_a_suspect_is_left_out_only_where_that_helps_the_others(others, left):
+    """A method whose predictions are as told, with and without the fourth photograph."""
+    capture, _ = wrong.sound("vase")
+    prepared = prepare(capture)
+
+    def predict(prepared, depth_m, normals, lights):
+        errors = np.full(len(prepared), 0.01)
+        if len(prepared) == 8:
+            errors[3] = 0.04
+        else:
+            errors *= others
+        ones = np.ones(len(prepared))
+        return Prediction(errors, 10 * errors, 0.5 * ones, 0.2 * ones, lights)
+
+    def run(prepared, options, progress):
+        lights = Lights(np.zeros((len(prepared), 1, 3)), np.zeros((len(prepared), 1)))
+        return replace(kept(prepared, lights), findings=())
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys.modules["rakelight.methods.guarded"], "predict", predict)
+        used, estimate = guarded(run, prepared, None, silent)
+    assert len(used) == left
+    assert bool(estimate.findings) == (left == 7)
+
+
+@pytest.mark.parametrize("name", ["uw-cat", "uw-owl"])
+def test_a_needed_photograph_of_a_real_capture_stays(name):
+    folder = Path(__file__).resolve().parents[3] / "shared" / "captures" / name
+    if not folder.is_dir():
+        pytest.skip(f"no {folder}")
+    assert "odd-photographs" not in warnings(refine(load_capture(folder)))

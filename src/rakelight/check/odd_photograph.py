@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from rakelight.errors import listed
 from rakelight.model import Finding, Floats, Mask
 
-# A photograph is odd where the others predict it this many times worse than the typical one, both
-# in light and as a fraction of its own brightness: a dark photograph's noise is large beside its
-# brightness, a bright one's model errors are large in light.
+# A photograph is suspect where the others predict it this many times worse than the typical one,
+# both in light and as a fraction of its own brightness: a dark photograph's noise is large beside
+# its brightness, a bright one's model errors are large in light.
 ODD = 2.5
-# It is odd as well where its error is this part of its own variation over the object, and `ODD`
-# times as much of it as of the typical one: what it shows is something else, however dark.
+# It shows something else where its error is this part of its own variation over the object, and
+# `ODD` times as much of it as of the typical one.
 UNEXPLAINED = 0.5
 # With fewer photographs the prediction of each hangs on a few others, and says nothing of it.
 FEWEST = 6
@@ -20,19 +22,44 @@ FEWEST = 6
 MOST = 0.34
 
 
-def odd_photographs(errors: Floats, brightness: Floats, variation: Floats) -> Mask:
-    """(N,) which photographs do not fit the others.
+@dataclass(frozen=True)
+class Oddity:
+    """Which photographs may not fit the others.
+
+    suspect : (N,) those that are predicted badly; leaving them out has to help the others
+    foreign : (N,) those that show something else, for sure
+    """
+
+    suspect: Mask
+    foreign: Mask
+
+    @property
+    def either(self) -> Mask:
+        """(N,) those of which something is to be said."""
+        return self.suspect | self.foreign
+
+    @property
+    def least_help(self) -> float:
+        """Others' errors without the suspects, over those with them, have to be below this.
+
+        One photograph of N, `ODD` times as wrong as the rest, has about `ODD / N` of the say.
+        """
+        return 1 - ODD * np.count_nonzero(self.either) / len(self.suspect)
+
+
+def odd_photographs(errors: Floats, brightness: Floats, variation: Floats) -> Oddity:
+    """Which photographs do not fit the others.
 
     errors : (N,) typical error of each as the others predict it
     brightness, variation : (N,) mean of each, and typical deviation of its pixels from its median
 
     >>> errors, ones = np.array([1.0, 1.2, 0.9, 1.1, 1.0, 6.0]), np.ones(6)
-    >>> odd_photographs(errors, 20 * ones, 10 * ones).tolist()
+    >>> odd_photographs(errors, 20 * ones, 10 * ones).suspect.tolist()
     [False, False, False, False, False, True]
     """
     none = np.zeros(len(errors), dtype=bool)
     if len(errors) < FEWEST or not np.isfinite(errors).any():
-        return none
+        return Oddity(none, none)
     relative, unexplained = (
         errors / np.maximum(whole, np.finfo(float).tiny) for whole in (brightness, variation)
     )
@@ -40,8 +67,8 @@ def odd_photographs(errors: Floats, brightness: Floats, variation: Floats) -> Ma
         np.nan_to_num(each / max(float(np.nanmedian(each)), np.finfo(float).tiny)) > ODD
         for each in (errors, relative, unexplained)
     )
-    odd = (light & share) | (part & (np.nan_to_num(unexplained) > UNEXPLAINED))
-    return odd if odd.sum() <= MOST * len(odd) else none
+    found = Oddity(light & share, part & (np.nan_to_num(unexplained) > UNEXPLAINED))
+    return found if found.either.sum() <= MOST * len(errors) else Oddity(none, none)
 
 
 def odd_finding(names: tuple[str, ...], odd: Mask) -> Finding:

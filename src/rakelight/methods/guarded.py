@@ -11,15 +11,14 @@ import numpy as np
 from rakelight.check.odd_photograph import odd_finding, odd_photographs
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods.estimate import Estimate
-from rakelight.methods.held_back import LEAST_GAIN, kept, predict
+from rakelight.methods.held_back import LEAST_GAIN, Prediction, kept, predict
 from rakelight.model import Floats, ProgressCallback
 from rakelight.prepare import Prepared
 
 Options = TypeVar("Options")
 Run = Callable[[Prepared, Options, ProgressCallback], Estimate]
 
-# One odd photograph can hide another; those that a third look would find are not worth refining
-# all again.
+# One odd photograph can hide another; what a third look would find is not worth refining again.
 LOOKS = 2
 
 
@@ -28,25 +27,42 @@ def guarded(
 ) -> tuple[Prepared, Estimate]:
     """The method's estimate, and the prepared capture with the photographs that it was made from.
 
-    Photographs that the others do not predict are left out and the rest refined anew.  Where the
+    Photographs that the others predict badly are left out and the rest refined anew, where that
+    makes the others' predictions better: a photograph under a lamp far from the others is predicted
+    badly too, and needed.  Photographs of something else are left out in any case.  Where the
     refined surface predicts photographs that are held back no better than the prepared depth does,
     the estimate is the prepared depth.
     """
+    estimate, prediction = _predicted(run, prepared, options, progress)
     findings = []
-    for look in range(LOOKS + 1):
-        estimate = run(prepared, options, progress)
-        prediction = predict(prepared, *surface(prepared, estimate), estimate.lights)
+    for _ in range(LOOKS):
         if prediction is None:
             break
-        odd = odd_photographs(prediction.refined, prediction.brightness, prediction.variation)
-        if look == LOOKS or not odd.any():
+        oddity = odd_photographs(prediction.refined, prediction.brightness, prediction.variation)
+        if not oddity.either.any():
             break
-        findings.append(odd_finding(prepared.names, odd))
-        prepared = prepared.select(np.flatnonzero(~odd))
+        fit = np.flatnonzero(~oddity.either)
+        rest = prepared.select(fit)
+        without, then = _predicted(run, rest, options, progress)
+        if then is None:
+            break
+        helped = float(np.exp(np.nanmean(np.log(then.refined / prediction.refined[fit]))))
+        if not (oddity.foreign.any() or helped < oddity.least_help):
+            break
+        findings.append(odd_finding(prepared.names, oddity.either))
+        prepared, estimate, prediction = rest, without, then
     if prediction is not None and prediction.gain > LEAST_GAIN and estimate.iterations:
         findings += [each for each in estimate.findings if each.severity == "warning"]
         estimate = kept(prepared, prediction.prepared_lights)
     return prepared, replace(estimate, findings=(*findings, *estimate.findings))
+
+
+def _predicted(
+    run: Run[Options], prepared: Prepared, options: Options, progress: ProgressCallback
+) -> tuple[Estimate, Prediction | None]:
+    """The method's estimate, and how well its surface predicts photographs that are held back."""
+    estimate = run(prepared, options, progress)
+    return estimate, predict(prepared, *surface(prepared, estimate), estimate.lights)
 
 
 def surface(prepared: Prepared, estimate: Estimate) -> tuple[Floats, Floats]:
