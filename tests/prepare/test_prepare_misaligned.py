@@ -145,3 +145,12 @@ def test_the_object_in_depth_is_what_the_mask_holds(registered):
     assert factor == 2
     assert not (seen & around).any()
     assert (seen | around).mean() > 0.95
+
+
+def test_a_low_relief_that_is_one_with_its_background_has_no_shift():
+    """Where the depth shows object and wall as one, the best fit lies outside the image."""
+    mask = np.zeros((190, 170), dtype=bool)
+    mask[20:170, 25:150] = True
+    seen = np.ones_like(mask)
+    seen[:, :2] = False
+    assert displacement(mask, seen) is None

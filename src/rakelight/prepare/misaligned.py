@@ -28,6 +28,8 @@ OUTLINE_PX, COHERENT_PX = 0.5, 10.0
 FARTHEST, FARTHEST_PX, SURELY_EXPLAINED = 0.1, 5.0, 0.8
 # An outline of fewer pixels says nothing; the depth goes on so far beyond the image.
 FEWEST, AROUND_PX = 40, 40
+# Of the outline at most this share may lie beyond that, shifted.
+BEYOND = 0.05
 
 REMEDY = "give the depth camera's own [depth_intrinsics] and [depth_to_color]"
 
@@ -142,6 +144,9 @@ def displacement(mask: Mask, seen: Mask) -> Displacement | None:
     starts = np.zeros(3), np.append(whole[1] - whole[0], 0.0)
     fits = [least_squares(left, start, slopes, loss="soft_l1") for start in starts]
     x = min(fits, key=lambda fit: fit.cost).x
+    there = at + x[:2] + AROUND_PX
+    if ((there < 0) | (there > np.array(inward.shape[::-1]) - 1)).any(axis=1).mean() > BEYOND:
+        return None  # distances out there are no longer of `seen`, all alike
     spread = _spread(left(x))
     sound = slopes(x)[np.abs(left(x)) < 3 * spread]
     variance = COHERENT_PX * spread**2 * np.linalg.pinv(sound.T @ sound).diagonal()
