@@ -22,15 +22,19 @@ from rakelight.geometry.normals import normals_from_gradient
 from rakelight.model import Array, Capture, Finding, Floats
 from rakelight.prepare.sensor import sensed
 
+# Turns come first: cameras are turned more often than pictures are mirrored, and of two that fit
+# an object that looks the same in a mirror the first is named.
 TURNS: dict[str, Callable[[Array], Array]] = {
     "turned by 180 degrees": lambda image: image[::-1, ::-1],
-    "mirrored left to right": lambda image: image[:, ::-1],
-    "mirrored top to bottom": lambda image: image[::-1],
     "turned by 90 degrees clockwise": lambda image: np.rot90(image, -1),
     "turned by 90 degrees anticlockwise": lambda image: np.rot90(image),
+    "mirrored left to right": lambda image: image[:, ::-1],
+    "mirrored top to bottom": lambda image: image[::-1],
     "mirrored along a diagonal": lambda image: image.T,
     "mirrored along the other diagonal": lambda image: image[::-1, ::-1].T,
 }
+# Two turns fit alike where their evidence, see below, differs by less.
+ALIKE = 0.1
 # Of the slopes' variance, what the photographs leave unexplained as it is, over what they leave
 # unexplained turned, as a logarithm: a warning, and beyond doubt.
 LIKELY, SURELY = 0.15, 0.25
@@ -63,7 +67,8 @@ def depth_orientation(capture: Capture) -> tuple[Finding, ...]:
     Raises CaptureError, which names the turn that fits, where that is beyond doubt.
     """
     fits = orientation_fits(capture)
-    best = max(fits, key=lambda fit: fit.evidence, default=None)
+    most = max((fit.evidence for fit in fits), default=-np.inf)
+    best = next((fit for fit in fits if fit.evidence > most - ALIKE), None)
     if best is None or best.evidence < LIKELY or best.turned < EXPLAINED:
         return ()
     what = "the depth does not lie on the photographs the way it is turned"
