@@ -25,7 +25,7 @@ def best_relief(
     (Belhumeur, Kriegman and Yuille 1999).  With `steadiness` the lamps' brightness has a say.
     """
     nearer, aim = np.exp(-log_depth), level.sensed(np.exp(-level.aim))
-    rays = _rays(level)
+    rays = rays_of(level)
     columns = [level.sensed(each) for each in (nearer, *np.moveaxis(rays, -1, 0))]
     root = np.sqrt(level.sensor_weight) / aim
     weighed = np.stack(columns, axis=-1) * root[:, None]
@@ -57,7 +57,7 @@ def deepening(level: Level, log_depth: Floats) -> Floats:
     Per part by which it does; a plane stays where it is.  In inverse depth, of which a bas-relief
     transform makes a multiple and a plane.
     """
-    nearer, rays = np.exp(-log_depth), _rays(level)
+    nearer, rays = np.exp(-log_depth), rays_of(level)
     plane = np.linalg.lstsq(rays[level.mask], np.asarray_chkfinite(nearer[level.mask]), rcond=None)[
         0
     ]
@@ -83,6 +83,6 @@ def lights_turn(level: Level, relief: Floats) -> Floats:
     return np.linalg.inv(relief[0] * np.eye(3) + np.outer(level.middle_m, relief[1:]))
 
 
-def _rays(level: Level) -> Floats:
-    """(h, w, 3) points at depth 1."""
+def rays_of(level: Level) -> Floats:
+    """(h, w, 3) points of the viewing rays at depth 1 metre."""
     return back_project(np.ones(level.mask.shape), level.photographs.camera)

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from rakelight.geometry.camera import back_project
 from rakelight.geometry.derivatives import gradient_image
 from rakelight.geometry.normals import normal_derivatives, normals_from_gradient
+from rakelight.methods.bas_relief import rays_of
 from rakelight.methods.estimate import DARK
 from rakelight.methods.levels import Level
 from rakelight.model import Floats, Mask
@@ -35,7 +35,7 @@ def bas_relief_variance(level: Level, log_depth: Floats, lamps: Lamps) -> Floats
     normals, length = normals_from_gradient(gradient[..., 0], gradient[..., 1], camera)
     turns = np.stack(normal_derivatives(normals, length, camera), axis=-1)
     # 1/z' = 1/z + g . ray  changes log depth by  -z g . ray.
-    changes = -np.exp(log_depth)[..., None] * _rays(level)
+    changes = -np.exp(log_depth)[..., None] * rays_of(level)
     slopes = np.stack([gradient_image(each, grid) for each in np.moveaxis(changes, -1, 0)], axis=-1)
     turned = turns @ slopes
     return np.asarray(np.einsum("hwik,kl,hwil->hw", turned, moment, turned))
@@ -49,7 +49,7 @@ def sensor_moment(level: Level, log_depth: Floats) -> Floats:
     pixels as clusters (Liang and Zeger 1986), of the size that makes it largest.
     """
     nearer, measured = level.sensed(np.exp(-log_depth)), level.sensed(np.exp(-level.aim))
-    columns = [nearer, *(level.sensed(ray) for ray in np.moveaxis(_rays(level), -1, 0))]
+    columns = [nearer, *(level.sensed(ray) for ray in np.moveaxis(rays_of(level), -1, 0))]
     design = np.stack(columns, axis=-1) / measured[:, None]
     weight = level.sensor_weight / level.sensor_weight.max()
     error = 1 - design[:, 0]
@@ -106,8 +106,3 @@ def _clustered(scores: Floats, where: Mask) -> list[tuple[float, Floats]]:
         np.add.at(sums, index, scores)
         found.append((count / (count - 4), sums))
         side *= 2
-
-
-def _rays(level: Level) -> Floats:
-    """(h, w, 3) points at depth 1 metre."""
-    return back_project(np.ones(level.mask.shape), level.photographs.camera)

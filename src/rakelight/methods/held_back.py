@@ -207,8 +207,7 @@ def _left_out(
         squared change of the gradient
     """
     images, good = sample.images, sample.good
-    squares = np.maximum((good * shading**2).sum(axis=0), 1e-12)
-    albedo = (good * shading * images).sum(axis=0) / squares
+    albedo, squares = _albedo(sample, shading)
     error = good * (images - albedo * shading)
     own = good * shading**2 / squares
     if slopes is None or change is None or turn is None:
@@ -233,6 +232,15 @@ def _left_out(
     return np.abs(np.linalg.solve((1 + 1e-6) * np.eye(3) - hat, error[..., None])[..., 0])
 
 
+def _albedo(sample: _Sample, shading: Floats) -> tuple[Floats, Floats]:
+    """(P, 3) albedo of equation (3) by least squares, and the sum of squared shadings it rests on.
+
+    shading : (N, P, 3), or (N, P, 1) of white lights
+    """
+    squares = np.maximum((sample.good * shading**2).sum(axis=0), 1e-12)
+    return (sample.good * shading * sample.images).sum(axis=0) / squares, squares
+
+
 def _lights_of(sample: _Sample, normals: Floats) -> Lights:
     """White distant lights (N, 1) that explain a sample best by normals (P, 3)."""
     images, good = sample.images, sample.good
@@ -246,8 +254,7 @@ def _lights_of(sample: _Sample, normals: Floats) -> Lights:
             ]
         )
         shading = (np.maximum(lights[:, :3] @ normals.T, 0) + lights[:, 3:])[..., None]
-        squares = np.maximum((good * shading**2).sum(axis=0), 1e-12)
-        albedo = (good * shading * images).sum(axis=0) / squares
+        albedo, _ = _albedo(sample, shading)
     return Lights(lights[:, None, :3], lights[:, 3:])
 
 
