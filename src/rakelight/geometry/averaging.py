@@ -72,6 +72,14 @@ class Averaging:
         """(hs, ws) sensor pixels with a part of the object."""
         return np.asarray(self._area > LEAST_SHARE)
 
+    def matrix(self, mask: Mask) -> Any:
+        """Sparse (M, P): K of the P pixels of a mask, to the M sensor pixels that are covered."""
+        from scipy.sparse import diags_array
+
+        covered = self.covered.ravel()
+        by_area = diags_array(self._by_area.ravel()[covered])
+        return (by_area @ self._shares[covered][:, mask.ravel()]).tocsr()
+
     @cached_property
     def _shares(self) -> Any:
         """Sparse (hs ws, h w): how much of each of the object's pixels a sensor pixel covers."""

@@ -69,13 +69,16 @@ def _transformed(
 ) -> tuple[Floats, Floats]:
     """(h, w) log depth after the transform (a, g), `relief`, and the (3, 3) one of the lights.
 
-    Unchanged where that would turn the surface around.
+    Unchanged where that would turn the surface around, and where no normal depends on the depth.
     """
+    from scipy.ndimage import binary_dilation
+
     nearer = np.exp(-log_depth)
     inverse = np.where(level.mask, relief[0] * nearer + rays @ relief[1:], nearer)
     if not (relief[0] > 0 and inverse.min() > 0):
         return log_depth, np.eye(3)
-    return -np.log(inverse), lights_turn(level, relief)
+    seen = binary_dilation(level.photographs.active)
+    return np.where(seen, -np.log(inverse), log_depth), lights_turn(level, relief)
 
 
 def lights_turn(level: Level, relief: Floats) -> Floats:

@@ -7,6 +7,8 @@ The energy of log depth p and lights s, albedo eliminated (variable projection):
         + sigma^2 sum w (K (p - p_0))^2                     the sensor's depth
         + sigma^2 W (N - 4) log(spread of |s_i|)^2          lamps of one brightness
 
+Under distant lamps the four numbers of a bas-relief transform are taken from the sensor's depth
+(and the lamps' brightness) alone, not from the photographs' part of the energy: `relief_step`.
 The mean gradient does not see a checkerboard; fourth differences do, and see little else.
 """
 
@@ -44,8 +46,6 @@ WEAKEST_HOLD = 1e-3
 LONGEST_STRIDE = 64.0
 # A step is solved for to this fraction: the next one starts from what it missed.
 STEP_TOLERANCE = 2e-2
-# A bas-relief transform is tried where the sensor's misfit would fall by this much of the energy.
-LEAST_GAIN = 3e-4
 # Steps in which lights settle, and pixels that are enough for their curvature.
 SETTLE, SOME_PIXELS = 2, 2000
 
@@ -217,23 +217,17 @@ def depth_step(level: Level, fit: Fit) -> Fit:
 
 
 def relief_step(level: Level, fit: Fit) -> Fit:
-    """The bas-relief transform that brings the surface closest to the sensor, if that is better.
+    """The fit after the bas-relief transform that brings the surface closest to the sensor.
 
-    Photographs under distant lamps leave it open: steps down the slope of the energy creep there.
-    Near lamps tell it, and joint steps see to it.
+    Whatever becomes of the photographs' energy: distant lamps leave the transform open, and what
+    the energy says of it is the model's error, down which the surface would slide.  Near lamps
+    tell it, and joint steps see to it.
     """
     if fit.near:
         return fit
     log_depth, turn = best_relief(level, fit.log_depth, fit.lamps, fit.steadiness)
-    vector = fit.lamps.vector @ turn.T
-    gain = level.sensor_misfit(fit.log_depth) - level.sensor_misfit(log_depth)
-    gain += fit.steadiness * (unlikeness(fit.lamps.vector) - unlikeness(vector))
-    if not fit.noise**2 * gain > LEAST_GAIN * fit.energy:
-        return fit
-    lamps = replace(fit.lamps, vector=vector)
-    tried = settled(level, moved(level, fit, log_depth, lamps, turning=True))
-    better = tried if tried.energy < fit.energy else fit
-    return replace(better, lights_damping=tried.lights_damping)
+    lamps = replace(fit.lamps, vector=fit.lamps.vector @ turn.T)
+    return moved(level, fit, log_depth, lamps, turning=True)
 
 
 def settled(level: Level, fit: Fit) -> Fit:

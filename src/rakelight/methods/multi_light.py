@@ -28,6 +28,7 @@ from rakelight.methods.estimate import (
     require_options,
     require_photographs,
 )
+from rakelight.methods.factored_start import factored_start
 from rakelight.methods.fine_normals import fine_normals
 from rakelight.methods.fit import (
     NOISIEST,
@@ -45,7 +46,7 @@ from rakelight.methods.fit import (
 from rakelight.methods.joint import joint_step
 from rakelight.methods.levels import Level, finest_level, pyramid
 from rakelight.methods.matte import dimmed, matte
-from rakelight.methods.start import lamps_of_factors, lamps_of_prior
+from rakelight.methods.start import lamps_of_prior
 from rakelight.methods.weights import deserved_steadiness, deserved_trust
 from rakelight.model import Finding, Floats, Progress, ProgressCallback
 from rakelight.prepare import Prepared
@@ -65,9 +66,8 @@ SETTLED = 0.95
 # hang together.  A tenth, where it is a third of that, in logarithms.
 LESS_TRUST = (1e-3, 1e-2, 1e-1)
 HALVED = np.log(2) / np.log(1e3)
-# Another start is taken where it ends at less than this part of the energy: the first was caught.
-# Small gains are the sensor's noise's.
-MUCH_LOWER = 0.5
+# Pixels that are enough to start from the photographs' factors.
+FACTORED_PIXELS = 2000
 # Lamps get more freedom where that lowers the energy by more than this fraction over their number:
 # the fewer photographs, the more of anything it explains.
 WORTH_IT = 0.5
@@ -228,6 +228,8 @@ def descend(
         if settled and (thorough or before.energy - fit.energy >= small):
             fit = stride(level, before, fit)
         converged = settled and before.energy - fit.energy < small
+        if converged and fit.energy > before.energy:
+            break  # what the photographs gained was a bas-relief that the sensor contradicts
         fits.append(fit)
         if converged:
             break
@@ -243,11 +245,12 @@ def first_look(
     """
     fit = first_fit(level, level.prior, lamps_of_prior(level), one_ambient=True)
     simple = descend(level, fit, options, progress, stage)
-    simple = second_start(level, simple, options, progress)
+    factored = from_factors(level)
+    simple = second_start(level, simple, factored, options, progress)
     for distance in (options.distance, "distant"):
         these = replace(options, distance=distance)
         descent = freer_lamps(level, simple, these, progress)
-        share, descent = less_trust(level, descent, these, progress)
+        share, descent = less_trust(level, descent, these, progress, factored)
         if share < 1:
             descent = freer_lamps(level.trusting(share), descent, these, progress)
         if accepted(level, descent.fit.lamps, options):
@@ -257,9 +260,16 @@ def first_look(
 
 
 def less_trust(
-    level: Level, descent: Descent, options: Options, progress: ProgressCallback
+    level: Level,
+    descent: Descent,
+    options: Options,
+    progress: ProgressCallback,
+    factored: Fit | None = None,
 ) -> tuple[float, Descent]:
     """The share of the level's trust, and the descent with it, that explain the photographs best.
+
+    factored : another fit to start from, where it leaves less unexplained: with all its trust, the
+        descent may be bent to the sensor's noise
 
     Errors of the depth that hang together count as less than they are many.  How they do, nobody
     knows before the photographs have shown them, which too much trust prevents.
@@ -277,7 +287,12 @@ def less_trust(
             continue  # what even less trust leaves unexplained is too much
         loose = level.trusting(share)
         words = "try less trust in the depth"
-        tried = descend(loose, begun_anew(loose, fit), options, progress, words)
+        start = begun_anew(loose, fit)
+        if factored is not None and not fit.near:
+            start = min(
+                start, begun_anew(loose, factored), key=lambda each: each.explanation.spread
+            )
+        tried = descend(loose, start, options, progress, words)
         left = unexplained(level, tried.fit)
         floor = max(floor, left)
         if left * price < least and accepted(level, tried.fit.lamps, options):
@@ -296,23 +311,31 @@ def unexplained(level: Level, fit: Fit) -> float:
     return float(fit.explanation.spread * np.exp(alike) * near)
 
 
-def second_start(
-    level: Level, descent: Descent, options: Options, progress: ProgressCallback
-) -> Descent:
-    """The descent, or one from the lamps that the photographs tell, where that ends lower.
+def from_factors(level: Level) -> Fit | None:
+    """The fit where the photographs' factors lead, or None; see `factored_start`."""
+    small = level if np.count_nonzero(level.mask) <= FACTORED_PIXELS else level.halved()
+    found = factored_start(small)
+    if found is None:
+        return None
+    log_depth, lamps = found
+    if small is not level:
+        log_depth = level.carried(small, log_depth)
+    return first_fit(level, log_depth, lamps, one_ambient=True)
 
-    The first few steps show whether it does.
-    """
-    lamps = lamps_of_factors(level)
-    if lamps is None:
+
+def second_start(
+    level: Level,
+    descent: Descent,
+    factored: Fit | None,
+    options: Options,
+    progress: ProgressCallback,
+) -> Descent:
+    """The descent, or the one from another fit, if that ends lower."""
+    if factored is None:
         return descent
-    before, words = descent.fit, "try the photographs' lamps"
-    start = first_fit(level, level.prior, lamps, one_ambient=descent.fit.one_ambient)
-    tried = descend(level, start, briefly(options), progress, words)
-    after = moved(level, before, tried.fit.log_depth, tried.fit.lamps)
-    if not after.energy < MUCH_LOWER * before.energy:
-        return descent
-    return descend(level, tried.fit, options, progress, words)
+    tried = descend(level, factored, options, progress, "try the photographs' lamps")
+    before = moved(level, tried.fit, descent.fit.log_depth, descent.fit.lamps)
+    return tried if tried.fit.energy < before.energy else descent
 
 
 def briefly(options: Options) -> Options:

@@ -1,19 +1,14 @@
-"""Lamps to start from: those of the prior's normals, or of the photographs' rank.
+"""Lamps to start from, of the prior's normals, and the bas-relief that its slopes tell.
 
 Descent needs lamps that are roughly right.  Normals of the prior give them where it shows the
-object's relief.  Where noise hides that, the photographs do: under distant lamps their values have
-rank three, and that the normals are those of one surface leaves the bas-relief of its factors open
-(ldr_ps.py), which even a rough prior tells.
+object's relief; where noise hides that, the photographs do (factored_start.py).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from rakelight.geometry.grid import has_gradient
 from rakelight.geometry.normals import normals_from_gradient
-from rakelight.methods.estimate import scatter
-from rakelight.methods.ldr_ps import Options, factorise, integrable_basis
 from rakelight.methods.levels import Level
 from rakelight.model import Floats
 from rakelight.shading.lighting import estimate_light
@@ -48,36 +43,6 @@ def lamps_of_prior(level: Level) -> Lamps:
     # What noise of the normals makes look like ambient light comes from the camera's side.
     vector = lights[:, None, :3] + lights[:, None, 3:] * frontal
     return Lamps.distant(vector, np.zeros((len(lights), 1)))
-
-
-def lamps_of_factors(level: Level) -> Lamps | None:
-    """White distant lamps from the photographs alone, their bas-relief from the prior's slopes.
-
-    None where the photographs have no rank three, as under lamps in one plane.
-    """
-    mask, camera = level.photographs.active, level.photographs.camera
-    light = level.photographs.light(mask)
-    usable = (light >= 0).all(axis=-1)
-    values = np.where(usable, light.mean(axis=-1), 0.0)
-    lit = usable & (values > SHADOW * values.max(axis=0))
-    known = scatter(lit.sum(axis=0) >= 3, mask) > 0
-    if not has_gradient(known).any():
-        return None
-    try:
-        factors = factorise(values, lit, Options())
-        factors = factors.changed(integrable_basis(factors.normals, mask, known, camera))
-        G = relief_of_slopes(factors.normals[known[mask]], prior_normals(level)[known])
-        factors = factors.changed(G.T)
-    except np.linalg.LinAlgError:
-        return None
-    # As bright as a plain object of the photographs' mean colour needs.
-    bright = np.median(np.linalg.norm(factors.normals[known[mask]], axis=1))
-    vector = factors.lamps * bright / np.median(values.mean(axis=0)[known[mask]])
-    if np.median(factors.normals[:, 2]) > 0:
-        vector = -vector
-    if not np.isfinite(vector).all():
-        return None
-    return Lamps.distant(vector[:, None], np.zeros((len(vector), 1)))
 
 
 def relief_of_slopes(scaled: Floats, normals: Floats) -> Floats:

@@ -1,0 +1,84 @@
+"""The start from the photographs' factors: its cost, its derivative, and what it finds."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from rakelight.geometry.averaging import Averaging
+from rakelight.methods.factored_start import (
+    Problem,
+    Weighted,
+    descended,
+    factored_start,
+    reweighted,
+)
+from rakelight.methods.levels import finest_level, pyramid
+from rakelight.prepare import prepare
+from rakelight.synthetic import random_capture
+
+
+@cache
+def level(seed=5, **settings):
+    """The coarsest level of a random capture, and its lamps (N, 3)."""
+    settings = {"easy": True, "shape": "ring", "depth_factor": 2, "photographs": 9} | settings
+    capture, truth = random_capture(seed, 0.5, **settings)
+    finest = finest_level(prepare(capture), cut=True, unbiased=True)
+    return pyramid(finest, 2000)[-1], truth.lights.vector.mean(axis=1)
+
+
+@cache
+def problem():
+    """Directions at random near the viewing direction, on a level's pixels."""
+    base, _ = level()
+    rng = np.random.default_rng(0)
+    normals = np.array([0.0, 0.0, -1.0]) + 0.3 * rng.normal(size=(*base.mask.shape, 3))
+    return Problem.of(base, normals, base.photographs.active)
+
+
+def test_the_costs_derivative_is_its_slope():
+    given = problem()
+    rng = np.random.default_rng(1)
+    A = np.eye(3) + 0.1 * rng.normal(size=(3, 3))
+    weighted = reweighted(Weighted(given, given.known / 0.01, 0.1), A)
+    _, derivative = weighted.cost(A.ravel())
+    for axis in range(9):
+        step = 1e-6 * np.eye(9)[axis]
+        ahead, behind = (weighted.cost(A.ravel() + sign * step)[0] for sign in (1, -1))
+        slope = (ahead - behind) / 2e-6
+        assert derivative[axis] == pytest.approx(slope, rel=1e-4, abs=1e-4 * abs(derivative).max())
+
+
+def test_a_matrix_and_its_multiples_cost_the_same():
+    given = problem()
+    A = np.eye(3) + 0.1 * np.random.default_rng(1).normal(size=(3, 3))
+    weighted = Weighted(given, given.known / 0.01, 0.1)
+    one, other = (weighted.cost(scale * A.ravel())[0] for scale in (1.0, 7.0))
+    assert other == pytest.approx(one, rel=1e-9)
+
+
+def test_a_flatter_surface_does_not_fit_better_by_being_flat():
+    """Without the change of variables it would, where the sensor says nothing."""
+    given = problem()
+    A = np.eye(3)
+    flat = np.diag([0.3, 0.3, 1.0])
+    costs = [descended(given, each).cost for each in (A, flat)]
+    assert costs[1] == pytest.approx(costs[0], rel=0.02)
+
+
+@pytest.mark.parametrize("seed", [5, 6, 7])
+def test_lamps_are_found_beneath_the_sensors_noise(seed):
+    base, true = level(seed, depth_rms_mm=2.0, pixel_mm=0.3, depth_length_px=12.0)
+    log_depth, lamps = factored_start(base)
+    toward = lamps.vector[:, 0] / np.linalg.norm(lamps.vector[:, 0], axis=-1, keepdims=True)
+    cosine = (toward * true / np.linalg.norm(true, axis=-1, keepdims=True)).sum(axis=-1)
+    assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).mean() < 20
+    assert np.isfinite(log_depth).all()
+
+
+def test_the_matrix_of_means_is_the_operator():
+    mask = np.random.default_rng(0).random((8, 9)) > 0.2
+    averaging = Averaging.on(mask, np.arange(0, 9.5, 1.5), np.arange(0, 10, 3.0))
+    image = np.random.default_rng(1).normal(size=mask.shape)
+    expected = averaging.down(image)[averaging.covered]
+    np.testing.assert_allclose(averaging.matrix(mask) @ image[mask], expected, atol=1e-12)
