@@ -45,7 +45,7 @@ FREEDOM = 4.0
 # Rounds of reweighting, and steps of BFGS in each.
 ROUNDS, STEPS = 3, 15
 # Least c, as a part of its median: normals that face away have none.
-LEAST_FACING = 0.05
+LEAST_TOWARD = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ class Problem:
         """(P, 2) gradients g of log depth under A, and c (P,)."""
         normals = self.directions @ A.T
         depth = -np.sum(normals * self.rays, axis=1)
-        depth = np.maximum(depth, LEAST_FACING * float(np.median(np.abs(depth))))
+        depth = np.maximum(depth, LEAST_TOWARD * float(np.median(np.abs(depth))))
         return normals[:, :2] / self.focal / depth[:, None], depth
 
 
