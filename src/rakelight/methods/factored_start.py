@@ -31,20 +31,23 @@ from rakelight.methods.bas_relief import rays_of
 from rakelight.methods.estimate import scatter
 from rakelight.methods.ldr_ps import Factors, Options, factorise, integrable_basis
 from rakelight.methods.levels import Level
-from rakelight.methods.start import SHADOW, prior_normals, relief_of_slopes
+from rakelight.methods.start import prior_normals, relief_of_slopes
 from rakelight.model import Floats, Mask
 from rakelight.shading.photographs import Lamps
+from rakelight.solve.direct import factorised
 
+# A value below this part of its pixel's brightest is in shadow, which rank three does not hold.
+SHADOW = 0.2
 # Area, pixels, over which errors of slopes and of the sensor's depth are taken to be correlated.
 CORRELATED_PX = 25.0
-# Standard deviation of slopes at first, and the least, radians; the sensor's, over what it states,
-# at first.
+# Standard deviation of slopes, radians: before it is estimated, and the least.  And that of the
+# sensor's depth before it is estimated, as a multiple of what the sensor states.
 FIRST_SLOPE_RAD, LEAST_SLOPE_RAD, FIRST_SENSOR = np.radians(3.0), np.radians(0.3), 10.0**0.5
 # Degrees of freedom of the slopes' Student-t: jumps and shadows are far off.
 FREEDOM = 4.0
-# Rounds of reweighting, and steps of BFGS in each.
+# Rounds of reweighting, and at most so many iterations of BFGS in each.
 ROUNDS, STEPS = 3, 15
-# Least c, as a part of its median: normals that face away have none.
+# Least c, as a part of its median: of normals that face away it is negative.
 LEAST_TOWARD = 0.05
 
 
@@ -94,9 +97,9 @@ class Problem:
     def slopes(self, A: Floats) -> tuple[Floats, Floats]:
         """(P, 2) gradients g of log depth under A, and c (P,)."""
         normals = self.directions @ A.T
-        depth = -np.sum(normals * self.rays, axis=1)
-        depth = np.maximum(depth, LEAST_TOWARD * float(np.median(np.abs(depth))))
-        return normals[:, :2] / self.focal / depth[:, None], depth
+        toward = -np.sum(normals * self.rays, axis=1)
+        toward = np.maximum(toward, LEAST_TOWARD * float(np.median(np.abs(toward))))
+        return normals[:, :2] / self.focal / toward[:, None], toward
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,18 +115,13 @@ class Weighted:
 
     @cached_property
     def _factor(self) -> Any:
-        from scipy.sparse.linalg import splu
-
         given, along = self.problem, diags_array(self._along)
         data = diags_array(self.sensor * given.precision)
         matrix = given.gradient.T @ along @ given.gradient
         matrix = matrix + given.sensor.T @ data @ given.sensor
-        # what neither knows stays about where it is
+        # a part that neither slopes nor sensor reach leaves the matrix singular
         matrix = matrix + 1e-9 * float(matrix.diagonal().mean()) * eye_array(len(given.known))
-        options = {"SymmetricMode": True}
-        return splu(
-            matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options
-        )
+        return factorised(matrix.tocsc())
 
     @cached_property
     def _along(self) -> Floats:
@@ -143,15 +141,15 @@ class Weighted:
         p is the best for every A: its own change does not count (the envelope theorem).
         """
         given, A = self.problem, flat.reshape(3, 3)
-        slopes, depth = given.slopes(A)
+        slopes, toward = given.slopes(A)
         log_depth, off = self.surface(slopes)
         share = given.counts[0] / np.count_nonzero(given.known) * given.known
-        volume = np.linalg.slogdet(A)[1] - 3 * np.log(depth)
+        volume = np.linalg.slogdet(A)[1] - 3 * np.log(toward)
         value = float(self._along @ off.ravel() ** 2 + self.sensor * given.misfit(log_depth))
         by_slopes = -2 * self.slope[:, None] * given.focal**2 * off
-        by_depth = 3 * share / depth - np.sum(by_slopes * slopes, axis=1) / depth
-        by_normals = -by_depth[:, None] * given.rays
-        by_normals[:, :2] += by_slopes / given.focal / depth[:, None]
+        by_toward = (3 * share - np.sum(by_slopes * slopes, axis=1)) / toward
+        by_normals = -by_toward[:, None] * given.rays
+        by_normals[:, :2] += by_slopes / given.focal / toward[:, None]
         derivative = by_normals.T @ given.directions - share.sum() * np.linalg.inv(A).T
         return value - float(share @ volume), derivative.ravel()
 
@@ -180,7 +178,7 @@ def factored_start(level: Level) -> tuple[Floats, Lamps] | None:
         return None
     try:
         factors = factorise(values, lit, Options())
-        problem = Problem.of(level, scatter(factors.normals, mask), known & mask)
+        problem = Problem.of(level, scatter(factors.normals, mask), known)
         found = [descended(problem, A) for A in matrices(level, factors, known)]
         best = min((each for each in found if np.isfinite(each.cost)), key=lambda each: each.cost)
         vector = factors.lamps @ np.linalg.inv(best.A)
@@ -202,7 +200,7 @@ def matrices(level: Level, factors: Factors, known: Mask) -> Iterator[Floats]:
     """
     mask, camera = level.photographs.active, level.photographs.camera
     inside = known[mask]
-    scaled, normals = factors.normals[inside], prior_normals(level)[known & mask]
+    scaled, normals = factors.normals[inside], prior_normals(level)[known]
     unit = scaled / np.maximum(np.linalg.norm(scaled, axis=1, keepdims=True), 1e-30)
     starts = [np.linalg.lstsq(unit, normals, rcond=None)[0].T]
     basis = integrable_basis(factors.normals, mask, known, camera)
@@ -220,7 +218,7 @@ def matrices(level: Level, factors: Factors, known: Mask) -> Iterator[Floats]:
 
 
 def descended(problem: Problem, A: Floats) -> Candidate:
-    """The best A near one, the weights following."""
+    """The local minimum that BFGS finds from A, the weights estimated again after each round."""
     from scipy.optimize import minimize
 
     count = np.count_nonzero(problem.known)
@@ -237,11 +235,11 @@ def descended(problem: Problem, A: Floats) -> Candidate:
         A /= np.cbrt(abs(np.linalg.det(A)))
         weighted = reweighted(weighted, A)
     log_depth, off = weighted.surface(problem.slopes(A)[0])
-    return Candidate(A, log_depth, cost(problem, A, log_depth, off))
+    return Candidate(A, log_depth, comparable_cost(problem, A, log_depth, off))
 
 
 def reweighted(weighted: Weighted, A: Floats) -> Weighted:
-    """The weights that what is off at A calls for."""
+    """The weights, estimated again from the residuals at A."""
     problem = weighted.problem
     log_depth, off = weighted.surface(problem.slopes(A)[0])
     square = ((off * problem.focal) ** 2).sum(axis=1)
@@ -255,13 +253,16 @@ def reweighted(weighted: Weighted, A: Floats) -> Weighted:
     )  # fmt: skip
 
 
-def cost(problem: Problem, A: Floats, log_depth: Floats, off: Floats) -> float:
-    """What A costs, its scales the most likely: comparable between all A."""
+def comparable_cost(problem: Problem, A: Floats, log_depth: Floats, off: Floats) -> float:
+    """The cost of A with both standard deviations estimated at A, so that matrices compare.
+
+    log_depth (P,), off (P, 2) : the surface of A, and what its slopes are off those of A
+    """
     square = ((off * problem.focal) ** 2).sum(axis=1)[problem.known]
     scale = max(float(np.median(square)) / (2 * np.log(2)), LEAST_SLOPE_RAD**2)
     tails = np.mean(0.5 * (FREEDOM + 2) * np.log1p(square / (FREEDOM * scale))) + np.log(scale)
-    _, depth = problem.slopes(A)
-    volume = np.linalg.slogdet(A)[1] - 3 * float(np.mean(np.log(depth[problem.known])))
+    _, toward = problem.slopes(A)
+    volume = np.linalg.slogdet(A)[1] - 3 * float(np.mean(np.log(toward[problem.known])))
     slopes, sensor = problem.counts
     misfit = np.log1p(problem.misfit(log_depth) / len(problem.target))
     return float(slopes * (tails - volume) + sensor * misfit)

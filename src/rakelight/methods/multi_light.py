@@ -66,7 +66,8 @@ SETTLED = 0.95
 # hang together.  A tenth, where it is a third of that, in logarithms.
 LESS_TRUST = (1e-3, 1e-2, 1e-1)
 HALVED = np.log(2) / np.log(1e3)
-# Pixels that are enough to start from the photographs' factors.
+# A level of more pixels is halved before the second start is sought: as good there, and faster
+# (docs/results/random-captures.md).
 FACTORED_PIXELS = 2000
 # Lamps get more freedom where that lowers the energy by more than this fraction over their number:
 # the fewer photographs, the more of anything it explains.

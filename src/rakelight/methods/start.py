@@ -15,8 +15,6 @@ from rakelight.shading.lighting import estimate_light
 from rakelight.shading.photographs import Lamps
 from rakelight.solve.robust import CAUCHY
 
-# A value below this part of its pixel's brightest is in shadow, which rank three does not hold.
-SHADOW = 0.2
 # Pixels with normals nearer to the picture plane than this say nothing of their slope.
 LEAST_FACING = 0.1
 ROBUST_ROUNDS = 12

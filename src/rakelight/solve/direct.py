@@ -35,19 +35,25 @@ class Direct:
     ) -> tuple[Floats, int]:
         """The solution (H, W), in one iteration."""
         from scipy.sparse import csc_array
-        from scipy.sparse.linalg import splu
 
         if hierarchy is not None:
             raise InputError("Direct() uses no hierarchy", source="hierarchy", needed="None")
-        factors = splu(
-            csc_array(system.to_sparse()),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
+        factors = factorised(csc_array(system.to_sparse()))
         value = start.copy()
         value[system.mask] = factors.solve(system.rhs[system.mask])
         return value, 1
+
+
+def factorised(matrix: Any) -> Any:
+    """Factors, with a method `solve`, of a sparse symmetric positive definite (P, P) matrix."""
+    from scipy.sparse.linalg import splu
+
+    return splu(
+        matrix,
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
 
 
 def stencil_matrix(stencil: Floats, inside: Mask) -> csr_array[Any]:
