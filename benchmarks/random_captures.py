@@ -18,6 +18,8 @@ limit : the true relief, its generalised bas-relief transform (depth scale and p
 over the pixels that the object covers whole, in the mask and not in a hole that nothing fills.
 Torn are neighbours that the truth links (no jump) and whose depth difference is off by more than
 3 mm and three deviations of the sensor's white noise and steps, as a share of the linked pairs.
+Within are the shares of pixels whose error is at most what the method expects (`normal_sigma`,
+`depth_sigma`): 63 % and 68 % where it is right and errors are normally distributed.
 Seconds are the processor's: a busy machine does not change them.
 """
 
@@ -37,7 +39,7 @@ from typing import Any
 
 import numpy as np
 
-from rakelight import Capture, Lights, RakelightError, Truth, refine
+from rakelight import Capture, Lights, RakelightError, Result, Truth, refine
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.grid import area_mean, pair_slices, surface_links
 from rakelight.geometry.normals import surface_normals
@@ -95,6 +97,7 @@ def scores(drawn: Draw, capture: Capture, truth: Truth, method: str, oracle: boo
         "result": errors(result.depth, result.normals),
         "limit": errors(*limit(capture, truth)),
         "torn": torn(result.depth, capture, truth, counted, drawn),
+        "within": within(result, truth, counted),
         "converged": result.converged,
         "seconds": seconds,
         "lights_deg": lights_deg(result.lights, truth.lights),
@@ -147,6 +150,19 @@ def torn(depth: Floats, capture: Capture, truth: Truth, counted: Mask, drawn: Dr
         parted += np.count_nonzero(step & linked[here])
         count += np.count_nonzero(linked)
     return parted / max(count, 1)
+
+
+def within(result: Result, truth: Truth, counted: Mask) -> Record | None:
+    """The shares of pixels whose errors are within one expected error; None without those."""
+    if result.depth_sigma is None or result.normal_sigma is None:
+        return None
+    cosine = np.sum(result.normals * truth.normals, axis=-1)[counted]
+    angle_deg = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+    off_m = np.abs(result.depth - truth.depth)[counted]
+    return {
+        "deg": float(np.mean(angle_deg <= result.normal_sigma[counted])),
+        "mm": float(np.mean(off_m <= result.depth_sigma[counted])),
+    }
 
 
 def lights_deg(estimated: Lights, true: Lights | None) -> float | None:
@@ -223,6 +239,17 @@ def summary(records: Sequence[Record]) -> Iterator[str]:
         f"torn: {torn_pairs / sum(record['pixels'] for record in done):.3%} of neighbours, in "
         f"{sum(record['torn'] > 0 for record in done)} draws"
     )
+    told = [record for record in done if record.get("within")]
+    for unit, of in (("deg", "angle"), ("mm", "depth")):
+        if told:
+            shares = np.array([record["within"][unit] for record in told])
+            pixels = np.array([record["pixels"] for record in told])
+            low, middle, high = np.quantile(shares, [0.1, 0.5, 0.9])
+            yield (
+                f"{of} within one sigma: {shares @ pixels / pixels.sum():.1%} of the pixels of "
+                f"{len(told)} draws; of a draw's, {low:.0%} (10 %), {middle:.0%} (median), "
+                f"{high:.0%} (90 %)"
+            )
     yield f"worse than the prepared depth by more than 2 %: {sum(map(worse, done))}"
     yield f"not converged: {sum(not record['converged'] for record in done)}"
     seconds = [record["seconds"] for record in done]

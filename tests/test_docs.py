@@ -215,6 +215,8 @@ def test_files_of_the_result_folder(tmp_path, mesh):
         lights=Lights(np.zeros((1, 1, 3)), np.ones((1, 1))),
         camera=Camera(4, 4, 100.0, 100.0, 1.5, 1.5),
         prepared_depth=plane,
+        depth_sigma=plane,
+        normal_sigma=plane,
         method="none",
     )
     result.save(tmp_path / "out", mesh=mesh)

@@ -327,6 +327,9 @@ class Result:
     timings_s : seconds per stage
     capture : what was read, in figures: photographs, photograph_size, bits, encoding, lighting,
         depth_maps, depth_size, depth_checksum; depth_to_color as corrected, where it was registered
+    depth_sigma : (H, W) float32 metres, the expected error (root mean square) of `depth`, NaN
+        outside the object; None where the method does not say
+    normal_sigma : (H, W) float32 degrees, the same of `normals`
     prediction_errors : of every photograph from the others' albedo, as a fraction of its mean
         brightness; empty where there are fewer than three
     findings : what a person should know
@@ -351,6 +354,8 @@ class Result:
     photograph_names: tuple[str, ...] = ()
     capture: Mapping[str, Any] = field(default_factory=dict)
     prediction_errors: tuple[float, ...] = ()
+    depth_sigma: Floats | None = None
+    normal_sigma: Floats | None = None
 
     @property
     def mask(self) -> Mask:

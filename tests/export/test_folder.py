@@ -189,6 +189,32 @@ def test_load_result_gives_back_what_was_saved(sphere, tmp_path):
     assert load_result(tmp_path / "out").confidence is None
 
 
+def test_expected_errors_are_written_and_read_where_there_are_any(sphere, tmp_path):
+    loaded = save_and_load(sphere, tmp_path / "without")
+    assert loaded.depth_sigma is loaded.normal_sigma is None
+    depth_sigma = np.where(sphere.mask, 0.002, np.nan).astype(np.float32)
+    normal_sigma = 1000 * depth_sigma
+    normal_sigma[np.nonzero(sphere.mask)[0][0], np.nonzero(sphere.mask)[1][0]] = np.inf
+    told = replace(sphere, depth_sigma=depth_sigma, normal_sigma=normal_sigma)
+    loaded = save_and_load(told, tmp_path / "with")
+    np.testing.assert_array_equal(loaded.depth_sigma, depth_sigma)
+    normal_sigma[np.isinf(normal_sigma)] = np.nan  # not known
+    np.testing.assert_array_equal(loaded.normal_sigma, normal_sigma)
+    assert {"depth_sigma.tiff", "normal_sigma.tiff"} < set(loaded.summary.files)
+
+
+def test_expected_errors_of_another_size_are_refused(sphere, tmp_path):
+    wrong = replace(sphere, depth_sigma=np.ones((3, 3), np.float32))
+    with pytest.raises(InputError, match="another size") as error:
+        save_result(wrong, tmp_path / "out")
+    assert error.value.source == "depth_sigma"
+
+
+def save_and_load(result, folder):
+    save_result(result, folder, mesh="none")
+    return load_result(folder)
+
+
 @pytest.mark.parametrize("made", ["nothing", "file", "empty folder"])
 def test_load_result_refuses_what_is_no_result(tmp_path, made):
     target = tmp_path / "x"

@@ -141,7 +141,7 @@ def make_kinds(folder: Path) -> list[Kind]:
     kinds.append(Kind("depth-lzw", floats / "depth" / "001.tiff", lambda: load_capture(floats)))
 
     save_result(_result(), folder / "result", mesh="none")
-    for name in ("result.json", "depth.tiff", "confidence.png"):
+    for name in ("result.json", "depth.tiff", "confidence.png", "depth_sigma.tiff"):
         path = folder / "result" / name
         kinds.append(Kind(f"result/{name}", path, lambda: load_result(folder / "result")))
 
@@ -167,6 +167,7 @@ def _result() -> Result:
         lights=_lights(),
         camera=CAMERA,
         prepared_depth=DEPTH_M,
+        depth_sigma=DEPTH_M / 500,
         method="multi-light",
         energy=(3.0, 2.0),
         timings_s={"solve": 1.0},

@@ -75,6 +75,7 @@ READERS = {
     "capture/truth/lights.json": ("capture", load_truth),
     "result/depth.tiff": ("result", load_result),
     "result/confidence.png": ("result", load_result),
+    "result/depth_sigma.tiff": ("result", load_result),
     "result/result.json": ("result", load_result),
     "stored.npz": ("stored.npz", shape_from_file),
     "shape.tiff": ("shape.tiff", shape_from_file),

@@ -218,7 +218,7 @@ def test_the_last_steps_end_where_strides_find_nothing_either(capture, monkeypat
 
 def test_two_runs_are_identical(capture, result):
     again = run(capture)
-    for name in ("depth", "normals", "albedo", "confidence"):
+    for name in ("depth", "normals", "albedo", "confidence", "depth_sigma", "normal_sigma"):
         np.testing.assert_array_equal(getattr(again, name), getattr(result, name))
     np.testing.assert_array_equal(again.lights.vector, result.lights.vector)
 

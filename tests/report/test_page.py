@@ -124,6 +124,13 @@ def test_a_result_without_lamps_energy_or_prediction_says_so(small):
     assert "not converged" in page
 
 
+def test_expected_errors_are_shown_where_there_are_any(small):
+    assert "Expected errors" not in page_of(small[0])
+    sigma = np.where(small[0].mask, 0.0025, np.nan)
+    page = page_of(replace(small[0], depth_sigma=sigma, normal_sigma=1000 * sigma))
+    assert "2.50 mm in depth, 2.5 degrees in normals, medians" in page
+
+
 def test_a_lamp_behind_the_object_is_not_offered_to_the_viewer(small):
     lights = Lights(np.array([[[0.0, 0.0, -1.0]], [[0.0, 0.5, 0.9]]]), np.zeros((2, 1)))
     page = page_of(replace(small[0], lights=lights, photograph_names=("front", "behind")))

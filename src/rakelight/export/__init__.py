@@ -19,7 +19,7 @@ from rakelight.capture.headers import read_header
 from rakelight.capture.images import decode_image
 from rakelight.errors import InputError
 from rakelight.export.albedo import albedo_png
-from rakelight.export.confidence import confidence_png
+from rakelight.export.confidence import confidence_png, sigma_tiff
 from rakelight.export.depth import choose_values_per_metre, depth_png, depth_tiff
 from rakelight.export.finite import only_finite
 from rakelight.export.lights import lights_json
@@ -41,6 +41,7 @@ from rakelight.model import Array, Finding, Floats, Result
 __all__ = ["RESULT", "LoadedResult", "Summary", "load_result", "save_result"]
 
 MARKER = "result.json"
+SIGMAS = ("depth_sigma", "normal_sigma")
 
 
 def _listed(data: bytes) -> Mapping[str, None]:
@@ -134,6 +135,9 @@ def _write(
         "lights.json": lambda: lights_json(result.lights, result.photograph_names),
         "preview.png": lambda: preview_png(result),
     }
+    for name in SIGMAS:
+        if (sigma := getattr(result, name)) is not None:
+            contents[f"{name}.tiff"] = partial(sigma_tiff, sigma)
     if surface is not None:
         to_bytes = {"ply": mesh_ply, "glb": mesh_glb}[mesh]
         contents[f"mesh.{mesh}"] = partial(to_bytes, surface, result.normals, result.albedo)
@@ -156,6 +160,8 @@ class LoadedResult:
     normals : (H, W, 3) float32 unit vectors, camera frame, NaN outside
     prepared_depth : (H, W) float32 metres, what the method started from
     confidence : (H, W) float32 in 0..1, None when the folder has none
+    depth_sigma, normal_sigma : (H, W) float32 metres and degrees, the expected errors of depth and
+        normals, NaN outside; None when the folder has none
     summary : the content of result.json
     """
 
@@ -163,6 +169,8 @@ class LoadedResult:
     normals: Floats
     prepared_depth: Floats
     confidence: Floats | None
+    depth_sigma: Floats | None
+    normal_sigma: Floats | None
     summary: Summary
 
 
@@ -191,11 +199,18 @@ def load_result(folder: str | PathLike[str]) -> LoadedResult:
         values = _read_map(folder / "confidence.png", shape, np.dtype(np.uint8))
         confidence = values.astype(np.float32) / summary.conventions.confidence_one
     float32 = np.dtype(np.float32)
+    sigmas = {
+        name: _read_map(folder / f"{name}.tiff", shape, float32)
+        if os.path.lexists(folder / f"{name}.tiff")
+        else None
+        for name in SIGMAS
+    }
     return LoadedResult(
         depth=_read_map(folder / "depth.tiff", shape, float32),
         normals=_read_map(folder / "normals.tiff", (*shape, 3), float32),
         prepared_depth=_read_map(folder / "prepared_depth.tiff", shape, float32),
         confidence=confidence,
+        **sigmas,
         summary=summary,
     )
 

@@ -44,9 +44,18 @@ def only_finite(result: Result) -> Result:
         normals=np.where(inside[..., None], result.normals, np.nan),
         albedo=np.where((inside & shown)[..., None], result.albedo, 0),
         confidence=np.where(inside & shown, result.confidence, 0),
+        depth_sigma=_inside(result.depth_sigma, inside),
+        normal_sigma=_inside(result.normal_sigma, inside),
         findings=findings,
         converged=converged,
     )
+
+
+def _inside(sigma: Floats | None, inside: Mask) -> Floats | None:
+    """An expected error (H, W), NaN outside; or where it is not finite."""
+    if sigma is None:
+        return None
+    return np.where(inside & np.isfinite(sigma), sigma, np.nan)
 
 
 def all_finite(image: Floats) -> Mask:
@@ -80,9 +89,13 @@ def _check_sizes(result: Result) -> None:
         "albedo": (*shape, 3),
         "confidence": shape,
         "prepared_depth": shape,
+        "depth_sigma": shape,
+        "normal_sigma": shape,
     }
     for name, size in needed.items():
-        seen = getattr(result, name).shape
+        if (given := getattr(result, name)) is None:
+            continue
+        seen = given.shape
         if seen != size:
             raise InputError(
                 "an array of the result has another size than its camera",

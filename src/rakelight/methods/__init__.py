@@ -29,6 +29,7 @@ from rakelight.methods.thin import too_thin
 from rakelight.model import (
     Capture,
     Finding,
+    Floats,
     Progress,
     ProgressCallback,
     Result,
@@ -207,7 +208,14 @@ def _refined(
         photograph_names=prepared.names,
         capture=_figures(capture),
         prediction_errors=prediction_errors(prepared, depth_m, normals, estimate.lights),
+        depth_sigma=_embedded(prepared, estimate.depth_sigma),
+        normal_sigma=_embedded(prepared, estimate.normal_sigma),
     )
+
+
+def _embedded(prepared: Prepared, sigma: Floats | None) -> Floats | None:
+    """An expected error (h, w) in the full image, NaN outside; None where it is not known."""
+    return None if sigma is None else prepared.embed(sigma, np.nan)
 
 
 def _registered(

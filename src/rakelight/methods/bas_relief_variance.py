@@ -42,11 +42,16 @@ def bas_relief_variance(level: Level, log_depth: Floats, lamps: Lamps) -> Floats
 
 
 def sensor_moment(level: Level, log_depth: Floats) -> Floats:
-    """(3, 3) second moment of g, 1/metre, from what the sensor says of a log depth (h, w).
+    """(3, 3) second moment of g, 1/metre, from what the sensor says of a log depth (h, w)."""
+    off, covariance = sensor_correction(level, log_depth)
+    return np.asarray((covariance + np.outer(off, off))[1:, 1:])
 
-    Its best correction by least squares, squared, and that correction's covariance.  The sensor's
-    errors hang together over an unknown number of pixels: the covariance is taken with blocks of
-    pixels as clusters (Liang and Zeger 1986), of the size that makes it largest.
+
+def sensor_correction(level: Level, log_depth: Floats) -> tuple[Floats, Floats]:
+    """(4,) the best correction of (a, g) by least squares, and its covariance (4, 4).
+
+    The sensor's errors hang together over an unknown number of pixels: the covariance is taken with
+    blocks of pixels as clusters (Liang and Zeger 1986), of the size that makes it largest.
     """
     nearer, measured = level.sensed(np.exp(-log_depth)), level.sensed(np.exp(-level.aim))
     columns = [nearer, *(level.sensed(ray) for ray in np.moveaxis(rays_of(level), -1, 0))]
@@ -62,7 +67,7 @@ def sensor_moment(level: Level, log_depth: Floats) -> Floats:
         key=lambda covariance: float(np.trace(covariance[1:, 1:])),
         default=np.zeros((4, 4)),
     )
-    return np.asarray((largest + np.outer(off, off))[1:, 1:])
+    return off, np.asarray(largest)
 
 
 def lamps_moment(level: Level, lamps: Lamps) -> Floats:

@@ -35,6 +35,7 @@ class Estimate:
     steps : how many times the depth was moved, when more often than `energy` says
     normals : (h, w, 3) where finer ones are known than the depth map's, NaN elsewhere
     timings_s : seconds of parts of the work, such as "solve"
+    depth_sigma, normal_sigma : (h, w) expected errors, metres and degrees; None where not known
     """
 
     log_depth: Floats
@@ -47,6 +48,8 @@ class Estimate:
     findings: tuple[Finding, ...] = ()
     normals: Floats | None = None
     timings_s: Mapping[str, float] = field(default_factory=dict)
+    depth_sigma: Floats | None = None
+    normal_sigma: Floats | None = None
 
     @property
     def iterations(self) -> int:

@@ -28,6 +28,7 @@ from rakelight.methods.estimate import (
     require_options,
     require_photographs,
 )
+from rakelight.methods.expected_errors import depth_sigma, photometric_variance
 from rakelight.methods.factored_start import factored_start
 from rakelight.methods.fine_normals import fine_normals
 from rakelight.methods.fit import (
@@ -99,7 +100,7 @@ class Options:
     depth_trust: float | None = None
     lamps: Literal["auto", "white", "coloured"] = "auto"
     distance: Literal["auto", "distant", "near"] = "auto"
-    max_iterations: int = 12
+    max_iterations: int = 40
     tolerance: float = 2e-3
     coarse_pixels: int = 4000
 
@@ -439,36 +440,45 @@ def finished(
     if shine.any():
         height = f"{shine.sum() / gain:.2f} of white paint's brightness"
         notes.append(Finding("note", "highlights", f"highlights up to {height}, left out"))
+    relief = bas_relief_variance(level, fit.log_depth, fit.lamps)
+    bend, noise = missed_bend(normals, level.grid), shared_noise(level, fit)
+    local = photometric_variance(level, fit, noise) + bend
     return Estimate(
         log_depth=fit.log_depth,
         albedo=albedo / gain,
-        confidence=np.where(active, confidence(level, fit, normals), 0.0),
+        confidence=np.where(active, confidence(level, fit, noise, bend + relief), 0.0),
         lights=lights,
         normals=normals,
         energy=tuple(each.energy for each in descent.fits),
         steps=descent.steps,
         converged=descent.converged,
         findings=(*lamp_findings(lights, prepared.names), *notes),
+        depth_sigma=depth_sigma(level, fit, prepared, local),
+        normal_sigma=np.degrees(np.sqrt(local + relief)),
     )
 
 
-def confidence(level: Level, fit: Fit, normals: Floats) -> Floats:
-    """(h, w) how well each of the final normals (h, w, 3) is known; see `photometric_confidence`.
+def shared_noise(level: Level, fit: Fit) -> Floats:
+    """(h, w) standard deviation of a value as if the photographs shared nothing.
 
     Noise averages over the photographs.  Residuals of a pixel beyond it are the model's errors,
-    shadows and highlights, which the photographs share.  What is not known of a normal is averaged
-    with its neighbours', which share its errors.  What is not known of the whole surface's shape is
-    not known of any normal.
+    shadows and highlights, which the photographs share.
+    """
+    shared = variance_beyond(fit.noise, fit.explanation.misfit)
+    return np.asarray(np.sqrt(fit.noise**2 + len(level.photographs) * shared))
+
+
+def confidence(level: Level, fit: Fit, noise: Floats, beside: Floats) -> Floats:
+    """(h, w) how well each normal is known; see `photometric_confidence`.
+
+    What is not known of a normal is averaged with its neighbours', which share its errors.  What is
+    not known of the whole surface's shape is not known of any normal.
     """
     gradient, photographs = fit.surface.gradient, level.photographs
     length = normal_lengths(gradient[..., 0], gradient[..., 1], photographs.camera)
-    shared = variance_beyond(fit.noise, fit.explanation.misfit)
-    noise = np.sqrt(fit.noise**2 + len(photographs) * shared)
     return photometric_confidence(
-        fit.explanation.tensor, noise, length, photographs.camera, photographs.active,
-        beside=missed_bend(normals, level.grid)
-        + bas_relief_variance(level, fit.log_depth, fit.lamps),
-    )  # fmt: skip
+        fit.explanation.tensor, noise, length, photographs.camera, photographs.active, beside
+    )
 
 
 def missed_bend(normals: Floats, grid: Grid) -> Floats:

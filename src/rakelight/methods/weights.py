@@ -8,7 +8,7 @@ from rakelight.geometry.cells import cell_sums
 from rakelight.geometry.grid import pair_slices
 from rakelight.methods.fit import Fit
 from rakelight.methods.levels import Level, sensor_error
-from rakelight.model import MAD_TO_SIGMA, Floats
+from rakelight.model import MAD_TO_SIGMA, Floats, Mask
 from rakelight.prepare import Prepared
 
 # So many pixels share an error of the photographs' explanation, whatever the depth's errors do.
@@ -63,11 +63,25 @@ def deserved_steadiness(level: Level, log_depth: Floats, prepared: Prepared) -> 
     error, seen = sensor_error(prepared, log_depth)
     if not seen.any():
         return 0.0
+    variance = max(variance for _, variance in block_variances(error, seen))
+    return float(np.median(level.sensor_weight) * variance)
+
+
+def block_variances(error: Floats, seen: Mask) -> list[tuple[int, float]]:
+    """Sides 1, 2, 4 ... of square blocks, and the (sum of a block)^2 / pixels over all of them.
+
+    error : (hs, ws) of the sensor, without its median; seen : where it counts.  The first is that
+    of single pixels, from the median; there are no others than of blocks of which there are enough.
+
+    >>> [side for side, _ in block_variances(np.ones((8, 8)), np.ones((8, 8), bool))]
+    [1, 1, 2]
+    """
     error = np.where(seen, error - np.median(error[seen]), 0.0)
     deviation = MAD_TO_SIGMA * float(np.median(np.abs(error[seen])))
     error = np.clip(error, -FARTHEST * deviation, FARTHEST * deviation)
-    count, block, variance = np.count_nonzero(seen), 1, deviation**2
-    while count >= FEWEST_BLOCKS * block**2:
-        variance = max(variance, float((cell_sums(error, block) ** 2).sum()) / count)
-        block *= 2
-    return float(np.median(level.sensor_weight) * variance)
+    count, side = int(np.count_nonzero(seen)), 1
+    found = [(1, deviation**2)]
+    while count >= FEWEST_BLOCKS * side**2:
+        found.append((side, float((cell_sums(error, side) ** 2).sum()) / count))
+        side *= 2
+    return found
