@@ -44,7 +44,7 @@ from rakelight.geometry.camera import back_project
 from rakelight.geometry.grid import area_mean, pair_slices, surface_links
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods import load_method
-from rakelight.metrics import evaluate
+from rakelight.metrics import depth_error_map_mm, evaluate, normal_error_map_deg
 from rakelight.model import Floats, Mask
 from rakelight.prepare.sensor import sensed
 from rakelight.synthetic import Draw, draw, render_draw
@@ -156,12 +156,11 @@ def within(result: Result, truth: Truth, counted: Mask) -> Record | None:
     """The shares of pixels whose errors are within one expected error; None without those."""
     if result.depth_sigma is None or result.normal_sigma is None:
         return None
-    cosine = np.sum(result.normals * truth.normals, axis=-1)[counted]
-    angle_deg = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
-    off_m = np.abs(result.depth - truth.depth)[counted]
+    off_deg = normal_error_map_deg(result.normals, truth.normals, counted)
+    off_mm = depth_error_map_mm(result.depth, truth.depth, counted)
     return {
-        "deg": float(np.mean(angle_deg <= result.normal_sigma[counted])),
-        "mm": float(np.mean(off_m <= result.depth_sigma[counted])),
+        "deg": float(np.mean((off_deg <= result.normal_sigma)[counted])),
+        "mm": float(np.mean((off_mm <= 1000 * result.depth_sigma)[counted])),
     }
 
 
@@ -239,11 +238,10 @@ def summary(records: Sequence[Record]) -> Iterator[str]:
         f"torn: {torn_pairs / sum(record['pixels'] for record in done):.3%} of neighbours, in "
         f"{sum(record['torn'] > 0 for record in done)} draws"
     )
-    told = [record for record in done if record.get("within")]
-    for unit, of in (("deg", "angle"), ("mm", "depth")):
-        if told:
+    if told := [record for record in done if record.get("within")]:
+        pixels = np.array([record["pixels"] for record in told])
+        for unit, of in (("deg", "angle"), ("mm", "depth")):
             shares = np.array([record["within"][unit] for record in told])
-            pixels = np.array([record["pixels"] for record in told])
             low, middle, high = np.quantile(shares, [0.1, 0.5, 0.9])
             yield (
                 f"{of} within one sigma: {shares @ pixels / pixels.sum():.1%} of the pixels of "

@@ -9,6 +9,7 @@ from scipy.ndimage import gaussian_filter
 
 from rakelight import refine
 from rakelight.geometry.normals import normal_lengths, squared_turn
+from rakelight.methods.bas_relief_variance import sensor_moment
 from rakelight.methods.estimate import NO_IDEA_RAD
 from rakelight.methods.expected_errors import (
     depth_sigma,
@@ -102,13 +103,15 @@ def test_the_mean_of_the_sensors_error_is_that_of_its_blocks(width):
 def test_each_part_of_the_depths_error_counts():
     prepared, level, fit = make_fit()
     still = np.zeros(level.mask.shape)
-    least = depth_sigma(level, fit, prepared, still)
-    more = depth_sigma(level, fit, prepared, still + np.radians(5.0) ** 2)
+    moment = sensor_moment(level, fit.log_depth)
+    least = depth_sigma(level, fit, prepared, still, moment)
+    more = depth_sigma(level, fit, prepared, still + np.radians(5.0) ** 2, moment)
     pixel_m = np.exp(fit.log_depth) / level.photographs.camera.fx
     walk = np.radians(5.0) * np.sqrt(sensor_length(level, fit)) * pixel_m
     np.testing.assert_allclose(more**2 - least**2, walk**2, rtol=1e-6)
     off = replace(level, aim=level.aim + 0.01 * np.linspace(-1, 1, level.mask.shape[1]))
-    assert (depth_sigma(off, fit, prepared, still) > 2 * least)[level.mask].mean() > 0.5
+    loose = depth_sigma(off, fit, prepared, still, sensor_moment(off, fit.log_depth))
+    assert (loose > 2 * least)[level.mask].mean() > 0.5
 
 
 def test_expected_errors_of_a_result_are_about_its_errors():

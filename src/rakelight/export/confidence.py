@@ -1,21 +1,16 @@
-"""confidence.png, and the expected errors depth_sigma.tiff and normal_sigma.tiff."""
+"""confidence.png."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from rakelight.capture.images import encode_png, encode_tiff
+from rakelight.capture.images import encode_png
 from rakelight.model import Array, Floats
 
 
 def confidence_png(confidence: Floats) -> bytes:
     """8-bit grey PNG of a confidence map (H, W) in 0..1."""
     return encode_png(confidence_values(confidence))
-
-
-def sigma_tiff(sigma: Floats) -> bytes:
-    """float32 TIFF of expected errors (H, W), metres or degrees, NaN outside the object."""
-    return encode_tiff(sigma.astype(np.float32))
 
 
 def confidence_values(confidence: Floats) -> Array:

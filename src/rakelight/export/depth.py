@@ -1,4 +1,4 @@
-"""depth.tiff and depth.png."""
+"""depth.tiff and depth.png; the expected errors depth_sigma.tiff and normal_sigma.tiff."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from rakelight.model import Array, Floats
 LARGEST = 65534
 
 
-def depth_tiff(depth_m: Floats) -> bytes:
-    """float32 TIFF of a depth map (H, W) in metres, NaN outside the object."""
-    return encode_tiff(depth_m.astype(np.float32))
+def units_tiff(image: Floats) -> bytes:
+    """float32 TIFF of depth or expected errors (H, W), metres or degrees, NaN outside."""
+    return encode_tiff(image.astype(np.float32))
 
 
 def depth_png(depth_m: Floats, values_per_metre: float) -> bytes:

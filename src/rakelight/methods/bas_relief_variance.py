@@ -24,12 +24,12 @@ FEWEST_BLOCKS = 16
 LAMPS_NEEDED = 6
 
 
-def bas_relief_variance(level: Level, log_depth: Floats, lamps: Lamps) -> Floats:
+def bas_relief_variance(level: Level, log_depth: Floats, lamps: Lamps, moment: Floats) -> Floats:
     """(h, w) expected squared error of the normals, radians^2, by the bas-relief transform alone.
 
-    log_depth : (h, w) of the refined surface
+    log_depth : (h, w) of the refined surface; moment : (4, 4) its `sensor_moment`
     """
-    moment = sensor_moment(level, log_depth) + lamps_moment(level, lamps)
+    moment = moment[1:, 1:] + lamps_moment(level, lamps)
     camera, grid = level.photographs.camera, level.grid
     gradient = gradient_image(log_depth, grid)
     normals, length = normals_from_gradient(gradient[..., 0], gradient[..., 1], camera)
@@ -42,9 +42,9 @@ def bas_relief_variance(level: Level, log_depth: Floats, lamps: Lamps) -> Floats
 
 
 def sensor_moment(level: Level, log_depth: Floats) -> Floats:
-    """(3, 3) second moment of g, 1/metre, from what the sensor says of a log depth (h, w)."""
+    """(4, 4) second moment of a and g, 1/metre, from what the sensor says of a log depth (h, w)."""
     off, covariance = sensor_correction(level, log_depth)
-    return np.asarray((covariance + np.outer(off, off))[1:, 1:])
+    return np.asarray(covariance + np.outer(off, off))
 
 
 def sensor_correction(level: Level, log_depth: Floats) -> tuple[Floats, Floats]:

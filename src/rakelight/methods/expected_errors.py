@@ -19,7 +19,6 @@ import numpy as np
 
 from rakelight.geometry.normals import normal_lengths, squared_turn
 from rakelight.methods.bas_relief import rays_of
-from rakelight.methods.bas_relief_variance import sensor_correction
 from rakelight.methods.estimate import NO_IDEA_RAD
 from rakelight.methods.fit import Fit
 from rakelight.methods.levels import Level, sensor_error
@@ -49,14 +48,15 @@ def photometric_variance(level: Level, fit: Fit, noise: Floats) -> Floats:
     return np.where(level.photographs.active, variance, NO_IDEA_RAD**2)
 
 
-def depth_sigma(level: Level, fit: Fit, prepared: Prepared, local: Floats) -> Floats:
+def depth_sigma(
+    level: Level, fit: Fit, prepared: Prepared, local: Floats, moment: Floats
+) -> Floats:
     """(h, w) expected error of the refined depth, metres.
 
     local : (h, w) expected squared error of each normal, radians^2, but for the whole shape's
+    moment : (4, 4) of the whole shape, see `sensor_moment`
     """
     depth_m = np.exp(fit.log_depth)
-    off, covariance = sensor_correction(level, fit.log_depth)
-    moment = covariance + np.outer(off, off)
     # 1/z' = a/z + g . ray: by how much depth changes with a and g.
     ways = np.concatenate([1 / depth_m[..., None], rays_of(level)], axis=-1)
     whole = depth_m**4 * np.einsum("hwi,ij,hwj->hw", ways, moment, ways)

@@ -18,7 +18,7 @@ import numpy as np
 
 from rakelight.geometry.grid import Grid, differences, neighbours
 from rakelight.geometry.normals import normal_lengths
-from rakelight.methods.bas_relief_variance import bas_relief_variance
+from rakelight.methods.bas_relief_variance import bas_relief_variance, sensor_moment
 from rakelight.methods.brightness import unlikeness
 from rakelight.methods.estimate import (
     Estimate,
@@ -440,7 +440,8 @@ def finished(
     if shine.any():
         height = f"{shine.sum() / gain:.2f} of white paint's brightness"
         notes.append(Finding("note", "highlights", f"highlights up to {height}, left out"))
-    relief = bas_relief_variance(level, fit.log_depth, fit.lamps)
+    moment = sensor_moment(level, fit.log_depth)
+    relief = bas_relief_variance(level, fit.log_depth, fit.lamps, moment)
     bend, noise = missed_bend(normals, level.grid), shared_noise(level, fit)
     local = photometric_variance(level, fit, noise) + bend
     return Estimate(
@@ -453,7 +454,7 @@ def finished(
         steps=descent.steps,
         converged=descent.converged,
         findings=(*lamp_findings(lights, prepared.names), *notes),
-        depth_sigma=depth_sigma(level, fit, prepared, local),
+        depth_sigma=depth_sigma(level, fit, prepared, local, moment),
         normal_sigma=np.degrees(np.sqrt(local + relief)),
     )
 

@@ -70,16 +70,16 @@ def deserved_steadiness(level: Level, log_depth: Floats, prepared: Prepared) -> 
 def block_variances(error: Floats, seen: Mask) -> list[tuple[int, float]]:
     """Sides 1, 2, 4 ... of square blocks, and the (sum of a block)^2 / pixels over all of them.
 
-    error : (hs, ws) of the sensor, without its median; seen : where it counts.  The first is that
-    of single pixels, from the median; there are no others than of blocks of which there are enough.
+    error : (hs, ws) of the sensor, of which the median is taken off; seen : where it counts.  Of
+    single pixels the variance comes from the median; larger blocks need to be `FEWEST_BLOCKS`.
 
     >>> [side for side, _ in block_variances(np.ones((8, 8)), np.ones((8, 8), bool))]
-    [1, 1, 2]
+    [1, 2]
     """
     error = np.where(seen, error - np.median(error[seen]), 0.0)
     deviation = MAD_TO_SIGMA * float(np.median(np.abs(error[seen])))
     error = np.clip(error, -FARTHEST * deviation, FARTHEST * deviation)
-    count, side = int(np.count_nonzero(seen)), 1
+    count, side = int(np.count_nonzero(seen)), 2
     found = [(1, deviation**2)]
     while count >= FEWEST_BLOCKS * side**2:
         found.append((side, float((cell_sums(error, side) ** 2).sum()) / count))
