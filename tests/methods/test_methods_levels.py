@@ -8,7 +8,7 @@ import pytest
 from rakelight.geometry.averaging import Averaging
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.cells import cell_sums, spread
-from rakelight.geometry.grid import mean_gradient
+from rakelight.geometry.grid import Links, mean_gradient
 from rakelight.methods.levels import FILLED, ISLAND, Level, finest_level, pyramid, small_parts
 from rakelight.model import Camera
 from rakelight.prepare import Prepared, SensorDepth
@@ -354,3 +354,21 @@ def test_islands_keep_to_the_prior():
     terms = level.sensor_terms(moved)
     np.testing.assert_allclose(terms["data_target"][:, 27:], -0.01)
     assert not terms["data_weight"][:, :27].any()
+
+
+@pytest.mark.parametrize("factor", [1, 2])
+def test_parts_that_floated_are_put_back_where_the_sensor_has_them(factor):
+    whole = finest_level(make_prepared(factor=factor))
+    weight = whole.prior_weight
+    links = Links.of(whole.mask)
+    right = links.right.copy()
+    right[:, 13] = False
+    halves = Links(whole.mask, right, links.down)
+    parted = replace(whole, photographs=replace(whole.photographs, grid=halves))
+    floated = whole.aim.copy()
+    floated[:, :14] += 0.05
+    floated[:, 14:] -= 0.02
+    np.testing.assert_allclose(parted.placed(floated), whole.aim, atol=1e-7)
+    # of one part, the mean alone is put right
+    mean = np.sum(weight * (whole.aim - floated)) / weight.sum()
+    np.testing.assert_allclose(whole.placed(floated) - floated, mean, rtol=1e-6)

@@ -209,7 +209,7 @@ def depth_step(level: Level, fit: Fit) -> Fit:
     for _ in range(TRIES):
         system = depth_system(level, fit, damped_tensor(level, fit, damping))
         step = solve(system, tolerance=STEP_TOLERANCE).value
-        tried = moved(level, fit, fit.log_depth + step, fit.lamps, turning=True)
+        tried = moved(level, fit, level.placed(fit.log_depth + step), fit.lamps, turning=True)
         if tried.energy < fit.energy:
             return replace(tried, depth_damping=max(damping / STRONGER, WEAKEST_HOLD))
         damping *= STRONGER

@@ -90,7 +90,7 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     if whole:
         numbers, deeper = numbers[:-1], numbers[-1]
         step += deeper * relief
-    tried = moved(level, fit, fit.log_depth + step, lamps_after(fit, numbers))
+    tried = moved(level, fit, level.placed(fit.log_depth + step), lamps_after(fit, numbers))
     if tried.energy < fit.energy:
         return replace(tried, joint_damping=max(damping / STRONGER, WEAKEST))
     return replace(fit, joint_damping=min(damping * STRONGER, STRONGEST))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,11 +21,12 @@ from rakelight.geometry.grid import (
     pair_slices,
     surface_links,
 )
-from rakelight.model import BLACK, SATURATED, Floats, Mask
+from rakelight.model import BLACK, SATURATED, Array, Floats, Mask
 from rakelight.prepare import Prepared
 from rakelight.prepare.inpaint import nearest_fill
 from rakelight.prepare.linear import linear_table
 from rakelight.shading.photographs import Photographs, Surface
+from rakelight.solve.direct import factorised
 
 # Depth that was filled in is worth this fraction of what the sensor measured.
 FILLED = 0.01
@@ -36,7 +38,7 @@ ISLAND = 4
 BIAS_PX = 5.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class Level:
     """Photographs and prepared depth at one resolution.
 
@@ -97,6 +99,41 @@ class Level:
         held = (weight * (log_depth - self.prior) ** 2)[self.islands].sum()
         return data_misfit(self.averaging, weight, miss, self.mask) + float(held)
 
+    def placed(self, log_depth: Floats) -> Floats:
+        """A log depth (h, w) with each connected part moved as a whole to where the sensor has it.
+
+        By the constants, one for each part, that make `sensor_misfit` least.  Photographs see
+        slopes alone and leave them open; a solution that is good to some per cent of the
+        photographs' forces leaves the sensor's, which are weak, unheard, and parts would float.
+        """
+        number, belongs, seen, factor = self._parts
+        miss = self.sensor_weight * (self.sensed(self.aim) - self.sensed(log_depth))
+        held = self.prior_weight * self.islands * (self.prior - log_depth)
+        right = seen.T @ miss + belongs.T @ held[self.mask]
+        moved = log_depth.copy()
+        moved[self.mask] += factor.solve(right)[number]
+        return moved
+
+    @cached_property
+    def _parts(self) -> tuple[Array, Any, Any, Any]:
+        """(P,) number of each pixel's part; which it belongs to (P, C) and how much of each a
+        sensor pixel sees (M, C), sparse; and the factored (C, C) weights of the C parts."""
+        from scipy.sparse import csr_array, diags_array
+
+        parts, count = connected(self.grid)
+        number = parts[self.mask]
+        belongs = csr_array(
+            (np.ones(number.size), (np.arange(number.size), number)), shape=(number.size, count)
+        )
+        seen = belongs
+        if self.averaging is not None:
+            seen = self.averaging.matrix(self.mask) @ belongs
+        held = diags_array((self.prior_weight * self.islands)[self.mask])
+        weights = seen.T @ diags_array(self.sensor_weight) @ seen + belongs.T @ held @ belongs
+        # a part that no sensor pixel sees stays where it is
+        weights = weights + diags_array(1e-9 * (weights.diagonal() + weights.diagonal().max()))
+        return number, belongs, seen, factorised(weights.tocsc())
+
     def sensed(self, image: Floats) -> Floats:
         """(M,) K image, of an image (h, w): its means over the sensor's pixels."""
         if self.averaging is None:
@@ -127,22 +164,23 @@ class Level:
         photographs, averaging = self.photographs.halved(), None
         if self.averaging is not None and self.averaging.factor > 2 * NEARLY_ONE:
             averaging = self.averaging.halved(photographs.mask)
-        weight = cell_sums(np.where(self.mask, 1.0, 0.0), 2)
-        prior, aim = (
-            cell_sums(np.where(self.mask, image, 0.0), 2) / np.maximum(weight, 1)
-            for image in (self.prior, self.aim)
-        )
+        prior, aim = (self.cell_means(image) for image in (self.prior, self.aim))
         return Level(
             photographs,
             nearest_fill(prior, photographs.mask),
             nearest_fill(aim, photographs.mask),
             cell_sums(np.where(self.mask, self.prior_weight, 0.0), 2),
             self.middle_m,
-            cell_sums(np.where(self.mask[..., None], self.points, 0.0), 2)
-            / np.maximum(weight, 1)[..., None],
+            self.cell_means(self.points),
             averaging,
             small_parts(photographs.grid, averaging),
         )
+
+    def cell_means(self, image: Floats) -> Floats:
+        """Means of an image (h, w[, C]) over the object's pixels in cells of 2 x 2; 0 without."""
+        inside = self.mask.reshape(*self.mask.shape, *[1] * (image.ndim - 2))
+        count = cell_sums(np.where(inside, 1.0, 0.0), 2)
+        return np.asarray(cell_sums(np.where(inside, image, 0.0), 2) / np.maximum(count, 1))
 
     def carried(self, coarse: Level, log_depth: Floats) -> Floats:
         """The coarse level's log depth on this level's grid, without the prior's fine noise."""

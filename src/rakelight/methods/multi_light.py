@@ -37,7 +37,6 @@ from rakelight.methods.fit import (
     begun_anew,
     depth_step,
     first_fit,
-    lights_step,
     moved,
     relief_step,
     rescaled,
@@ -73,8 +72,6 @@ FACTORED_PIXELS = 2000
 # Lamps get more freedom where that lowers the energy by more than this fraction over their number:
 # the fewer photographs, the more of anything it explains.
 WORTH_IT = 0.5
-# They are tried where a first step promises this part of it.
-LIKELY = 0.5
 # Near lamps begin where the object's radius is this part of their distance, all alike.
 BROUGHT_NEAR = 0.15
 # Largest quartile distance of the lamps' inverse distances, as a fraction of their median.
@@ -360,13 +357,9 @@ def freer_lamps(
         # All under the loss of the simpler lamps.
         alike = replace(before, near=freer.near)
         enough = WORTH_IT / len(level.photographs) * before.energy
-        # A step of the lights alone shows most of what there is to gain.
-        first = lights_step(level, moved(level, alike, before.log_depth, freer.lamps))
-        if wanted == "auto" and before.energy - first.energy < LIKELY * enough:
-            continue
         tried = descend(level, freer, options, progress, f"try {free} lamps")
         after = moved(level, alike, tried.fit.log_depth, tried.fit.lamps)
-        gain = before.energy - min(first.energy, after.energy)
+        gain = before.energy - after.energy
         if wanted == free or (gain > enough and similar(after.lamps)):
             descent = tried
     return descent
