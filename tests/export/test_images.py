@@ -23,7 +23,7 @@ def folder(sphere, tmp_path):
     return tmp_path / "out"
 
 
-def test_units_tiff_is_metres_bit_for_bit(sphere, folder):
+def test_depth_tiff_is_metres_bit_for_bit(sphere, folder):
     depth = tifffile.imread(folder / "depth.tiff")
     assert depth.dtype == np.float32
     np.testing.assert_array_equal(depth, sphere.depth)

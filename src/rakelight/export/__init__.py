@@ -20,7 +20,7 @@ from rakelight.capture.images import decode_image
 from rakelight.errors import InputError
 from rakelight.export.albedo import albedo_png
 from rakelight.export.confidence import confidence_png
-from rakelight.export.depth import choose_values_per_metre, depth_png, units_tiff
+from rakelight.export.depth import choose_values_per_metre, depth_png, float32_tiff
 from rakelight.export.finite import only_finite
 from rakelight.export.lights import lights_json
 from rakelight.export.mesh import mesh_glb, mesh_ply, result_mesh
@@ -125,8 +125,8 @@ def _write(
     values_per_metre = choose_values_per_metre(float(np.nanmax(result.depth)))
     contents: dict[str, Callable[[], bytes]] = {
         **{name: partial(content, result) for name, content in extra_files.items()},
-        "depth.tiff": lambda: units_tiff(result.depth),
-        "prepared_depth.tiff": lambda: units_tiff(result.prepared_depth),
+        "depth.tiff": lambda: float32_tiff(result.depth),
+        "prepared_depth.tiff": lambda: float32_tiff(result.prepared_depth),
         "depth.png": lambda: depth_png(result.depth, values_per_metre),
         "normals.tiff": lambda: normals_tiff(result.normals),
         "normals.png": lambda: normals_png(result.normals, normal_map),
@@ -137,7 +137,7 @@ def _write(
     }
     for name in SIGMAS:
         if (sigma := getattr(result, name)) is not None:
-            contents[f"{name}.tiff"] = partial(units_tiff, sigma)
+            contents[f"{name}.tiff"] = partial(float32_tiff, sigma)
     if surface is not None:
         to_bytes = {"ply": mesh_ply, "glb": mesh_glb}[mesh]
         contents[f"mesh.{mesh}"] = partial(to_bytes, surface, result.normals, result.albedo)

@@ -13,7 +13,7 @@ from rakelight.model import Array, Floats
 LARGEST = 65534
 
 
-def units_tiff(image: Floats) -> bytes:
+def float32_tiff(image: Floats) -> bytes:
     """float32 TIFF of depth or expected errors (H, W), metres or degrees, NaN outside."""
     return encode_tiff(image.astype(np.float32))
 

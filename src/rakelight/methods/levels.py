@@ -102,9 +102,10 @@ class Level:
     def placed(self, log_depth: Floats) -> Floats:
         """A log depth (h, w) with each connected part moved as a whole to where the sensor has it.
 
-        By the constants, one for each part, that make `sensor_misfit` least.  Photographs see
-        slopes alone and leave them open; a solution that is good to some per cent of the
-        photographs' forces leaves the sensor's, which are weak, unheard, and parts would float.
+        Each part moves by the constant in log depth that makes `sensor_misfit` least.  Photographs
+        see slopes alone and leave it open.  A depth step does not settle it: the step's equations
+        are solved to 2 % of a right side that is nearly all the photographs', and the sensor's
+        share is smaller than that.
         """
         number, belongs, seen, factor = self._parts
         miss = self.sensor_weight * (self.sensed(self.aim) - self.sensed(log_depth))
@@ -116,8 +117,12 @@ class Level:
 
     @cached_property
     def _parts(self) -> tuple[Array, Any, Any, Any]:
-        """(P,) number of each pixel's part; which it belongs to (P, C) and how much of each a
-        sensor pixel sees (M, C), sparse; and the factored (C, C) weights of the C parts."""
+        """What `placed` needs of the C connected parts of the P pixels.
+
+        (P,) the number of each pixel's part; sparse (P, C), 1 where a pixel belongs to a part;
+        sparse (M, C), the share of each part in a sensor pixel; and the factors of the (C, C)
+        normal equations of the parts' constants.
+        """
         from scipy.sparse import csr_array, diags_array
 
         parts, count = connected(self.grid)
@@ -130,7 +135,7 @@ class Level:
             seen = self.averaging.matrix(self.mask) @ belongs
         held = diags_array((self.prior_weight * self.islands)[self.mask])
         weights = seen.T @ diags_array(self.sensor_weight) @ seen + belongs.T @ held @ belongs
-        # a part that no sensor pixel sees stays where it is
+        # keeps the matrix regular: a part that no sensor pixel sees stays where it is
         weights = weights + diags_array(1e-9 * (weights.diagonal() + weights.diagonal().max()))
         return number, belongs, seen, factorised(weights.tocsc())
 
@@ -164,23 +169,22 @@ class Level:
         photographs, averaging = self.photographs.halved(), None
         if self.averaging is not None and self.averaging.factor > 2 * NEARLY_ONE:
             averaging = self.averaging.halved(photographs.mask)
-        prior, aim = (self.cell_means(image) for image in (self.prior, self.aim))
+        weight = cell_sums(np.where(self.mask, 1.0, 0.0), 2)
+        prior, aim = (
+            cell_sums(np.where(self.mask, image, 0.0), 2) / np.maximum(weight, 1)
+            for image in (self.prior, self.aim)
+        )
         return Level(
             photographs,
             nearest_fill(prior, photographs.mask),
             nearest_fill(aim, photographs.mask),
             cell_sums(np.where(self.mask, self.prior_weight, 0.0), 2),
             self.middle_m,
-            self.cell_means(self.points),
+            cell_sums(np.where(self.mask[..., None], self.points, 0.0), 2)
+            / np.maximum(weight, 1)[..., None],
             averaging,
             small_parts(photographs.grid, averaging),
         )
-
-    def cell_means(self, image: Floats) -> Floats:
-        """Means of an image (h, w[, C]) over the object's pixels in cells of 2 x 2; 0 without."""
-        inside = self.mask.reshape(*self.mask.shape, *[1] * (image.ndim - 2))
-        count = cell_sums(np.where(inside, 1.0, 0.0), 2)
-        return np.asarray(cell_sums(np.where(inside, image, 0.0), 2) / np.maximum(count, 1))
 
     def carried(self, coarse: Level, log_depth: Floats) -> Floats:
         """The coarse level's log depth on this level's grid, without the prior's fine noise."""
