@@ -1,5 +1,6 @@
 """What is said of lamps that leave the surface open, and how sure of a normal photographs are."""
 
+import itertools
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -185,9 +186,21 @@ def test_scale_squared_photographs_are_needed(factor, needed):
     for count in range(1, 18):
         prepared = SimpleNamespace(photographs=[0] * count, factor=factor, source="here")
         if count >= needed:
+            require_photographs(prepared, "ldr-ps", 3, for_the_scale=True)
+            continue
+        with pytest.raises(MethodError, match="too few photographs") as error:
+            require_photographs(prepared, "ldr-ps", 3, for_the_scale=True)
+        assert error.value.needed == f"at least {needed}"
+        assert ("smaller --scale" in error.value.remedy) == (needed > 3)
+
+
+def test_the_joint_method_needs_three_at_any_scale():
+    for count, factor in itertools.product((1, 2, 3), (1, 4, 16)):
+        prepared = SimpleNamespace(photographs=[0] * count, factor=factor, source="here")
+        if count == 3:
             require_photographs(prepared, "multi-light", 3)
             continue
         with pytest.raises(MethodError, match="too few photographs") as error:
             require_photographs(prepared, "multi-light", 3)
-        assert error.value.needed == f"at least {needed}"
-        assert ("smaller --scale" in error.value.remedy) == (needed > 3)
+        assert error.value.needed == "at least 3"
+        assert "--scale" not in error.value.remedy

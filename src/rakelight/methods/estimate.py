@@ -80,13 +80,17 @@ def require_ranges(
     )
 
 
-def require_photographs(prepared: Prepared, method: str, least: int) -> None:
+def require_photographs(
+    prepared: Prepared, method: str, least: int, *, for_the_scale: bool = False
+) -> None:
     """Raise MethodError when the capture has fewer than `least` photographs.
 
-    Super-resolution by a factor s needs at least s^2: so many unknowns share a depth pixel.
+    for_the_scale : whether super-resolution by a factor s needs s^2 photographs, as the paper's
+        methods do, whose unknowns within a depth pixel only the photographs tell apart
     """
-    count = len(prepared.photographs)
-    needed = max(least, ceil(prepared.factor**2 - 1e-6))
+    count, needed = len(prepared.photographs), least
+    if for_the_scale:
+        needed = max(least, ceil(prepared.factor**2 - 1e-6))
     if count < needed:
         raise MethodError(
             f"too few photographs for {method} at scale {prepared.factor:.3g}",

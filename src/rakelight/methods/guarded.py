@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from rakelight.check.odd_photograph import odd_finding, odd_photographs
+from rakelight.errors import MethodError
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods.estimate import Estimate
 from rakelight.methods.held_back import LEAST_GAIN, Prediction, kept, predict
@@ -43,7 +44,10 @@ def guarded(
             break
         fit = np.flatnonzero(~oddity.either)
         rest = prepared.select(fit)
-        without, then = _predicted(run, rest, options, progress)
+        try:
+            without, then = _predicted(run, rest, options, progress)
+        except MethodError:
+            break  # the method does not take so few
         if then is None:
             break
         helped = float(np.exp(np.nanmean(np.log(then.refined / prediction.refined[fit]))))

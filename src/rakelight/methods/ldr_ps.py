@@ -99,7 +99,7 @@ def ldr_ps(prepared: Prepared, options: Options, progress: ProgressCallback) -> 
 
     Raises MethodError for fewer photographs than `options.min_photographs`.
     """
-    require_photographs(prepared, "ldr-ps", options.min_photographs)
+    require_photographs(prepared, "ldr-ps", options.min_photographs, for_the_scale=True)
     camera, mask = prepared.camera, prepared.mask
     values, lit = grey_photographs(prepared, options.shadow)
     known = scatter(lit.sum(axis=0) >= 3, mask) > 0

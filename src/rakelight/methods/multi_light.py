@@ -116,7 +116,7 @@ class Options:
 def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback) -> Estimate:
     """Refine the prepared depth by all photographs at once.
 
-    Raises MethodError for fewer than 3 photographs, or than the square of the scale.
+    Raises MethodError for fewer than 3 photographs.
     """
     require_photographs(prepared, "multi-light", 3)
     trust = options.depth_trust or FIRST_TRUST * prepared.factor**2

@@ -85,7 +85,9 @@ def multi_light_alternating(
 
     Raises MethodError for fewer photographs than `options.min_photographs`.
     """
-    require_photographs(prepared, "multi-light-alternating", options.min_photographs)
+    require_photographs(
+        prepared, "multi-light-alternating", options.min_photographs, for_the_scale=True
+    )
     level = finest_level(prepared).trusting(options.depth_trust)
 
     # The start: the sensor's shape, albedo 1, frontal lights (3.4).
