@@ -32,9 +32,8 @@ from rakelight.solve.robust import cauchy_scales
 
 FOURTH_DIFFERENCE = (0.125, -0.5, 0.75, -0.5, 0.125)
 # Weight of the fourth differences over the photographs' own of the gradient: a flatter surface
-# has less of them, and more would flatten where photographs leave the bas-relief open.  Beside an
-# edge, where the last pixels have a normal from one side alone, it takes more to hold them.
-BENDING, AT_THE_EDGE = 0.003, 0.01
+# has less of them, and more would flatten where photographs leave the bas-relief open.
+BENDING = 0.003
 # No photograph is better than this (white is 1), even if the model explains it exactly.
 SMALLEST_NOISE = 1e-5
 # On the way no photograph is taken for worse: rough residuals would hand the surface to the sensor.
@@ -43,7 +42,6 @@ NOISIEST = 0.01
 STRONGER, WEAKEST, STRONGEST, TRIES = 8.0, 1e-6, 1e2, 3
 # Of a depth step: weaker ones are all alike, and tries with them in vain.
 WEAKEST_HOLD = 1e-3
-LONGEST_STRIDE = 64.0
 # A step is solved for to this fraction: the next one starts from what it missed.
 STEP_TOLERANCE = 2e-2
 # Steps in which lights settle, and pixels that are enough for their curvature.
@@ -110,7 +108,7 @@ def rescaled(level: Level, fit: Fit, noisiest: float = NOISIEST) -> Fit:
     """The same depth and lamps with the loss's scales taken from the present residuals."""
     spread_now = max(fit.explanation.spread, SMALLEST_NOISE)
     scales = cauchy_scales(spread_now, fit.explanation.misfit)
-    stiffness = bending_weight(level) * np.moveaxis(fit.explanation.tensor[..., [0, 2]], -1, 0)
+    stiffness = BENDING * np.moveaxis(fit.explanation.tensor[..., [0, 2]], -1, 0)
     same = replace(fit, scales=scales, noise=min(spread_now, noisiest), stiffness=stiffness)
     return moved(level, same, fit.log_depth, fit.lamps)
 
@@ -129,17 +127,6 @@ def moved(level: Level, fit: Fit, log_depth: Floats, lamps: Lamps, turning: bool
         fit, log_depth=log_depth, lamps=lamps, surface=surface, explanation=explanation,
         energy=energy, waves=waves,
     )  # fmt: skip
-
-
-def bending_weight(level: Level) -> Floats:
-    """(2, h, w) weight of the fourth differences along u and v."""
-    from scipy.ndimage import minimum_filter1d
-
-    inside = [
-        minimum_filter1d(wide, 5, axis, mode="constant")
-        for axis, wide in zip((1, 0), Links.of(level.grid).fives, strict=True)
-    ]
-    return np.where(inside, BENDING, AT_THE_EDGE)
 
 
 def ripples(level: Level, log_depth: Floats) -> Floats:
@@ -326,7 +313,7 @@ def stride(level: Level, before: Fit, fit: Fit) -> Fit:
     lights = lamps_step(before.lamps, fit.lamps)
     best, share = fit, 1.0
     behind = [(0.0, before.energy), (1.0, fit.energy)]
-    while share <= LONGEST_STRIDE and goes_down(behind, 1 + share):
+    while goes_down(behind, 1 + share):
         tried = moved(level, fit, fit.log_depth + share * way, fit.lamps.moved(share * lights))
         if not tried.energy < best.energy:
             break

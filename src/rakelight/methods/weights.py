@@ -13,14 +13,9 @@ from rakelight.prepare import Prepared
 
 # So many pixels share an error of the photographs' explanation, whatever the depth's errors do.
 COHERENT_PIXELS = 25.0
-# A surface that drifts along the bas-relief valley makes the depth's errors look as if they hung
-# together; less trust than the least would let it drift on.  It is shadows, highlights and edges
-# that drive it there: where each pixel's photographs together err by so many variances of noise
-# beyond noise, it takes the smaller and the larger one to hold it.
-BEYOND_NOISE, LEAST_TRUST, MOST_TRUST = (6.0, 12.0), (0.3, 3.0), 300.0
-# Normal and albedo take up as many of a pixel's values as 5/3 photographs have; photographs beyond
-# the sixteenth drive the surface no further.
-TAKEN_UP, MANY = 5 / 3, 16
+# The least and the most, as multiples of white noise's weight.  A surface that drifts along the
+# bas-relief valley makes the depth's errors look correlated; less would let it drift on.
+LEAST_TRUST, MOST_TRUST = 0.3, 300.0
 # Errors are summed over blocks of pixels as long as there are so many.
 FEWEST_BLOCKS = 16
 # They are cut at so many standard deviations: beyond lie depth jumps.
@@ -33,8 +28,7 @@ def deserved_trust(fit: Fit, prepared: Prepared) -> float:
     Depth errors e that hang together over r^2 = <e^2> / <|de|^2> of the sensor's pixels say r^2
     times less than independent ones (medians, so that depth jumps do not count).  Photographs err
     together too, `COHERENT_PIXELS` where the model holds, the more the heavier their residuals'
-    tails are: shadows, highlights and edges are no white noise.  The least, 0.3 to 3, grows with
-    what all photographs of a pixel leave unexplained; the most is 300.
+    tails are: shadows, highlights and edges are no white noise.  The answer is from 0.3 to 300.
     """
     error, seen = sensor_error(prepared, fit.log_depth)
     steps = np.concatenate(
@@ -49,9 +43,7 @@ def deserved_trust(fit: Fit, prepared: Prepared) -> float:
     together = np.median(error**2) / max(float(np.median(steps**2)), 1e-30)
     tails = max(fit.explanation.rms / max(fit.explanation.spread, 1e-30), 1.0)
     trust = COHERENT_PIXELS * tails / max(float(together), 1e-30)
-    beyond = (min(len(prepared.photographs), MANY) - TAKEN_UP) * (tails**2 - 1)
-    least = np.exp(np.interp(beyond, BEYOND_NOISE, np.log(LEAST_TRUST)))
-    return float(np.clip(trust, least, MOST_TRUST))
+    return float(np.clip(trust, LEAST_TRUST, MOST_TRUST))
 
 
 def deserved_steadiness(level: Level, log_depth: Floats, prepared: Prepared) -> float:
