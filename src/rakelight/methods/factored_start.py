@@ -5,14 +5,14 @@ off, and descent ends in a wrong valley.  Under distant lamps the photographs ar
 and scaled normals b (ldr_ps.py), known up to a 3 x 3 matrix A: normals along m = A b.  Of all A
 the one is taken whose normals are those of one surface p that also lies where the sensor says:
 
-    N_g log sum f^2 |G p - g|^2  +  N_s log(M + sum (K p - z)^2 / sigma^2)
+    N_g log sum w f^2 |G p - g|^2  +  N_s log(M + sum (K p - z)^2 / sigma^2)
                                    -  (N_g / P) sum log(|det A| / c^3),     c = -m . ray,
 
-g = (m_1 / f_x, m_2 / f_y) / c being the gradient of log depth.  The last sum is the change of
-variables from b to slopes: without it a flatter surface would always fit better.  For given A, and
-weights of the first two sums, p is a linear least-squares solution, its matrix factored once.  A
-has eight numbers that count and is found by BFGS from several starts, the mirrored ones too: convex
-and concave fit the photographs alike, and only the sensor tells them apart.
+g = (m_1 / f_x, m_2 / f_y) / c being the gradient of log depth, w weights of a Student-t.  The last
+sum is the change of variables from b to slopes: without it a flatter surface would always fit
+better.  For given A and weights p is a linear least-squares solution, its matrix factored once; A
+has eight numbers that count and is found by BFGS from several starts, the mirrored ones too:
+convex and concave fit the photographs alike, and only the sensor tells them apart.
 """
 
 from __future__ import annotations
@@ -43,7 +43,9 @@ CORRELATED_PX = 25.0
 # Standard deviation of slopes, radians: before it is estimated, and the least.  And that of the
 # sensor's depth before it is estimated, as a multiple of what the sensor states.
 FIRST_SLOPE_RAD, LEAST_SLOPE_RAD, FIRST_SENSOR = np.radians(3.0), np.radians(0.3), 10.0**0.5
-# Rounds, at whose ends both standard deviations are estimated; most iterations of BFGS in each.
+# Degrees of freedom of the slopes' Student-t: jumps and shadows are far off.
+FREEDOM = 4.0
+# Rounds of reweighting, and at most so many iterations of BFGS in each.
 ROUNDS, STEPS = 3, 15
 # Least c, as a part of its median: of normals that face away it is negative.
 LEAST_TOWARD = 0.05
@@ -240,17 +242,15 @@ def reweighted(weighted: Weighted, A: Floats) -> Weighted:
     """The weights, estimated again from the residuals at A."""
     problem = weighted.problem
     log_depth, off = weighted.surface(problem.slopes(A)[0])
+    square = ((off * problem.focal) ** 2).sum(axis=1)
+    middle = float(np.median(square[problem.known])) / (2 * np.log(2))
+    weight = problem.known / (1 + square / (FREEDOM * max(middle, LEAST_SLOPE_RAD**2)))
+    least = 2 * np.count_nonzero(problem.known) * LEAST_SLOPE_RAD**2
     slopes, sensor = problem.counts
     return Weighted(
-        problem, slopes / slope_misfit(problem, off) * problem.known,
+        problem, slopes / (float(weight @ square) + least) * weight,
         sensor / (problem.misfit(log_depth) + len(problem.target)),
     )  # fmt: skip
-
-
-def slope_misfit(problem: Problem, off: Floats) -> float:
-    """sum f^2 |G p - g|^2, radians squared, of what slopes are off (P, 2), or the least of it."""
-    least = 2 * np.count_nonzero(problem.known) * LEAST_SLOPE_RAD**2
-    return float(((off[problem.known] * problem.focal) ** 2).sum() + least)
 
 
 def comparable_cost(problem: Problem, A: Floats, log_depth: Floats, off: Floats) -> float:
@@ -258,8 +258,11 @@ def comparable_cost(problem: Problem, A: Floats, log_depth: Floats, off: Floats)
 
     log_depth (P,), off (P, 2) : the surface of A, and what its slopes are off those of A
     """
+    square = ((off * problem.focal) ** 2).sum(axis=1)[problem.known]
+    scale = max(float(np.median(square)) / (2 * np.log(2)), LEAST_SLOPE_RAD**2)
+    tails = np.mean(0.5 * (FREEDOM + 2) * np.log1p(square / (FREEDOM * scale))) + np.log(scale)
     _, toward = problem.slopes(A)
     volume = np.linalg.slogdet(A)[1] - 3 * float(np.mean(np.log(toward[problem.known])))
     slopes, sensor = problem.counts
     misfit = np.log1p(problem.misfit(log_depth) / len(problem.target))
-    return float(slopes * (np.log(slope_misfit(problem, off)) - volume) + sensor * misfit)
+    return float(slopes * (tails - volume) + sensor * misfit)
