@@ -62,6 +62,7 @@ OFF: dict[str, Any] = {
     "matte.LEAST_HIDDEN": 2.0,
     "matte.LEAST_SHARE": 2.0,
     "factored_start.SHADOW": 0.0,
+    "factored_start.FREEDOM": 1e9,
     "held_back.LEAST_GAIN": np.inf,
     "guarded.LOOKS": 0,
     "robust.CAUCHY": 1e9,
