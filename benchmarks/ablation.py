@@ -5,8 +5,8 @@
     python benchmarks/ablation.py --only fit.BENDING weights.MOST_TRUST
     python benchmarks/ablation.py --read out/ablation.json
 
-A constant is a name in capitals that a module of the method gives a number, or numbers.  It is set
-in every module that holds it and in the defaults of functions; then all draws are refined.  A
+A constant is a name in capitals to which a module of the method gives a number or several.  It is
+set in every module that holds it and in the defaults of functions; then all draws are refined.  A
 number from 0.75 to 1.5 has its distance from 1 halved and doubled.  Off is the value in `OFF`, with
 which the constant does nothing; most have none.
 
@@ -36,6 +36,11 @@ from typing import Any
 
 import numpy as np
 
+from rakelight import RakelightError, refine
+from rakelight.metrics import evaluate
+from rakelight.synthetic import draw, render_draw
+from random_captures import LIGHTING, one_thread, seeds
+
 SOURCE = Path(__file__).parent.parent / "src" / "rakelight"
 MODULES = {
     "multi-light": (
@@ -50,9 +55,8 @@ MODULES = {
     ),
 }  # fmt: skip
 """Where a method's constants stand."""
-LIGHTING = {"rgb-ratio": "rgb-leds"}
-"""The captures that a method is for, where it is not a moving lamp."""
-NOT_TUNED = {"FOURTH_DIFFERENCE": "the coefficients of one", "TINY": "against division by zero"}
+NOT_TUNED = ("FOURTH_DIFFERENCE", "TINY")
+"""The coefficients of one; against division by zero."""
 OFF: dict[str, Any] = {
     "multi_light.WORTH_IT": 0.0,
     "multi_light.MOST_VARIED": np.inf,
@@ -69,6 +73,7 @@ OFF: dict[str, Any] = {
 }
 """Values with which a constant does nothing."""
 NEAR_ONE = (0.75, 1.5)
+"""Of such a number the distance from 1 is halved and doubled, or it would change sides."""
 
 Errors = dict[str, tuple[float, float]]
 """Of each draw the angle, degrees, and the depth, mm."""
@@ -149,12 +154,6 @@ def put(module: str, name: str, value: Any) -> Any:
 
 def refined(trial: Trial, method: str, folder: Path) -> dict[str, Any]:
     """Every draw's errors in one trial, or how it failed."""
-    import cv2
-
-    from rakelight import RakelightError, refine
-    from rakelight.metrics import evaluate
-
-    cv2.setNumThreads(1)
     files = sorted(folder.glob("*.pickle"))
     # What a method imports late has to be there before a constant is set.
     refine(pickle.loads(files[0].read_bytes())[0], method)
@@ -180,12 +179,12 @@ def refined(trial: Trial, method: str, folder: Path) -> dict[str, Any]:
     return {**record, "errors": errors}
 
 
-def render(seed: int, folder: Path, size: float, lighting: str) -> None:
-    """Render one draw to a file."""
-    from rakelight.synthetic import random_capture
-
-    capture = random_capture(seed, size, lighting=lighting)
-    (folder / f"{seed:04d}.pickle").write_bytes(pickle.dumps(capture))
+def render(seed: int, arguments: argparse.Namespace, folder: Path) -> None:
+    """Render one draw of `random_captures.py`, at another size, to a file."""
+    lighting = LIGHTING.get(arguments.method, "moving-lamp")
+    scans = sorted(arguments.scans.glob("*.npz"))
+    drawn = draw(seed, arguments.size, scans, arguments.pictures, lighting=lighting)
+    (folder / f"{seed:04d}.pickle").write_bytes(pickle.dumps(render_draw(drawn)))
 
 
 def table(records: Sequence[dict[str, Any]]) -> Iterator[str]:
@@ -221,9 +220,13 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--method", choices=list(MODULES), default="multi-light")
-    parser.add_argument("--seeds", default="0:50", help="FIRST:END")
+    parser.add_argument("--seeds", type=seeds, default=range(50), help="FIRST:END")
     parser.add_argument("--size", type=float, default=0.5, help="of the draws' images")
     parser.add_argument("--jobs", type=int, default=2, help="processes of one thread each")
+    parser.add_argument("--scans", type=Path, default=Path("../shared/shapes"), help="*.npz")
+    parser.add_argument(
+        "--pictures", type=Path, nargs="*", default=[Path("../shared/captures/mitten/rgb/000.png")]
+    )
     parser.add_argument("--only", nargs="*", default=[], help="MODULE.NAME")
     parser.add_argument("-o", "--output", type=Path, default=Path("out/ablation.json"))
     parser.add_argument("--read", type=Path, metavar="JSON", help="a run, instead of running")
@@ -233,19 +236,15 @@ def main() -> None:
         return
     for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ[name] = "1"  # for the processes that are started below
-    first, end = map(int, arguments.seeds.split(":"))
+    arguments.pictures = [file for file in arguments.pictures if file.exists()]
     wanted = trials(arguments.method, arguments.only)
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
     records = []
     with (
         tempfile.TemporaryDirectory() as folder,
-        multiprocessing.get_context("spawn").Pool(arguments.jobs) as pool,
+        multiprocessing.get_context("spawn").Pool(arguments.jobs, one_thread) as pool,
     ):
-        lighting = LIGHTING.get(arguments.method, "moving-lamp")
-        pool.map(
-            partial(render, folder=Path(folder), size=arguments.size, lighting=lighting),
-            range(first, end),
-        )
+        pool.map(partial(render, arguments=arguments, folder=Path(folder)), arguments.seeds)
         run = partial(refined, method=arguments.method, folder=Path(folder))
         for count, record in enumerate(pool.imap(run, wanted), 1):
             print(f"{count}/{len(wanted)}", record["label"], record["what"], flush=True)

@@ -9,6 +9,7 @@ import pytest
 
 from rakelight import CaptureError, Lights, load_capture, refine
 from rakelight.geometry.normals import surface_normals
+from rakelight.methods.estimate import require_photographs
 from rakelight.methods.guarded import guarded
 from rakelight.methods.held_back import Prediction, kept
 from rakelight.metrics import evaluate
@@ -116,6 +117,26 @@ def test_a_suspect_is_left_out_only_where_that_helps_the_others(others, left):
         used, estimate = guarded(run, prepared, None, silent)
     assert len(used) == left
     assert bool(estimate.findings) == (left == 7)
+
+
+def test_a_suspect_stays_where_the_method_does_not_take_fewer():
+    capture, _ = wrong.sound("vase")
+    prepared = prepare(capture)
+
+    def predict(prepared, depth_m, normals, lights):
+        errors, ones = np.full(len(prepared), 0.01), np.ones(len(prepared))
+        errors[3] = 0.04
+        return Prediction(errors, 10 * errors, 0.5 * ones, 0.2 * ones, lights)
+
+    def run(prepared, options, progress):
+        require_photographs(prepared, "method", 8)
+        lights = Lights(np.zeros((len(prepared), 1, 3)), np.zeros((len(prepared), 1)))
+        return replace(kept(prepared, lights), findings=())
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys.modules["rakelight.methods.guarded"], "predict", predict)
+        used, _ = guarded(run, prepared, None, silent)
+    assert len(used) == 8
 
 
 @pytest.mark.parametrize("name", ["uw-cat", "uw-owl"])
