@@ -55,8 +55,8 @@ MODULES = {
     ),
 }  # fmt: skip
 """Where a method's constants stand."""
-NOT_TUNED = ("FOURTH_DIFFERENCE", "TINY")
-"""The coefficients of one; against division by zero."""
+NOT_TUNED = ("FOURTH_DIFFERENCE", "MEAN_ABSOLUTE_TO_SIGMA", "TINY")
+"""The coefficients of one; the normal distribution's; against division by zero."""
 OFF: dict[str, Any] = {
     "multi_light.WORTH_IT": 0.0,
     "multi_light.MOST_VARIED": np.inf,
@@ -159,7 +159,7 @@ def refined(trial: Trial, method: str, folder: Path) -> dict[str, Any]:
     refine(pickle.loads(files[0].read_bytes())[0], method)
     name = trial.label.rpartition(".")[2]
     old = put(trial.module, name, trial.value) if name else None
-    record: dict[str, Any] = {"label": trial.label, "what": trial.what, "was": repr(old)}
+    record: dict[str, Any] = {"label": trial.label, "what": trial.what, "was": str(old)}
     errors: Errors = {}
     try:
         for file in files:
