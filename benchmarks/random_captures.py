@@ -10,7 +10,7 @@ Per draw the mean angle of the normals, degrees, and the depth's root mean squar
 
 prepared : the depth map that the method starts from
 result : what it returns, with all its choices made by itself
-oracle : the least error over a grid of depth weights (the option depth_trust), angle and depth
+oracle : the least error over a grid of depth weights (the option depth_weight), angle and depth
     each by itself; of the first `--oracle` draws only
 limit : the true relief, its generalised bas-relief transform (depth scale and plane) fitted to
     the sensor's depth by weighted least squares.  No method can do better by the sensor alone
@@ -102,13 +102,13 @@ def scores(drawn: Draw, capture: Capture, truth: Truth, method: str, oracle: boo
         "seconds": seconds,
         "lights_deg": lights_deg(result.lights, truth.lights),
         "warnings": [each.code for each in result.findings if each.severity == "warning"],
-        "notes": [each.message for each in result.findings if each.code == "depth-trust"],
+        "notes": [each.message for each in result.findings if each.code == "depth-weight"],
     }
     if oracle:
         record["grid"] = []
         defaults = load_method(method).options()
         for weight in WEIGHTS:
-            tried = refine(capture, method, options=replace(defaults, depth_trust=weight))
+            tried = refine(capture, method, options=replace(defaults, depth_weight=weight))
             record["grid"].append({"weight": weight, **errors(tried.depth, tried.normals)})
         record["oracle"] = {
             unit: min(each[unit] for each in record["grid"]) for unit in ("deg", "mm")

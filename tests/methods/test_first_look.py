@@ -45,7 +45,7 @@ def test_depth_whose_errors_hang_together_is_trusted_less():
 def test_lamps_that_come_out_alike_speak_for_less_trust():
     """Of the coin, a flat surface explains photographs half as well; but its lamps are unlike."""
     share, descent = looked(TOGETHER)
-    _, believed = looked(TOGETHER, depth_trust=1.0)
+    _, believed = looked(TOGETHER, depth_weight=1.0)
     fits = [found.fit for found in (believed, descent)]
     residuals = [fit.explanation.spread for fit in fits]
     both = [unexplained(coarsest(TOGETHER), fit) for fit in fits]
@@ -90,7 +90,7 @@ def test_strong_highlights_do_not_bend_the_surface():
 
 
 def test_trust_that_was_asked_for_is_kept():
-    share, _ = looked(TOGETHER, depth_trust=1.0)
+    share, _ = looked(TOGETHER, depth_weight=1.0)
     assert share == 1 > looked(TOGETHER)[0]
 
 

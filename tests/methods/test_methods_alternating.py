@@ -321,8 +321,8 @@ def test_tolerance_decides_when_it_rests(capture, tolerance, more):
     assert (gains[:-1] > tolerance).all()
 
 
-def test_depth_trust_keeps_the_surface(capture, result):
-    firm = run(capture, options=Options(depth_trust=1e9))
+def test_depth_weight_keeps_the_surface(capture, result):
+    firm = run(capture, options=Options(depth_weight=1e9))
     assert moved_mm(firm) < 1e-2
     assert moved_mm(result) > 1
 

@@ -81,12 +81,12 @@ def test_options_of_another_method_are_refused(capture, options):
 
 
 def test_options_are_kept_with_the_result(capture):
-    options = Options(max_iterations=2, depth_trust=3.0)
+    options = Options(max_iterations=2, depth_weight=3.0)
     result = refine(capture, "multi-light-alternating", options=options)
     assert result.options == {
         "max_iterations": 2,
         "tolerance": Options().tolerance,
-        "depth_trust": 3.0,
+        "depth_weight": 3.0,
         "min_photographs": 4,
     }
     assert result.iterations <= 2
@@ -95,7 +95,7 @@ def test_options_are_kept_with_the_result(capture):
 @pytest.mark.parametrize("trust", [-1.0, np.nan])
 def test_impossible_options(trust):
     with pytest.raises(InputError):
-        Options(depth_trust=trust)
+        Options(depth_weight=trust)
 
 
 def test_bad_scale(capture):

@@ -282,7 +282,7 @@ def test_a_black_photograph_is_named(capture, with_a_black_one):
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        *(("depth_trust", value) for value in (0.0, -1.0, np.nan, np.inf)),
+        *(("depth_weight", value) for value in (0.0, -1.0, np.nan, np.inf)),
         ("max_iterations", 0),
         *(("tolerance", value) for value in (0.0, -1e-3, np.nan)),
         ("coarse_pixels", 99),

@@ -99,7 +99,7 @@ def test_no_round_leaves_the_prepared_depth_alone():
 
 def test_much_trust_keeps_the_prepared_depth():
     prepared = prepare(scene()[0])
-    estimate = rgb_ratio(prepared, Options(depth_trust=1e9, max_iterations=1), silent)
+    estimate = rgb_ratio(prepared, Options(depth_weight=1e9, max_iterations=1), silent)
     moved = np.exp(estimate.log_depth) - prepared.depth_m
     assert np.abs(moved[prepared.mask]).max() < 1e-6
 
@@ -216,7 +216,7 @@ def test_further_photographs_are_noted():
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"sigma_c": 0.0}, {"lambda_rho": -1.0}, {"depth_trust": 0.0}, {"laplacian": np.nan}]
+    "wrong", [{"sigma_c": 0.0}, {"lambda_rho": -1.0}, {"depth_weight": 0.0}, {"laplacian": np.nan}]
 )
 def test_impossible_options_are_refused(wrong):
     with pytest.raises(InputError, match=next(iter(wrong))):

@@ -443,9 +443,9 @@ def test_paper_gets_the_view_and_the_pictures(open_report, vase):
     assert "lamp at the upper left (308°), 24°" in report.page.inner_text("#still-caption")
     assert not report.page.is_visible(".panel")
     assert report.page.locator(".plates img >> visible=true").count() == 5
-    assert report.page.get_by_text("depth trust", exact=True).is_visible()
+    assert report.page.get_by_text("depth weight", exact=True).is_visible()
     report.page.evaluate("dispatchEvent(new Event('afterprint'))")
-    assert not report.page.get_by_text("depth trust", exact=True).is_visible()
+    assert not report.page.get_by_text("depth weight", exact=True).is_visible()
     assert report.complaints == []
 
 

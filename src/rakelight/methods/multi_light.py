@@ -82,7 +82,7 @@ MOST_VARIED = 0.5
 class Options:
     """What can be set; a good result needs none of it.
 
-    depth_trust : weight of the sensor's depth, as a multiple of what white noise of the sensor's
+    depth_weight : weight of the sensor's depth, as a multiple of what white noise of the sensor's
         size would have; None chooses it from the data.  Raised, the surface keeps to the
         sensor's shape, its faults included; lowered, it follows the photographs and may slide
         along the bas-relief valley.
@@ -94,7 +94,7 @@ class Options:
     coarse_pixels : size of the coarsest level, where lights and depth move together exactly
     """
 
-    depth_trust: float | None = None
+    depth_weight: float | None = None
     lamps: Literal["auto", "white", "coloured"] = "auto"
     distance: Literal["auto", "distant", "near"] = "auto"
     max_iterations: int = 40
@@ -104,7 +104,7 @@ class Options:
     def __post_init__(self) -> None:
         require_options(
             self,
-            depth_trust=(self.depth_trust is None or 0 < self.depth_trust < np.inf, "above 0"),
+            depth_weight=(self.depth_weight is None or 0 < self.depth_weight < np.inf, "above 0"),
             lamps=(self.lamps in ("auto", "white", "coloured"), "auto, white or coloured"),
             distance=(self.distance in ("auto", "distant", "near"), "auto, distant or near"),
             max_iterations=(self.max_iterations >= 1, "at least 1"),
@@ -119,7 +119,7 @@ def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback
     Raises MethodError for fewer than 3 photographs.
     """
     require_photographs(prepared, "multi-light", 3)
-    trust = options.depth_trust or FIRST_TRUST * prepared.factor**2
+    trust = options.depth_weight or FIRST_TRUST * prepared.factor**2
     finest = finest_level(prepared, cut=True, unbiased=True)
     levels = [
         level.trusting(trust * COARSER**k)
@@ -148,7 +148,7 @@ def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback
 
     # What is left of the sensor's depth says how its errors hang together, and what they count.
     first_trust = trust
-    if options.depth_trust is None:
+    if options.depth_weight is None:
         trust = deserved_trust(descent.fit, prepared)
     # Highlights and shadows are where the detail puts them; jumps that the sensor blurred, or its
     # noise hid, are steep by now.
@@ -271,10 +271,10 @@ def less_trust(
         descent may be bent to the sensor's noise
 
     Errors of the depth that hang together count as less than they are many.  How they do, nobody
-    knows before the photographs have shown them, which too much trust prevents.
+    knows before the photographs have shown them, which too large a weight prevents.
     """
     chosen, fit = (1.0, descent), descent.fit
-    if options.depth_trust is not None:
+    if options.depth_weight is not None:
         return chosen
     least = unexplained(level, fit) if accepted(level, fit.lamps, options) else np.inf
     floor = 0.0
@@ -429,7 +429,7 @@ def finished(
     albedo = explanation.albedo
     gain = brightest(albedo[active])
     lights = fit.lamps.brighter(gain).as_lights(level.middle_m)
-    notes = [Finding("note", "depth-trust", f"depth trusted {trust:.3g} times as white noise")]
+    notes = [Finding("note", "depth-weight", f"depth weight {trust:.3g} times white noise's")]
     if shine.any():
         height = f"{shine.sum() / gain:.2f} of white paint's brightness"
         notes.append(Finding("note", "highlights", f"highlights up to {height}, left out"))

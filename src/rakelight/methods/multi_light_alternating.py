@@ -45,7 +45,7 @@ class Options:
     max_iterations : rounds of light, albedo and depth.  More rounds sharpen the detail and let
         the surface as a whole drift along the bas-relief valley.
     tolerance : the rounds end when the energy per observation falls by less than this in one.
-    depth_trust : weight of the sensor's depth, as a multiple of what white noise of the sensor's
+    depth_weight : weight of the sensor's depth, as a multiple of what white noise of the sensor's
         size would have.  Raised, the surface keeps to the sensor's shape, its faults included;
         lowered, it follows the photographs and may lose the metric shape.
     min_photographs : fewer are refused.
@@ -53,7 +53,7 @@ class Options:
 
     max_iterations: int = 15
     tolerance: float = 1e-2
-    depth_trust: float = 1.0
+    depth_weight: float = 1.0
     min_photographs: int = 4
 
     def __post_init__(self) -> None:
@@ -61,7 +61,7 @@ class Options:
             self,
             max_iterations=(self.max_iterations >= 0, "at least 0"),
             tolerance=(self.tolerance < np.inf, "a number"),
-            depth_trust=(0 < self.depth_trust < np.inf, "above 0"),
+            depth_weight=(0 < self.depth_weight < np.inf, "above 0"),
             min_photographs=(self.min_photographs >= 3, "at least 3"),
         )
 
@@ -88,7 +88,7 @@ def multi_light_alternating(
     require_photographs(
         prepared, "multi-light-alternating", options.min_photographs, for_the_scale=True
     )
-    level = finest_level(prepared).trusting(options.depth_trust)
+    level = finest_level(prepared).trusting(options.depth_weight)
 
     # The start: the sensor's shape, albedo 1, frontal lights (3.4).
     albedo = np.ones((*level.mask.shape, 3))

@@ -84,7 +84,9 @@ def registered(capture: Capture, options: Options, progress: ProgressCallback = 
     own = capture.depth_camera or capture.camera.resized(*capture.depth_m.shape[:0:-1])
     start = capture.depth_to_color or RigidTransform(np.eye(3), np.zeros(3))
     scale = coarsest_scale(capture)
-    options = replace(options, depth_trust=TRUST, max_iterations=min(options.max_iterations, BRIEF))
+    options = replace(
+        options, depth_weight=TRUST, max_iterations=min(options.max_iterations, BRIEF)
+    )
     first = _comparable(capture, scale)
     if first is None:
         doubt = _doubt("the object is nowhere two depth pixels wide")

@@ -72,7 +72,7 @@ class Options:
         the photograph.  Raised, faint paint becomes relief; 0 is the paper's albedo.
     laplacian : weight of the squared second differences of log depth, relative to the prior's
         weight in the middle.  Raised, noise and fine relief are smoothed away; 0 smooths nothing.
-    depth_trust : weight of the sensor's depth, as a multiple of what white noise of the sensor's
+    depth_weight : weight of the sensor's depth, as a multiple of what white noise of the sensor's
         size would have; None chooses it from the data.  Raised, the surface keeps to the
         sensor's shape, its faults included; lowered, it follows the photograph, its misread paint
         included.
@@ -86,7 +86,7 @@ class Options:
     sigma_d: float = 0.02
     lambda_palette: float = 7.5
     laplacian: float = 0.0
-    depth_trust: float | None = None
+    depth_weight: float | None = None
     max_iterations: int = 5
     tolerance: float = 0.3
 
@@ -96,8 +96,8 @@ class Options:
             from_0=("lambda_rho", "lambda_palette", "laplacian", "max_iterations", "tolerance"),
             above_0=("sigma_c", "sigma_d"),
         )
-        trust = self.depth_trust
-        require_options(self, depth_trust=(trust is None or 0 < trust < np.inf, "above 0"))
+        trust = self.depth_weight
+        require_options(self, depth_weight=(trust is None or 0 < trust < np.inf, "above 0"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,8 +129,8 @@ class Scene:
 def rgb_ratio(prepared: Prepared, options: Options, progress: ProgressCallback) -> Estimate:
     """Refine the prepared depth by the RGB ratio model (3.3), from the first photograph."""
     scene = observed(prepared)
-    trust = options.depth_trust or LEAST_TRUST
-    most = options.depth_trust or MOST_TRUST
+    trust = options.depth_weight or LEAST_TRUST
+    most = options.depth_weight or MOST_TRUST
     mask = prepared.mask
     log_depth = scene.prior
     albedo: Floats = np.ones((*mask.shape, 3))

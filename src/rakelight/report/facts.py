@@ -88,7 +88,7 @@ def method_rows(result: Result) -> Rows:
 def option_rows(options: Mapping[str, Any]) -> Rows:
     """Every parameter with its value.
 
-    >>> option_rows({"depth_trust": None, "near": True})
+    >>> option_rows({"depth_weight": None, "near": True})
     [('depth trust', 'chosen from the data'), ('near', 'yes')]
     """
     words = {None: "chosen from the data", True: "yes", False: "no"}
