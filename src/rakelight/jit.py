@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
@@ -30,16 +31,20 @@ Function: TypeAlias = Callable[..., Any]
 _kernels: list[Any] = []
 
 
-def kernel(function: Function, *, any_order: bool = False) -> Function:
+def kernel(function: Function, *, any_order: bool = False, parallel: bool = True) -> Function:
     """Compile `function` on its first call: prange on all cores, the interpreter's lock released.
 
     any_order : whether sums may be taken in another order than written, so that their loops run in
         wide instructions; how the work is split among cores must not change such loops
+    parallel : False for a function of one block of the work, which `in_blocks` shares among the
+        cores.  Numba compiles the body of a prange three times: seconds for a large one.
 
     The machine code is cached beside the source, else in the user's cache folder (or where
     NUMBA_CACHE_DIR says).  Where none of them can be written it is compiled once per process.
     """
-    return _compiled_lazily(function, parallel=True, any_order=any_order)
+    compiled_function = _compiled_lazily(function, parallel=parallel, any_order=any_order)
+    _kernels.append(compiled_function)
+    return compiled_function
 
 
 def helper(function: Function, *, any_order: bool = False, inline: bool = False) -> Function:
@@ -64,6 +69,37 @@ def threads_for(pixels: int, rows: int = 0) -> Iterator[None]:
             yield
     finally:
         numba.set_num_threads(before)
+
+
+def in_blocks(work: Callable[[int], None], blocks: int, pixels: int) -> None:
+    """Call work(0), work(1), ... work(blocks - 1) on all cores.
+
+    pixels : with fewer than `WORTH_SHARING` on one core
+    work : calls kernels that release the interpreter's lock; blocks must not depend on each other.
+    What one of them raises is raised here, once none is at work any more.
+    """
+    threads: int = _numba().get_num_threads() if pixels >= WORTH_SHARING else 1
+    left = iter(range(blocks))  # each block goes to the thread that asks next
+
+    def take() -> None:
+        for block in left:
+            work(block)
+
+    others = [_pool(threads).submit(take) for _ in range(min(threads, blocks) - 1)]
+    try:
+        take()
+    finally:
+        for _ in left:  # after an error or an interrupt nothing more is begun
+            pass
+        wait(others)
+    for other in others:
+        other.result()
+
+
+@cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    """Threads beside the caller's; a forked process, which lacks them, makes its own."""
+    return ThreadPoolExecutor(max(threads - 1, 1), thread_name_prefix="rakelight")
 
 
 @contextmanager
@@ -137,8 +173,6 @@ def _compiled_lazily(
         dispatcher = njit(cache=True, **options)(function)
     except RuntimeError:  # numba found no folder to cache in
         dispatcher = njit(**options)(function)
-    if parallel:
-        _kernels.append(dispatcher)
     return dispatcher
 
 
@@ -155,6 +189,7 @@ def _after_fork() -> None:
     OpenMP would wait for them for ever, wherefore numba ends a process that lacks them.  A team of
     one waits for nobody; starting numba's threads again tells it whose process this is.
     """
+    _pool.cache_clear()
     numba = sys.modules.get("numba")
     try:
         if numba is None or numba.threading_layer() != "omp":

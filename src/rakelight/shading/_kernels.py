@@ -19,6 +19,7 @@ from rakelight.jit import prange
 
 # Sums are within a strip of a row, which is never split.
 kernel = partial(jit.kernel, any_order=True)
+block_kernel = partial(jit.kernel, any_order=True, parallel=False)
 helper = partial(jit.helper, any_order=True)
 # Part of the kernel that calls it: its loops know where the arrays of a strip lie.
 inlined = partial(jit.helper, any_order=True, inline=True)
@@ -361,67 +362,15 @@ def count_residuals(here, size, row, a, value, own, histogram):
                     histogram[max(min(int(abs(r) * (BINS / WIDEST)), BINS - 1), 0)] += 1
 
 
-@helper
-def explain_row(
-    row, photos, table, active, gradient, points, camera, vectors, ambients, nearness,
-    scales, lagged, project, albedo, tensor, vector, sums, histogram, misfit, turning, slope,
-):  # fmt: skip
-    """One row of `explain`."""
-    channels, _, count = vectors.shape
-    here = np.empty(STRIP, np.int64)
-    frame, light, turns = np.empty((FRAME, STRIP)), np.empty((LIGHT, STRIP)), np.empty((4, STRIP))
-    own, pixel = np.empty((OWN, STRIP)), np.empty((PIXEL, STRIP))
-    value = np.empty((3, count, STRIP), np.float32)
-    a, w = np.empty((channels, count, STRIP)), np.empty((3, count, STRIP))
-    energy, squared, counted = 0.0, 0.0, 0.0
-    clear(row, active, albedo, tensor, vector)
-    for k in range(BINS):
-        histogram[row, k] = 0
-    size, column = next_strip(active, row, 0, here)
-    while size > 0:
-        stand(here, size, row, gradient, points, camera, lagged, frame)
-        decode(here, size, row, photos, table, value)
-        sharpen(here, size, row, scales, pixel)
-        begin(here, size, row, albedo, own, pixel)
-        for lamp in range(channels):
-            for i in range(count):
-                q0, q1, q2 = vectors[lamp, 0, i], vectors[lamp, 1, i], vectors[lamp, 2, i]
-                ambient = ambients[lamp, i]
-                shade(q0, q1, q2, nearness[lamp, i], ambient, size, frame, a[lamp, i])
-        rounds = ALBEDO_ROUNDS if total(pixel[SHARP], size) > 0.0 else 1
-        fit_albedo(rounds, size, a, value, w, own, pixel)
-        for lamp in range(channels):
-            first, last = (0, 3) if channels == 1 else (lamp, lamp + 1)
-            for i in range(count):
-                q0, q1, q2 = vectors[lamp, 0, i], vectors[lamp, 1, i], vectors[lamp, 2, i]
-                arrive(q0, q1, q2, nearness[lamp, i], size, frame, light)
-                if channels == 1:
-                    compare_all(i, size, a[lamp], value, w, light, own, pixel)
-                else:
-                    compare(lamp, i, size, a[lamp], value, w, light, own, pixel)
-                take_logarithm(size, pixel)
-                if turning:
-                    turn(q0, q1, q2, nearness[lamp, i], size, frame, light, turns)
-                    pull(first, last, i, size, a[lamp], value, own, pixel, turns, slope[row, lamp])
-        follow(project, size, own, pixel)
-        put(here, size, row, own, pixel, albedo, tensor, vector, misfit)
-        count_residuals(here, size, row, a, value, own, histogram[row])
-        squared += total(pixel[SQUARED], size)
-        counted += total(pixel[SEEN], size)
-        for j in range(size):
-            loss, sharp = pixel[LOSS, j] + np.log(pixel[FACTOR, j]), pixel[SHARP, j]
-            energy += loss / sharp if sharp > 0.0 else pixel[SQUARED, j]
-        size, column = next_strip(active, row, column, here)
-    sums[row, 0], sums[row, 1], sums[row, 2] = energy, squared, counted
-
-
-@kernel
+@block_kernel
 def explain(
-    photos, table, active, gradient, points, camera, vectors, ambients, nearness,
-    scales, lagged, project, albedo, tensor, vector, sums, histogram, misfit, turning, slope,
+    first_row, last_row, photos, table, active, gradient, points, camera, vectors, ambients,
+    nearness, scales, lagged, project, albedo, tensor, vector, sums, histogram, misfit, turning,
+    slope,
 ):  # fmt: skip
-    """Albedo, depth terms, energy and residuals of every active pixel; see `Photographs.explain`.
+    """Albedo, depth terms, energy and residuals of a block's pixels; see `Photographs.explain`.
 
+    Of the active pixels in rows from first_row up to last_row, which is not among them.
     table : linear light of a value, negative where it is not usable
     vectors (C, 3, N), ambients (C, N), nearness (C, N) of the lights: as in `Lamps.arrays`
     sums (h, 3): energy, squared residuals, count; histogram (h, BINS) of absolute residuals in one
@@ -429,13 +378,64 @@ def explain(
     `turning`, slope (h, C, 5, N) gets the first derivatives of half the energy with each light's
     vector, closeness, ambient.
     """
-    for row in prange(len(active)):
-        # One kind of integer, or numba compiles it twice.
-        explain_row(
-            np.int64(row), photos, table, active, gradient, points, camera, vectors, ambients,
-            nearness, scales, lagged, project, albedo, tensor, vector, sums, histogram, misfit,
-            turning, slope,
-        )  # fmt: skip
+    channels, _, count = vectors.shape
+    here = np.empty(STRIP, np.int64)
+    frame, light, turns = np.empty((FRAME, STRIP)), np.empty((LIGHT, STRIP)), np.empty((4, STRIP))
+    own, pixel = np.empty((OWN, STRIP)), np.empty((PIXEL, STRIP))
+    value = np.empty((3, count, STRIP), np.float32)
+    a, w = np.empty((channels, count, STRIP)), np.empty((3, count, STRIP))
+    for row in range(first_row, last_row):
+        energy, squared, counted = 0.0, 0.0, 0.0
+        clear(row, active, albedo, tensor, vector)
+        for k in range(BINS):
+            histogram[row, k] = 0
+        size, column = next_strip(active, row, 0, here)
+        while size > 0:
+            stand(here, size, row, gradient, points, camera, lagged, frame)
+            decode(here, size, row, photos, table, value)
+            sharpen(here, size, row, scales, pixel)
+            begin(here, size, row, albedo, own, pixel)
+            for lamp in range(channels):
+                for i in range(count):
+                    q0, q1, q2 = vectors[lamp, 0, i], vectors[lamp, 1, i], vectors[lamp, 2, i]
+                    ambient = ambients[lamp, i]
+                    shade(q0, q1, q2, nearness[lamp, i], ambient, size, frame, a[lamp, i])
+            rounds = ALBEDO_ROUNDS if total(pixel[SHARP], size) > 0.0 else 1
+            fit_albedo(rounds, size, a, value, w, own, pixel)
+            for lamp in range(channels):
+                first, last = (0, 3) if channels == 1 else (lamp, lamp + 1)
+                for i in range(count):
+                    q0, q1, q2 = vectors[lamp, 0, i], vectors[lamp, 1, i], vectors[lamp, 2, i]
+                    arrive(q0, q1, q2, nearness[lamp, i], size, frame, light)
+                    if channels == 1:
+                        compare_all(i, size, a[lamp], value, w, light, own, pixel)
+                    else:
+                        compare(lamp, i, size, a[lamp], value, w, light, own, pixel)
+                    take_logarithm(size, pixel)
+                    if turning:
+                        turn(q0, q1, q2, nearness[lamp, i], size, frame, light, turns)
+                        pull(
+                            first,
+                            last,
+                            i,
+                            size,
+                            a[lamp],
+                            value,
+                            own,
+                            pixel,
+                            turns,
+                            slope[row, lamp],
+                        )
+            follow(project, size, own, pixel)
+            put(here, size, row, own, pixel, albedo, tensor, vector, misfit)
+            count_residuals(here, size, row, a, value, own, histogram[row])
+            squared += total(pixel[SQUARED], size)
+            counted += total(pixel[SEEN], size)
+            for j in range(size):
+                loss, sharp = pixel[LOSS, j] + np.log(pixel[FACTOR, j]), pixel[SHARP, j]
+                energy += loss / sharp if sharp > 0.0 else pixel[SQUARED, j]
+            size, column = next_strip(active, row, column, here)
+        sums[row, 0], sums[row, 1], sums[row, 2] = energy, squared, counted
 
 
 @inlined
@@ -540,12 +540,20 @@ def take(full, taken, hessian):
     hessian -= np.dot(columns, columns.T)
 
 
-@helper
-def light_terms_of_block(
+@block_kernel
+def light_terms(
     block, photos, table, active, gradient, points, camera, vectors, ambients, nearness,
     scales, albedo, parameters, project, hessian, slope, cross,
 ):  # fmt: skip
-    """One block of `light_terms`."""
+    """Second and first derivatives of half the energy with the lights, of one block of rows.
+
+    Each light has `parameters` numbers: its vector, [closeness,] ambient; a channel's lights, C of
+    1 or 3 channels, have Q of them, those of one kind side by side, and nothing to do with another
+    channel's.  The albedo is eliminated when `project`.  hessian (blocks, C, Q, Q), its upper
+    triangle, and slope (blocks, C, parameters, N) are sums per block of rows; cross
+    (h, w, 2, N, C, parameters) each pixel's mixed derivatives with the gradient of log depth, or
+    (0, ...) for none.
+    """
     channels, _, count = vectors.shape
     blocks, height = hessian.shape[0], active.shape[0]
     here = np.empty(STRIP, np.int64)
@@ -586,27 +594,6 @@ def light_terms_of_block(
             size, column = next_strip(active, row, column, here)
     for lamp in range(channels):
         take(full[lamp], taken[lamp], hessian[block, lamp])
-
-
-@kernel
-def light_terms(
-    photos, table, active, gradient, points, camera, vectors, ambients, nearness,
-    scales, albedo, parameters, project, hessian, slope, cross,
-):  # fmt: skip
-    """Second and first derivatives of half the energy with respect to the lights.
-
-    Each light has `parameters` numbers: its vector, [closeness,] ambient; a channel's lights, C of
-    1 or 3 channels, have Q of them, those of one kind side by side, and nothing to do with another
-    channel's.  The albedo is eliminated when `project`.  hessian (blocks, C, Q, Q), its upper
-    triangle, and slope (blocks, C, parameters, N) are sums per block of rows; cross
-    (h, w, 2, N, C, parameters) each pixel's mixed derivatives with the gradient of log depth, or
-    (0, ...) for none.
-    """
-    for block in prange(len(hessian)):
-        light_terms_of_block(
-            np.int64(block), photos, table, active, gradient, points, camera, vectors, ambients,
-            nearness, scales, albedo, parameters, project, hessian, slope, cross,
-        )  # fmt: skip
 
 
 @kernel

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from rakelight.geometry.grid import Grid, Links, has_gradient
-from rakelight.jit import threads_for
+from rakelight.jit import in_blocks
 from rakelight.model import FARTHEST_M, MAD_TO_SIGMA, Array, Camera, Floats, Lights, Mask
 
 # Rows are summed in this many blocks, however many cores there are: the same numbers everywhere.
@@ -261,12 +261,16 @@ class Photographs:
         histogram = np.zeros((height, _kernels.BINS), dtype=np.int64)
         misfit = np.zeros((height, width))
         slope = np.zeros((height if turning else 0, lamps.ambient.shape[1], 5, len(self)))
-        with threads_for(len(self) * self.mask.size, ROWS):
-            _kernels.explain(
-                self.values, self._light, self.active, surface.gradient, surface.points,
-                self._optics, *lamps.arrays, self._scales(scale), lagged, project,
-                albedo, tensor, vector, sums, histogram, misfit, turning, slope,
-            )  # fmt: skip
+        given = (
+            self.values, self._light, self.active, surface.gradient, surface.points,
+            self._optics, *lamps.arrays, self._scales(scale), lagged, project,
+            albedo, tensor, vector, sums, histogram, misfit, turning, slope,
+        )  # fmt: skip
+
+        def some_rows(block: int) -> None:
+            _kernels.explain(ROWS * block, min(ROWS * (block + 1), height), *given)
+
+        in_blocks(some_rows, -(-height // ROWS), len(self) * self.mask.size)
         energy, squared, count = sums.sum(axis=0)
         return Explanation(
             albedo=albedo,
@@ -318,11 +322,13 @@ class Photographs:
             for each in (surface.gradient, surface.points, self._scales(scale), albedo)
         )
         values, gradient = np.ascontiguousarray(self.values[:, *thin]), stride * gradient
-        with threads_for(len(self) * active.size):
-            _kernels.light_terms(
-                values, self._light, active, gradient, points, optics, *lamps.arrays, scales,
-                albedo, parameters, project, hessian, slope, both,
-            )  # fmt: skip
+        given = (
+            values, self._light, active, gradient, points, optics, *lamps.arrays, scales,
+            albedo, parameters, project, hessian, slope, both,
+        )  # fmt: skip
+        in_blocks(
+            lambda block: _kernels.light_terms(block, *given), BLOCKS, len(self) * active.size
+        )
         both *= stride
         # The lights' order is photograph, channel, number; the block sums' channel, number, lamp.
         numbers = np.arange(channels * own).reshape(channels, parameters, count)
