@@ -6,13 +6,14 @@ This module is light.  Modules with kernels import numba; load those on use only
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cache
 from importlib import import_module
 from pathlib import Path
+from queue import SimpleQueue
+from threading import Thread
 from typing import Any, TypeAlias
 
 from rakelight.errors import MachineError
@@ -29,77 +30,120 @@ STACK_BYTES = 8e6  # of addresses for each thread, as Linux gives them
 Function: TypeAlias = Callable[..., Any]
 
 _kernels: list[Any] = []
+_most_threads: ContextVar[int] = ContextVar("most threads", default=1 << 30)
 
 
-def kernel(function: Function, *, any_order: bool = False, parallel: bool = True) -> Function:
-    """Compile `function` on its first call: prange on all cores, the interpreter's lock released.
+def kernel(function: Function, *, any_order: bool = False) -> Function:
+    """Compile `function` on its first call, for a part of a loop; the interpreter's lock released.
 
+    function : (first, last, ...), runs an outer loop from first up to last, which is not in it,
+        or (block, ...); `in_parts` and `in_blocks` share the work among the cores.  numba's own
+        prange compiles its body three times, and its threads do not survive a fork.
     any_order : whether sums may be taken in another order than written, so that their loops run in
-        wide instructions; how the work is split among cores must not change such loops
-    parallel : False for a function of one block of the work, which `in_blocks` shares among the
-        cores.  Numba compiles the body of a prange three times: seconds for a large one.
+        wide instructions; where a loop is parted must not change such sums
 
     The machine code is cached beside the source, else in the user's cache folder (or where
     NUMBA_CACHE_DIR says).  Where none of them can be written it is compiled once per process.
     """
-    compiled_function = _compiled_lazily(function, parallel=parallel, any_order=any_order)
-    _kernels.append(compiled_function)
-    return compiled_function
+    dispatcher = _compiled_lazily(function, any_order=any_order)
+    _kernels.append(dispatcher)
+    return dispatcher
 
 
 def helper(function: Function, *, any_order: bool = False, inline: bool = False) -> Function:
-    """As `kernel`, for a function without a parallel loop, called from kernels.
+    """As `kernel`, for a function that is called from kernels, or for the whole of a loop.
 
     inline : whether its code becomes part of each kernel, which is compiled longer then
     """
-    return _compiled_lazily(function, parallel=False, any_order=any_order, inline=inline)
+    return _compiled_lazily(function, any_order=any_order, inline=inline)
 
 
-@contextmanager
-def threads_for(pixels: int, rows: int = 0) -> Iterator[None]:
-    """Kernels called inside use one core unless there are enough pixels to share.
+def in_parts(
+    work: Function, first: int, last: int, pixels: int, *arguments: Any, least: int = 1
+) -> None:
+    """Call the kernel `work` for as many equal parts of a loop as there are cores, side by side.
 
-    rows : that a core takes at a time, for rows of unequal work; 0 shares them out at once
+    pixels : the work's size: below `WORTH_SHARING` it is one part; least : iterations of a part
     """
-    numba = _numba()
-    before = numba.get_num_threads()
-    numba.set_num_threads(before if pixels >= WORTH_SHARING else 1)
-    try:
-        with numba.parallel_chunksize(rows):
-            yield
-    finally:
-        numba.set_num_threads(before)
+    parts = max(min(_threads(pixels), (last - first) // least), 1)
+    if parts == 1:
+        work(first, last, *arguments)
+        return
+    ends = [first + part * (last - first) // parts for part in range(parts + 1)]
+    in_blocks(lambda part: work(ends[part], ends[part + 1], *arguments), parts, pixels)
 
 
 def in_blocks(work: Callable[[int], None], blocks: int, pixels: int) -> None:
-    """Call work(0), work(1), ... work(blocks - 1) on all cores.
+    """Call work(0), work(1), ... work(blocks - 1) on all cores, as these get free.
 
-    pixels : with fewer than `WORTH_SHARING` on one core
-    work : calls kernels that release the interpreter's lock; blocks must not depend on each other.
-    What one of them raises is raised here, once none is at work any more.
+    pixels : the work's size: below `WORTH_SHARING` one core does it
+    work : calls kernels, which release the interpreter's lock; no block needs another's result
+
+    What one of them raises is raised here, when none is at work any more.
     """
-    threads: int = _numba().get_num_threads() if pixels >= WORTH_SHARING else 1
-    left = iter(range(blocks))  # each block goes to the thread that asks next
+    threads = min(_threads(pixels), blocks)
+    left = iter(range(blocks))
 
     def take() -> None:
         for block in left:
             work(block)
 
-    others = [_pool(threads).submit(take) for _ in range(min(threads, blocks) - 1)]
+    ended: SimpleQueue[BaseException | None] = SimpleQueue()
+    tasks = _tasks(threads - 1)
+    for _ in range(threads - 1):
+        tasks.put((take, ended))
     try:
         take()
     finally:
-        for _ in left:  # after an error or an interrupt nothing more is begun
+        for _ in left:  # after an error, or an interrupt, nothing more is begun
             pass
-        wait(others)
-    for other in others:
-        other.result()
+        errors = [ended.get() for _ in range(threads - 1)]
+    for error in errors:
+        if error is not None:
+            raise error
+
+
+@contextmanager
+def limited_threads(most: int) -> Iterator[None]:
+    """Kernels called inside use at most so many cores."""
+    token = _most_threads.set(most)
+    try:
+        yield
+    finally:
+        _most_threads.reset(token)
+
+
+def _threads(pixels: int) -> int:
+    """How many cores work of that size is worth."""
+    if pixels < WORTH_SHARING:
+        return 1
+    cores: int = _numba().config.NUMBA_NUM_THREADS
+    return min(cores, _most_threads.get())
 
 
 @cache
-def _pool(threads: int) -> ThreadPoolExecutor:
-    """Threads beside the caller's; a forked process, which lacks them, makes its own."""
-    return ThreadPoolExecutor(max(threads - 1, 1), thread_name_prefix="rakelight")
+def _tasks(threads: int) -> SimpleQueue[Any]:
+    """What so many threads take their work from: a function, and the queue to say when it ended.
+
+    A tenth of what concurrent.futures takes to hand over work, which can be a tenth of a
+    millisecond's.
+    """
+    tasks: SimpleQueue[Any] = SimpleQueue()
+
+    def work() -> None:
+        while True:
+            function, ended = tasks.get()
+            try:
+                function()
+            except BaseException as error:  # the caller raises it
+                ended.put(error)
+            else:
+                ended.put(None)
+            del function, ended  # arrays must not live until the next task
+
+    for _ in range(threads):
+        Thread(target=work, name="rakelight", daemon=True).start()
+    return tasks
 
 
 @contextmanager
@@ -114,25 +158,12 @@ def one_blas_thread() -> Iterator[None]:
         yield
 
 
-def share(columns: int) -> int:
-    """How many columns each thread takes: all that there are, split evenly, but 64 or more."""
-    threads: int = _numba().get_num_threads()
-    return max(-(-columns // threads), 64)
-
-
 def compiled() -> bool:
     """Whether kernels were compiled before, by this process or, cached on disk, by another.
 
     False means that the next call takes seconds: worth announcing to a person.
     """
     return any(each.signatures or _on_disk(each) for each in _kernels)
-
-
-def __getattr__(name: str) -> Any:
-    # Kernels take numba's prange from here: then numba is loaded only where there is room for it.
-    if name == "prange":
-        return _numba().prange
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 @cache
@@ -158,13 +189,11 @@ def _numba() -> Any:
     return numba
 
 
-def _compiled_lazily(
-    function: Function, *, parallel: bool, any_order: bool, inline: bool = False
-) -> Function:
+def _compiled_lazily(function: Function, *, any_order: bool, inline: bool = False) -> Function:
     njit = _numba().njit
     # No more of fastmath than that: the same numbers however the work is split.
     options: dict[str, Any] = {
-        "parallel": parallel, "nogil": True, "error_model": "numpy",
+        "nogil": True, "error_model": "numpy",
         "fastmath": {"reassoc", "contract", "nsz"} if any_order else False,
         "inline": "always" if inline else "never",
     }  # fmt: skip
@@ -183,25 +212,6 @@ def _on_disk(dispatcher: Any) -> bool:
     return folder is not None and any(Path(folder).glob(pattern))
 
 
-def _after_fork() -> None:
-    """Let a forked process run kernels: on one core, as the other threads stayed with its parent.
-
-    OpenMP would wait for them for ever, wherefore numba ends a process that lacks them.  A team of
-    one waits for nobody; starting numba's threads again tells it whose process this is.
-    """
-    _pool.cache_clear()
-    numba = sys.modules.get("numba")
-    try:
-        if numba is None or numba.threading_layer() != "omp":
-            return  # the other layers look after themselves
-    except ValueError:  # no kernel was loaded yet
-        return
-    from ctypes import CFUNCTYPE, c_int
-
-    layer = import_module("numba.np.ufunc.omppool")
-    CFUNCTYPE(None, c_int)(layer.launch_threads)(1)
-    numba.set_num_threads(1)
-
-
+# A forked process lacks the threads of its parent, and makes its own.
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_after_fork)
+    os.register_at_fork(after_in_child=_tasks.cache_clear)

@@ -8,6 +8,7 @@ import plain_photographs as plain
 import pytest
 
 from rakelight.geometry.grid import has_gradient
+from rakelight.jit import limited_threads
 from rakelight.model import MAD_TO_SIGMA, Camera
 from rakelight.prepare.linear import linear_table, usable
 from rakelight.shading import _kernels
@@ -450,17 +451,14 @@ def test_the_same_numbers_on_one_core_and_on_two():
     mask = ragged(height, width)
     photographs = taken(light, mask=mask, camera=camera)
     assert len(photographs) * mask.size > 1 << 14
-    before, results = numba.get_num_threads(), []
-    try:
-        for threads in (1, 2):
-            numba.set_num_threads(threads)
+    results = []
+    for threads in (1, 2):
+        with limited_threads(threads):
             found = photographs.explain(surface, lamps, scale=0.01, turning=True)
             terms = photographs.light_terms(surface, lamps, found.albedo, near=True, mixed=True)
             terms = (*terms, found.light_slope)
             small = photographs.halved().values
             results.append((found.albedo, found.energy, found.rms, found.tensor, *terms, small))
-    finally:
-        numba.set_num_threads(before)
     for one, two in zip(*results, strict=True):
         np.testing.assert_array_equal(one, two)
 

@@ -29,9 +29,7 @@ def shown_progress(quiet: bool = False) -> Iterator[ProgressCallback]:
     )
     with Bars(*columns, console=Console(stderr=True)) as bars:
         if not _compiled():
-            bars.console.print(
-                "first run: compiling takes about a minute, later runs start at once"
-            )
+            bars.console.print("first run: compiling takes 20 seconds or so, later runs need none")
         tasks: dict[str, TaskID] = {}
 
         def show(now: Progress) -> None:

@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
-from rakelight.jit import kernel, prange
+from rakelight.jit import kernel
 
 
 @kernel
-def gradient_image(values, right, down, out):
+def gradient_image(first_row, last_row, values, right, down, out):
     """Fill out (H, W, 2) with the mean of the one-sided differences along u and along v."""
-    height, width = values.shape
-    for row in prange(height):
+    width = values.shape[1]
+    for row in range(first_row, last_row):
         for column in range(width):
             here, along_u, along_v, on_u, on_v = values[row, column], 0.0, 0.0, 0.0, 0.0
             if right[row, column]:
@@ -26,10 +26,10 @@ def gradient_image(values, right, down, out):
 
 
 @kernel
-def fourth_differences(values, along_u, along_v, out):
+def fourth_differences(first_row, last_row, values, along_u, along_v, out):
     """Fill out (2, H, W) with the fourth differences along u and v, 0 where there are none."""
-    height, width = values.shape
-    for row in prange(height):
+    width = values.shape[1]
+    for row in range(first_row, last_row):
         for column in range(width):
             u, v, six = 0.0, 0.0, 6.0 * values[row, column]
             if along_u[row, column]:

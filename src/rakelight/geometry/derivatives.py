@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight.geometry.grid import Grid, Links
-from rakelight.jit import threads_for
+from rakelight.jit import in_parts
 from rakelight.model import Floats
 
 
@@ -18,8 +18,8 @@ def gradient_image(values: Floats, grid: Grid) -> Floats:
     from rakelight.geometry import _kernels
 
     links, out = Links.of(grid), np.empty((*values.shape, 2))
-    with threads_for(values.size):
-        _kernels.gradient_image(np.ascontiguousarray(values), links.right, links.down, out)
+    given = (np.ascontiguousarray(values), links.right, links.down, out)
+    in_parts(_kernels.gradient_image, 0, len(values), values.size, *given)
     return out
 
 
@@ -33,6 +33,6 @@ def fourth_differences(values: Floats, grid: Grid) -> Floats:
     from rakelight.geometry import _kernels
 
     links, out = Links.of(grid), np.empty((2, *values.shape))
-    with threads_for(values.size):
-        _kernels.fourth_differences(np.ascontiguousarray(values), *links.fives, out)
+    given = (np.ascontiguousarray(values), *links.fives, out)
+    in_parts(_kernels.fourth_differences, 0, len(values), values.size, *given)
     return out

@@ -154,7 +154,7 @@ def _refined(
             capture = _registered(capture, chosen, options, progress)
     registered_at = perf_counter()
     progress(Progress("prepare"))
-    # They run no compiled kernel, of which two at a time may not.
+    # Beside the preparation, most of which runs on one core.
     with ThreadPoolExecutor(1) as beside:
         checks = beside.submit(
             lambda: (

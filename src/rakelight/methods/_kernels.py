@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rakelight.jit import helper, kernel, prange
+from rakelight.jit import helper, kernel
 
 # Three pairs of three channels are worth two independent equations.
 PAIR_SHARE = 2.0 / 3.0
@@ -26,10 +26,10 @@ def seen(light, usable, normal, shade):
 
 
 @kernel
-def ratio_squares(image, usable, albedo, light, noise, normals, out):
+def ratio_squares(first_row, last_row, image, usable, albedo, light, noise, normals, out):
     """out (h, w, 3): (q . n)^2 of every pair of channels in units of its variance, or NaN."""
-    height, width, _ = image.shape
-    for row in prange(height):
+    width = image.shape[1]
+    for row in range(first_row, last_row):
         shade = np.empty(3)
         for column in range(width):
             seen(light, usable[row, column], normals[row, column], shade)
@@ -44,15 +44,16 @@ def ratio_squares(image, usable, albedo, light, noise, normals, out):
 
 @kernel
 def ratio_terms(
-    image, usable, albedo, light, noise, normals, length, optics, worse, cauchy, tensor, aim
-):
+    first_row, last_row, image, usable, albedo, light, noise, normals, length, optics, worse,
+    cauchy, tensor, aim,
+):  # fmt: skip
     """Sums over the pairs: tensor (h, w, 3) and aim (h, w, 2) of the gradient of log depth.
 
     worse : (h, w) what every variance is multiplied by; cauchy : scale of the loss, 0 for squares
     """
-    height, width, _ = image.shape
+    width = image.shape[1]
     fx, fy, cx, cy = optics
-    for row in prange(height):
+    for row in range(first_row, last_row):
         shade, along_u, along_v = np.empty(3), np.empty(3), np.empty(3)
         for column in range(width):
             seen(light, usable[row, column], normals[row, column], shade)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from rakelight.jit import threads_for
+from rakelight.jit import in_parts
 from rakelight.model import Camera, Floats, Mask
 from rakelight.solve.robust import CAUCHY
 
@@ -51,8 +51,8 @@ class Ratios:
         from rakelight.methods import _kernels
 
         out = np.empty(self.image.shape)
-        with threads_for(self.usable[..., 0].size):
-            _kernels.ratio_squares(*self._arrays, np.ascontiguousarray(normals, np.float64), out)
+        given = (*self._arrays, np.ascontiguousarray(normals, np.float64), out)
+        in_parts(_kernels.ratio_squares, 0, len(out), out[..., 0].size, *given)
         return out
 
     def energy(self, normals: Floats) -> float:
@@ -78,10 +78,9 @@ class Ratios:
         tensor, aim = np.zeros((*length.shape, 3)), np.zeros((*length.shape, 2))
         optics = (camera.fx, camera.fy, camera.cx, camera.cy)
         surface = (np.ascontiguousarray(normals, np.float64), np.ascontiguousarray(length))
-        with threads_for(length.size):
-            _kernels.ratio_terms(
-                *self._arrays, *surface, optics, worse, CAUCHY if doubt else 0.0, tensor, aim
-            )
+        cauchy = CAUCHY if doubt else 0.0
+        given = (*self._arrays, *surface, optics, worse, cauchy, tensor, aim)
+        in_parts(_kernels.ratio_terms, 0, len(length), length.size, *given)
         return tensor, aim
 
 

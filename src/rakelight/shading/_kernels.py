@@ -15,11 +15,9 @@ from functools import partial
 import numpy as np
 
 from rakelight import jit
-from rakelight.jit import prange
 
 # Sums are within a strip of a row, which is never split.
 kernel = partial(jit.kernel, any_order=True)
-block_kernel = partial(jit.kernel, any_order=True, parallel=False)
 helper = partial(jit.helper, any_order=True)
 # Part of the kernel that calls it: its loops know where the arrays of a strip lie.
 inlined = partial(jit.helper, any_order=True, inline=True)
@@ -362,7 +360,7 @@ def count_residuals(here, size, row, a, value, own, histogram):
                     histogram[max(min(int(abs(r) * (BINS / WIDEST)), BINS - 1), 0)] += 1
 
 
-@block_kernel
+@kernel
 def explain(
     first_row, last_row, photos, table, active, gradient, points, camera, vectors, ambients,
     nearness, scales, lagged, project, albedo, tensor, vector, sums, histogram, misfit, turning,
@@ -540,7 +538,7 @@ def take(full, taken, hessian):
     hessian -= np.dot(columns, columns.T)
 
 
-@block_kernel
+@kernel
 def light_terms(
     block, photos, table, active, gradient, points, camera, vectors, ambients, nearness,
     scales, albedo, parameters, project, hessian, slope, cross,
@@ -597,10 +595,10 @@ def light_terms(
 
 
 @kernel
-def halve(photos, table, out):
+def halve(first_row, last_row, photos, table, out):
     """Means of 2 x 2 blocks in linear light as 16-bit values; 0 where one value is not usable."""
-    count, height, width, _ = out.shape
-    for row in prange(height):
+    count, _, width, _ = out.shape
+    for row in range(first_row, last_row):
         for i in range(count):
             for column in range(width):
                 for c in range(3):

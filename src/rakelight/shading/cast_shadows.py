@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight import jit
-from rakelight.jit import prange
 from rakelight.model import Camera, Floats, Mask
 
 STRIDE_PX = 0.5
@@ -34,16 +33,16 @@ def in_sight(depth_m: Floats, camera: Camera, points_m: Floats, to_lamp_m: Float
     optics = (camera.fx, camera.fy, camera.cx, camera.cy)
     points, lamps = (np.ascontiguousarray(a, np.float64) for a in (points_m, to_lamp_m))
     free = np.ones(len(points), dtype=bool)
-    with jit.threads_for(len(points)):
-        _march(solid, optics, float(solid.min()), points, lamps, free)
+    given = (solid, optics, float(solid.min()), points, lamps, free)
+    jit.in_parts(_march, 0, len(points), len(points), *given)
     return free
 
 
 @jit.kernel
-def _march(depth, optics, nearest, points, lamps, free):  # type: ignore[no-untyped-def]
+def _march(first, last, depth, optics, nearest, points, lamps, free):  # type: ignore[no-untyped-def]
     fx, fy, cx, cy = optics
     height, width = depth.shape
-    for i in prange(len(points)):
+    for i in range(first, last):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         lx, ly, lz = lamps[i, 0], lamps[i, 1], lamps[i, 2]
         pixel_m = z / fx

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from rakelight.geometry.grid import Grid, Links, has_gradient
-from rakelight.jit import in_blocks
+from rakelight.jit import in_blocks, in_parts
 from rakelight.model import FARTHEST_M, MAD_TO_SIGMA, Array, Camera, Floats, Lights, Mask
 
 # Rows are summed in this many blocks, however many cores there are: the same numbers everywhere.
@@ -348,7 +348,7 @@ class Photographs:
 
         height, width = (-(-side // 2) for side in self.mask.shape)
         small = np.empty((len(self), height, width, 3), dtype=np.uint16)
-        _kernels.halve(self.values, self._light, small)
+        in_parts(_kernels.halve, 0, height, small.size, self.values, self._light, small)
         camera = Camera(
             width, height, self.camera.fx / 2, self.camera.fy / 2,
             (self.camera.cx - 0.5) / 2, (self.camera.cy - 0.5) / 2,

@@ -3,8 +3,9 @@
 
 A stencil is (5, h, w): centre, east, south, south-east, south-west, with a border of zeros one
 pixel wide, so that no loop asks where the grid ends.  Pixels that are no unknowns have zeros in
-all five.  What runs at the same time is independent, and sums are returned per row (numba would
-add the rows up in parallel): the result does not depend on the number of threads.
+all five.  Kernels do what their outer loop does from `first` up to `last`, most often rows of that
+array; these parts are independent, and sums are kept per row: the result does not depend on the
+number of threads.
 
 Coarse point (i, j) sits on fine point (2i - 1, 2j - 1), borders counted.
 """
@@ -13,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rakelight.jit import helper, kernel, prange
+from rakelight.jit import helper, kernel
 
 # Sums of couplings below this fraction of the diagonal give no direction to interpolate from.
 NO_COUPLING = np.float32(1e-6)
@@ -29,11 +30,10 @@ ROUND_UP = 1 + float(np.finfo(np.float32).eps)
 
 
 @kernel
-def lowest(mask, values):
-    """The smallest of values (H, W, C) inside mask, per row; NaN where one is not finite."""
-    height, width, channels = values.shape
-    rows = np.empty(height)
-    for r in prange(height):
+def lowest(first, last, mask, values, rows):
+    """rows (H) = the smallest of values (H, W, C) inside mask; NaN where one is not finite."""
+    _, width, channels = values.shape
+    for r in range(first, last):
         least = np.inf
         for c in range(width):
             if mask[r, c]:
@@ -45,23 +45,20 @@ def lowest(mask, values):
             if np.isnan(least):
                 break
         rows[r] = least
-    return rows
 
 
 @kernel
-def assemble(mask, tensor, vector, pairs, A, rhs):
-    """Add every pixel's gradient energy to the stencil A and to rhs (both with a border).
+def assemble(first, last, phase, mask, tensor, vector, pairs, A, rhs):
+    """Add the gradient energy of rows phase + 3 k to the stencil A and to rhs (with a border).
 
     `pairs` is (H, W, 4) or (0, 0, 4) for none.  A pixel writes to its own row and the two
     beside it, so every third row is done at once.
     """
-    height, width = mask.shape
-    for phase in range(3):
-        for k in prange((height - phase + 2) // 3):
-            r = phase + 3 * k
-            for c in range(width):
-                if mask[r, c]:
-                    _assemble_pixel(r, c, mask, tensor, vector, pairs, A, rhs)
+    for k in range(first, last):
+        r = phase + 3 * k
+        for c in range(mask.shape[1]):
+            if mask[r, c]:
+                _assemble_pixel(r, c, mask, tensor, vector, pairs, A, rhs)
 
 
 @helper
@@ -152,10 +149,10 @@ def _entry(A, r, c, dr, dc):
 
 
 @kernel
-def apply(A, top, left, x, out):
+def apply(first, last, A, top, left, x, out):
     """out = A x; x and out are the window of A that begins at [top, left], border included."""
-    h, w = x.shape
-    for r in prange(1, h - 1):
+    w = x.shape[1]
+    for r in range(first, last):
         k, right = top + r, left + w
         centre, east = A[0, k, left:right], A[1, k, left:right]
         south, north = A[2, k, left:right], A[2, k - 1, left:right]
@@ -173,24 +170,19 @@ def apply(A, top, left, x, out):
 
 
 @kernel
-def dot(x, y):
-    """The sum of x * y per row."""
-    h = len(x)
-    rows = np.zeros(h)
-    for r in prange(h):
+def dot(first, last, x, y, rows):
+    """rows (h) = the sum of x * y over each row."""
+    for r in range(first, last):
         total = 0.0
         for c in range(x.shape[1]):
             total += x[r, c] * y[r, c]
         rows[r] = total
-    return rows
 
 
 @kernel
-def step(alpha, direction, image, x, residual):
-    """x += alpha direction, residual -= alpha image; the residual's new square sum per row."""
-    h = len(x)
-    rows = np.zeros(h)
-    for r in prange(h):
+def step(first, last, alpha, direction, image, x, residual, rows):
+    """x += alpha direction, residual -= alpha image; rows (h) = its new sum of squares by row."""
+    for r in range(first, last):
         total = 0.0
         for c in range(x.shape[1]):
             x[r, c] += alpha * direction[r, c]
@@ -198,30 +190,29 @@ def step(alpha, direction, image, x, residual):
             residual[r, c] = left
             total += left * left
         rows[r] = total
-    return rows
 
 
 @kernel
-def turn(beta, z, direction):
+def turn(first, last, beta, z, direction):
     """direction = z + beta direction."""
-    for r in prange(len(z)):
+    for r in range(first, last):
         for c in range(z.shape[1]):
             direction[r, c] = z[r, c] + beta * direction[r, c]
 
 
 @kernel
-def scaled(factor, x, out):
+def scaled(first, last, factor, x, out):
     """out = factor x, in the precision of out."""
-    for r in prange(len(x)):
+    for r in range(first, last):
         for c in range(x.shape[1]):
             out[r, c] = factor * x[r, c]
 
 
 @kernel
-def second_differences(along_u, along_v, weight, top, left, x, out):
+def second_differences(first, last, along_u, along_v, weight, top, left, x, out):
     """out = weight (x_uu + x_vv), each axis where its flag is set; a window as in `apply`."""
-    h, w = x.shape
-    for r in prange(1, h - 1):
+    w = x.shape[1]
+    for r in range(first, last):
         for c in range(1, w - 1):
             i, j = top + r, left + c
             value = 0.0
@@ -233,10 +224,10 @@ def second_differences(along_u, along_v, weight, top, left, x, out):
 
 
 @kernel
-def second_differences_transposed(along_u, along_v, top, left, y, out):
+def second_differences_transposed(first, last, along_u, along_v, top, left, y, out):
     """out += the transpose of `second_differences` with weight 1, applied to y."""
-    h, w = y.shape
-    for r in prange(1, h - 1):
+    w = y.shape[1]
+    for r in range(first, last):
         for c in range(1, w - 1):
             i, j = top + r, left + c
             value = -2.0 * y[r, c] * (int(along_u[i, j]) + int(along_v[i, j]))
@@ -255,13 +246,13 @@ def second_differences_transposed(along_u, along_v, top, left, y, out):
 
 
 @kernel
-def rounded_up(A, out):
+def rounded_up(first, last, A, out):
     """out = A in single precision and never below it: out - A is positive semidefinite.
 
     The couplings are rounded to the nearest; by as much as they move, both their ends gain.
     """
-    _, h, w = A.shape
-    for r in prange(1, h - 1):
+    w = A.shape[2]
+    for r in range(first, last):
         for c in range(1, w - 1):
             if A[0, r, c] > 0:
                 lost = _rounding(A[1, r, c - 1]) + _rounding(A[2, r - 1, c])
@@ -281,23 +272,21 @@ def _rounding(value):
 
 
 @kernel
-def factor_lines(A, row_pivots, column_pivots, width):
-    """Reciprocal pivots of the tridiagonal matrix of every row and of every column.
-
-    width : of the block of columns that one thread takes.
-    """
-    _, h, w = A.shape
-    for r in prange(1, h - 1):
-        for c in range(1, w - 1):
+def factor_rows(first, last, A, pivots):
+    """pivots (h, w) = reciprocal pivots of the tridiagonal matrix of every row."""
+    for r in range(first, last):
+        for c in range(1, A.shape[2] - 1):
             if A[0, r, c] > 0:
-                row_pivots[r, c] = _pivot(A[0, r, c], A[1, r, c - 1], row_pivots[r, c - 1])
-    for block in prange((w - 2 + width - 1) // width):
-        first = 1 + width * block
-        for r in range(1, h - 1):
-            for c in range(first, min(first + width, w - 1)):
-                if A[0, r, c] > 0:
-                    above = column_pivots[r - 1, c]
-                    column_pivots[r, c] = _pivot(A[0, r, c], A[2, r - 1, c], above)
+                pivots[r, c] = _pivot(A[0, r, c], A[1, r, c - 1], pivots[r, c - 1])
+
+
+@kernel
+def factor_columns(first, last, A, pivots):
+    """pivots (h, w) = reciprocal pivots of the tridiagonal matrix of columns first to last."""
+    for r in range(1, A.shape[1] - 1):
+        for c in range(first, last):
+            if A[0, r, c] > 0:
+                pivots[r, c] = _pivot(A[0, r, c], A[2, r - 1, c], pivots[r - 1, c])
 
 
 @helper
@@ -307,13 +296,13 @@ def _pivot(diagonal, side, before):
 
 
 @kernel
-def relax_rows(A, pivots, b, x, parity, alone):
-    """Solve rows 1 + parity, 3 + parity, ... exactly for their own unknowns.
+def relax_rows(first, last, A, pivots, b, x, parity, alone):
+    """Solve rows 1 + parity + 2 k exactly for their own unknowns.
 
     `alone`: the other rows count as zero and are not read.
     """
-    _, h, w = A.shape
-    for k in prange((h - 1 - parity) // 2):
+    w = A.shape[2]
+    for k in range(first, last):
         r = 1 + parity + 2 * k
         own = x[r]
         line = b[r].copy()
@@ -330,71 +319,69 @@ def relax_rows(A, pivots, b, x, parity, alone):
                 )
         pivot = pivots[r]
         ratio = A[1, r] * pivot
-        last = line[0]
+        before = line[0]
         for c in range(1, w - 1):
-            last = line[c] - ratio[c - 1] * last
-            own[c] = last * pivot[c]
-        last = own[w - 1]
+            before = line[c] - ratio[c - 1] * before
+            own[c] = before * pivot[c]
+        before = own[w - 1]
         for c in range(w - 2, 0, -1):
-            last = own[c] - ratio[c] * last
-            own[c] = last
+            before = own[c] - ratio[c] * before
+            own[c] = before
 
 
 @kernel
-def relax_columns(A, pivots, b, x, parity, width):
-    """Solve columns 1 + parity, 3 + parity, ... exactly for their own unknowns.
+def relax_columns(first, last, A, pivots, b, x, parity):
+    """Solve columns 1 + parity, 3 + parity, ... exactly, those from first up to last.
 
-    A thread walks down a block of `width` columns row by row.  All of them are computed and
-    every other one is kept: contiguous arithmetic is faster than half of it with gaps.
+    Row by row all these columns are computed and every other one is kept: contiguous arithmetic
+    is faster than half of it with gaps.
     """
-    _, h, w = A.shape
-    for block in prange((w - 2 + width - 1) // width):
-        first = 1 + width * block
-        n = min(width, w - 1 - first)
-        left, right = first - 1, first + n + 1
-        lines = np.empty((h, n), x.dtype)
-        lines[0] = 0
-        for r in range(1, h - 1):
-            y, y_above = lines[r], lines[r - 1]
-            above, own, below = x[r - 1, left:right], x[r, left:right], x[r + 1, left:right]
-            east, north = A[1, r, left:right], A[2, r - 1, left:right]
-            south_east, north_west = A[3, r, left:right], A[3, r - 1, left:right]
-            south_west, north_east = A[4, r, left:right], A[4, r - 1, left:right]
-            pivot, known = pivots[r - 1, left:right], b[r, left:right]
-            # Short loops: the compiler vectorises them only while few arrays may overlap.
-            for c in range(n):
-                y[c] = known[c + 1] - (east[c + 1] * own[c + 2] + east[c] * own[c])
-            for c in range(n):
-                y[c] -= south_east[c + 1] * below[c + 2] + north_west[c] * above[c]
-            for c in range(n):
-                y[c] -= south_west[c + 1] * below[c] + north_east[c + 2] * above[c + 2]
-            for c in range(n):
-                y[c] -= north[c + 1] * pivot[c + 1] * y_above[c]
-        last = np.zeros(n, x.dtype)
-        start = (first + 1 + parity) % 2
-        for r in range(h - 2, 0, -1):
-            y, own = lines[r], x[r, first : first + n]
-            south, pivot = A[2, r, first : first + n], pivots[r, first : first + n]
-            for c in range(n):
-                last[c] = pivot[c] * (y[c] - south[c] * last[c])
-            for c in range(start, n, 2):
-                own[c] = last[c]
+    h = A.shape[1]
+    n = last - first
+    left, right = first - 1, first + n + 1
+    lines = np.empty((h, n), x.dtype)
+    lines[0] = 0
+    for r in range(1, h - 1):
+        y, y_above = lines[r], lines[r - 1]
+        above, own, below = x[r - 1, left:right], x[r, left:right], x[r + 1, left:right]
+        east, north = A[1, r, left:right], A[2, r - 1, left:right]
+        south_east, north_west = A[3, r, left:right], A[3, r - 1, left:right]
+        south_west, north_east = A[4, r, left:right], A[4, r - 1, left:right]
+        pivot, known = pivots[r - 1, left:right], b[r, left:right]
+        # Short loops: the compiler vectorises them only while few arrays may overlap.
+        for c in range(n):
+            y[c] = known[c + 1] - (east[c + 1] * own[c + 2] + east[c] * own[c])
+        for c in range(n):
+            y[c] -= south_east[c + 1] * below[c + 2] + north_west[c] * above[c]
+        for c in range(n):
+            y[c] -= south_west[c + 1] * below[c] + north_east[c + 2] * above[c + 2]
+        for c in range(n):
+            y[c] -= north[c + 1] * pivot[c + 1] * y_above[c]
+    after = np.zeros(n, x.dtype)
+    start = (first + 1 + parity) % 2
+    for r in range(h - 2, 0, -1):
+        y, own = lines[r], x[r, first : first + n]
+        south, pivot = A[2, r, first : first + n], pivots[r, first : first + n]
+        for c in range(n):
+            after[c] = pivot[c] * (y[c] - south[c] * after[c])
+        for c in range(start, n, 2):
+            own[c] = after[c]
 
 
 # --- between the levels --------------------------------------------------------------------
 
 
 @kernel
-def interpolation(A, P):
-    """Weights of the coarse points for every fine point, after Dendy (1982).
+def interpolation(first, last, A, P):
+    """Weights of the coarse points for the fine points beside and between two, after Dendy (1982).
 
     P : (h, w, 4) fine (r, c) from its own coarse point, the one to the east, south, south-east.
-    Between two coarse points the stencil is summed across the line that joins them; amid four
-    the equation of the point is solved for it.  The weights add up to 1 and stay of that size;
-    where nothing couples a point to them it takes the value of its own coarse point.
+    Between two coarse points the stencil is summed across the line that joins them; for points
+    amid four see `interpolation_amid_four`.  The weights add up to 1 and stay of that size; where
+    nothing couples a point to them it takes the value of its own coarse point.
     """
-    _, h, w = A.shape
-    for r in prange(1, h - 1):
+    w = A.shape[2]
+    for r in range(first, last):
         for c in range(1, w - 1):
             if A[0, r, c] == 0:
                 continue
@@ -407,11 +394,14 @@ def interpolation(A, P):
                 north = A[2, r - 1, c] + A[3, r - 1, c - 1] + A[4, r - 1, c + 1]
                 south = A[2, r, c] + A[3, r, c] + A[4, r, c]
                 _share(P[r, c], 2, A[0, r, c], north, A[0, r - 1, c], south, A[0, r + 1, c])
-    for k in prange((h - 1) // 2):
+
+
+@kernel
+def interpolation_amid_four(first, last, A, P):
+    """The weights in rows 2 k + 2 of points amid four coarse ones: their own equation is solved."""
+    for k in range(first, last):
         r = 2 * k + 2
-        if r == h - 1:
-            continue
-        for c in range(2, w - 1, 2):
+        for c in range(2, A.shape[2] - 1, 2):
             if A[0, r, c] > 0:
                 _amid_four(A, r, c, P)
 
@@ -444,11 +434,11 @@ def _amid_four(A, r, c, P):
 
 
 @kernel
-def galerkin(A, P, coarse):
+def galerkin(first, last, A, P, coarse):
     """coarse = Pᵀ A P; it is a 9-point stencil again."""
     _, h, w = A.shape
-    _, coarse_h, coarse_w = coarse.shape
-    for i in prange(1, coarse_h - 1):
+    coarse_w = coarse.shape[2]
+    for i in range(first, last):
         image = np.empty((5, 5))  # A times the basis function of (i, j), around (2i-1, 2j-1)
         for j in range(1, coarse_w - 1):
             image[:] = 0
@@ -509,15 +499,15 @@ def _collect(image, P, i, j, coarse):
 
 
 @kernel
-def restrict(A, b, x, north, south, coarse):
+def restrict(first, last, A, b, x, north, south, coarse):
     """coarse = Pᵀ (b - A x), right after the even columns were relaxed: there it is zero.
 
     So only odd columns count (borders counted; parity 0), where a row between two coarse
     rows goes by `north` and `south` (h_coarse, w_coarse) to the one above and below.
     """
     _, h, w = A.shape
-    coarse_h, coarse_w = coarse.shape
-    for i in prange(1, coarse_h - 1):
+    coarse_w = coarse.shape[1]
+    for i in range(first, last):
         line = np.empty((3, w), x.dtype)
         line[:] = 0
         for k in range(3):
@@ -548,11 +538,11 @@ def _residual(A, b, x, r, out):
 
 
 @kernel
-def prolong(north, south, coarse, x):
+def prolong(first, last, north, south, coarse, x):
     """x += P coarse on the odd columns; the even ones are relaxed next and need no start."""
     h = len(x)
-    coarse_h, coarse_w = coarse.shape
-    for i in prange(1, coarse_h - 1):
+    coarse_w = coarse.shape[1]
+    for i in range(first, last):
         upper, lower = coarse[i], coarse[i + 1]
         own = x[2 * i - 1]
         for j in range(1, coarse_w - 1):

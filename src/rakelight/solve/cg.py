@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from rakelight.jit import in_parts
 from rakelight.model import Floats
 
 # The residual is updated, not recomputed; when it says "done" and the true one does not agree,
@@ -28,28 +29,38 @@ def conjugate_gradients(
     A⁻¹ residual in an array of its own, valid until the next call.  Stops early where A or the
     preconditioner is not positive definite, or where rounding leaves nothing to gain.
     """
-    from rakelight.solve._kernels import dot, step, turn
+    from rakelight.solve import _kernels
+
+    rows = np.empty(len(x))
+    whole = (0, len(x), x.size)
+
+    def dot(first: Floats, second: Floats) -> float:
+        in_parts(_kernels.dot, *whole, first, second, rows)
+        return float(rows.sum())
 
     image, residual, direction = (np.zeros_like(x) for _ in range(3))
     inner = np.s_[1:-1, 1:-1]
     residual[inner] = rhs
-    iterations, last, size = 0, np.inf, np.sqrt(dot(residual, residual).sum())
+    iterations, last, size = 0, np.inf, np.sqrt(dot(residual, residual))
     for _ in range(1 + RESTARTS):
         apply(x, image)
         np.subtract(rhs, image[inner], out=residual[inner])
-        norm = np.sqrt(dot(residual, residual).sum())
+        norm = np.sqrt(dot(residual, residual))
         aim = tolerance * (size or norm)
         if iterations >= max_iterations or not aim < norm < 0.5 * last:
             break
         last, slope = norm, 0.0
         while norm > aim and iterations < max_iterations:
             z = precondition(residual, norm)
-            slope, before = dot(residual, z).sum(), slope
-            turn(slope / before if before else 0.0, z, direction)
+            slope, before = dot(residual, z), slope
+            beta = slope / before if before else 0.0
+            in_parts(_kernels.turn, *whole, beta, z, direction)
             apply(direction, image)
-            curvature = dot(direction, image).sum()
+            curvature = dot(direction, image)
             if not (slope > 0 and curvature > 0 and np.isfinite(slope / curvature)):
                 return iterations
-            norm = np.sqrt(step(slope / curvature, direction, image, x, residual).sum())
+            alpha = slope / curvature
+            in_parts(_kernels.step, *whole, alpha, direction, image, x, residual, rows)
+            norm = np.sqrt(rows.sum())
             iterations += 1
     return iterations

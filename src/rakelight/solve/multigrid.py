@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from rakelight.errors import InputError
-from rakelight.jit import share, threads_for
+from rakelight.jit import in_parts
 from rakelight.model import Floats, Mask
 from rakelight.solve.cg import conjugate_gradients
 from rakelight.solve.direct import stencil_matrix
@@ -30,6 +30,8 @@ COARSEST = 300
 SMALLEST_DIAGONAL = 1e-20
 # Added to the coarsest diagonal, as a part of it: more than rounding takes away.
 RIDGE = 1e-12
+# Columns that one core relaxes side by side, at the least: fewer would not fill wide instructions.
+LEAST_COLUMNS = 64
 
 
 @dataclass(frozen=True)
@@ -81,10 +83,10 @@ class Hierarchy:
         single precision.
         """
         finest = self.levels[0]
-        with threads_for(finest.x.size):
-            _kernels().scaled(1 / norm, residual, finest.rhs)
-            self._cycle(0)
-            _kernels().scaled(norm / self.scale, finest.x, finest.x)
+        rows = (0, len(finest.x), finest.x.size)
+        in_parts(_kernels().scaled, *rows, 1 / norm, residual, finest.rhs)
+        self._cycle(0)
+        in_parts(_kernels().scaled, *rows, norm / self.scale, finest.x, finest.x)
         return finest.x
 
     def _cycle(self, depth: int) -> None:
@@ -93,15 +95,16 @@ class Hierarchy:
             self._solve_coarsest(level)
             return
         coarser = self.levels[depth + 1]
-        with threads_for(level.x.size):
-            _relax(level)
-            _kernels().restrict(
-                level.stencil, level.rhs, level.x, level.north, level.south, coarser.rhs
-            )
+        coarse_rows = (1, len(coarser.x) - 1, level.x.size)
+        between = (level.north, level.south)
+        _relax(level)
+        in_parts(
+            _kernels().restrict, *coarse_rows, level.stencil, level.rhs, level.x, *between,
+            coarser.rhs,
+        )  # fmt: skip
         self._cycle(depth + 1)
-        with threads_for(level.x.size):
-            _kernels().prolong(level.north, level.south, coarser.x, level.x)
-            _relax_back(level)
+        in_parts(_kernels().prolong, *coarse_rows, *between, coarser.x, level.x)
+        _relax_back(level)
 
     def _solve_coarsest(self, level: Level) -> None:
         from scipy.linalg import cho_solve
@@ -112,22 +115,30 @@ class Hierarchy:
 
 def _relax(level: Level) -> None:
     """Solve the rows, every other one at a time, then the columns; x needs no start."""
-    A, b, x, width = level.stencil, level.rhs, level.x, share(level.x.shape[1] - 2)
-    k = _kernels()
-    k.relax_rows(A, level.row_pivots, b, x, 0, True)
-    k.relax_rows(A, level.row_pivots, b, x, 1, False)
-    k.relax_columns(A, level.column_pivots, b, x, 0, width)
-    k.relax_columns(A, level.column_pivots, b, x, 1, width)
+    _relax_rows(level, 0, alone=True)
+    _relax_rows(level, 1)
+    _relax_columns(level, 0)
+    _relax_columns(level, 1)
 
 
 def _relax_back(level: Level) -> None:
     """The same lines in the opposite order: the transpose of `_relax`."""
-    A, b, x, width = level.stencil, level.rhs, level.x, share(level.x.shape[1] - 2)
-    k = _kernels()
-    k.relax_columns(A, level.column_pivots, b, x, 1, width)
-    k.relax_columns(A, level.column_pivots, b, x, 0, width)
-    k.relax_rows(A, level.row_pivots, b, x, 1, False)
-    k.relax_rows(A, level.row_pivots, b, x, 0, False)
+    _relax_columns(level, 1)
+    _relax_columns(level, 0)
+    _relax_rows(level, 1)
+    _relax_rows(level, 0)
+
+
+def _relax_rows(level: Level, parity: int, alone: bool = False) -> None:
+    rows, x = (len(level.x) - 1 - parity) // 2, level.x
+    given = (level.stencil, level.row_pivots, level.rhs, x, parity, alone)
+    in_parts(_kernels().relax_rows, 0, rows, x.size, *given)
+
+
+def _relax_columns(level: Level, parity: int) -> None:
+    x, last = level.x, level.x.shape[1] - 1
+    given = (level.stencil, level.column_pivots, level.rhs, x, parity)
+    in_parts(_kernels().relax_columns, 1, last, x.size, *given, least=LEAST_COLUMNS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,15 +160,14 @@ class Multigrid:
             raise InputError("built for another mask", source="hierarchy")
         top, left, window = hierarchy.top, hierarchy.left, hierarchy.window
         x = np.pad(np.where(system.mask, start, 0.0)[window], 1)
-        with threads_for(x.size):
-            iterations = conjugate_gradients(
-                lambda p, out: system.apply_window(p, out, top, left),
-                hierarchy.precondition,
-                system.rhs[window],
-                x,
-                tolerance,
-                max_iterations,
-            )
+        iterations = conjugate_gradients(
+            lambda p, out: system.apply_window(p, out, top, left),
+            hierarchy.precondition,
+            system.rhs[window],
+            x,
+            tolerance,
+            max_iterations,
+        )
         value = start.copy()
         value[window] = x[1:-1, 1:-1]
         return value, iterations
@@ -201,8 +211,7 @@ def build_hierarchy(system: DepthSystem) -> Hierarchy:
 
     levels = []
     while True:
-        with threads_for(stencil[0].size):
-            level, coarse = _level(stencil)
+        level, coarse = _level(stencil)
         levels.append(level)
         if coarse is None:
             break
@@ -226,9 +235,11 @@ def _level(exact: Floats) -> tuple[Level, Floats | None]:
     """The level of the stencil `exact` (5, h, w) float64, and the next coarser stencil."""
     _, h, w = exact.shape
     stencil = np.zeros(exact.shape, np.float32)
-    _kernels().rounded_up(exact, stencil)
+    k, rows, columns = _kernels(), (1, h - 1, h * w), (1, w - 1, h * w)
+    in_parts(k.rounded_up, *rows, exact, stencil)
     row_pivots, column_pivots = np.zeros((2, h, w), np.float32)
-    _kernels().factor_lines(stencil, row_pivots, column_pivots, share(w - 2))
+    in_parts(k.factor_rows, *rows, stencil, row_pivots)
+    in_parts(k.factor_columns, *columns, stencil, column_pivots, least=LEAST_COLUMNS)
     ch, cw = (h + 1) // 2 + 1, (w + 1) // 2 + 1
     north, south = np.zeros((2, ch, cw), np.float32)
     scratch = np.zeros((2, h, w), np.float32)
@@ -236,9 +247,10 @@ def _level(exact: Floats) -> tuple[Level, Floats | None]:
     if np.count_nonzero(exact[0]) <= COARSEST or max(h, w) <= 4:
         return level, None
     P = np.zeros((h, w, 4), np.float32)
-    _kernels().interpolation(exact, P)
+    in_parts(k.interpolation, *rows, exact, P)
+    in_parts(k.interpolation_amid_four, 0, h // 2 - 1, h * w, exact, P)
     coarse = np.zeros((5, ch, cw))
-    _kernels().galerkin(exact, P, coarse)
+    in_parts(k.galerkin, 1, ch - 1, h * w, exact, P, coarse)
     between = P[2:-1:2, 1::2]
     rows, columns = between.shape[:2]
     north[1 : 1 + rows, 1 : 1 + columns] = between[..., 0]

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from rakelight.errors import InputError
-from rakelight.jit import threads_for
+from rakelight.jit import in_parts
 from rakelight.model import Floats, Mask
 
 if TYPE_CHECKING:
@@ -69,9 +69,10 @@ class Laplacian:
         """out += Lᵀ lambda L x in the window (border included) that begins at [top, left]."""
         from rakelight.solve import _kernels
 
-        y = np.zeros_like(x)
-        _kernels.second_differences(self.along_u, self.along_v, self.weight, top, left, x, y)
-        _kernels.second_differences_transposed(self.along_u, self.along_v, top, left, y, out)
+        y, where = np.zeros_like(x), (self.along_u, self.along_v)
+        rows = (1, len(x) - 1, x.size)
+        in_parts(_kernels.second_differences, *rows, *where, self.weight, top, left, x, y)
+        in_parts(_kernels.second_differences_transposed, *rows, *where, top, left, y, out)
 
     def right_side(self, target: Floats) -> Floats:
         """Lᵀ lambda l, (H, W), for the aim l (H, W)."""
@@ -79,7 +80,9 @@ class Laplacian:
 
         out = np.zeros_like(self.weight)
         y = self.weight * np.pad(target, 1)
-        _kernels.second_differences_transposed(self.along_u, self.along_v, 0, 0, y, out)
+        _kernels.second_differences_transposed(
+            1, len(y) - 1, self.along_u, self.along_v, 0, 0, y, out
+        )
         return out[1:-1, 1:-1]
 
 
@@ -119,8 +122,7 @@ class DepthSystem:
         """A x, (H, W) float64, zero outside the mask, where x is not read."""
         padded = np.pad(np.where(self.mask, x, 0.0), 1)
         out = np.zeros_like(padded)
-        with threads_for(padded.size):
-            self.apply_window(padded, out)
+        self.apply_window(padded, out)
         return out[1:-1, 1:-1]
 
     def apply_window(self, x: Floats, out: Floats, top: int = 0, left: int = 0) -> None:
@@ -131,7 +133,7 @@ class DepthSystem:
         """
         from rakelight.solve import _kernels
 
-        _kernels.apply(self.stencil, top, left, x, out)
+        in_parts(_kernels.apply, 1, len(x) - 1, x.size, self.stencil, top, left, x, out)
         if self.laplacian is not None:
             self.laplacian.add(x, out, top, left)
         if self.extra is not None:
@@ -251,8 +253,10 @@ def _gradient_stencil(
     height, width = mask.shape
     stencil = np.zeros((5, height + 2, width + 2))
     rhs = np.zeros((height + 2, width + 2))
-    with threads_for(mask.size):
-        _kernels.assemble(mask, tensor, vector, pairs, stencil, rhs)
+    for phase in range(3):
+        rows = (height - phase + 2) // 3
+        given = (phase, mask, tensor, vector, pairs, stencil, rhs)
+        in_parts(_kernels.assemble, 0, rows, mask.size, *given)
     return stencil, rhs
 
 
@@ -294,8 +298,10 @@ def _checked(
     needed = mask.shape + ((channels,) if channels else ())
     if values.shape != needed:
         raise InputError("wrong shape", source=name, seen=str(values.shape), needed=str(needed))
-    with threads_for(mask.size):
-        least = _kernels.lowest(mask, values.reshape(*mask.shape, -1)).min()
+    rows = np.empty(len(mask))
+    given = (mask, values.reshape(*mask.shape, -1), rows)
+    in_parts(_kernels.lowest, 0, len(mask), mask.size, *given)
+    least = rows.min()
     if np.isnan(least):
         raise InputError("not finite inside the mask", source=name, needed="finite numbers")
     if lowest is not None and least < lowest:
