@@ -44,10 +44,12 @@ from random_captures import LIGHTING, one_thread, seeds
 SOURCE = Path(__file__).parent.parent / "src" / "rakelight"
 MODULES = {
     "multi-light": (
-        "methods/multi_light.py", "methods/fit.py", "methods/joint.py", "methods/levels.py",
-        "methods/weights.py", "methods/brightness.py", "methods/start.py",
-        "methods/factored_start.py", "methods/matte.py", "methods/fine_normals.py",
-        "methods/guarded.py", "methods/held_back.py", "shading/highlights.py", "solve/robust.py",
+        *(f"methods/multi_light/{name}.py" for name in (
+            "__init__", "model_selection", "steps", "energy", "joint_step", "noise",
+            "equal_intensity", "initial_lights", "factored_start", "outliers", "normals",
+        )),
+        "methods/levels.py", "methods/guarded.py", "methods/held_back.py",
+        "shading/highlights.py", "solve/levenberg_marquardt.py", "solve/robust.py",
     ),
     "rgb-ratio": (
         "methods/rgb_ratio.py", "methods/levels.py", "methods/ratios.py", "methods/saturated.py",
@@ -58,13 +60,13 @@ MODULES = {
 NOT_TUNED = ("FOURTH_DIFFERENCE", "MEAN_ABSOLUTE_TO_SIGMA", "TINY")
 """The coefficients of one; the normal distribution's; against division by zero."""
 OFF: dict[str, Any] = {
-    "multi_light.WORTH_IT": 0.0,
-    "multi_light.MOST_VARIED": np.inf,
-    "fit.BENDING": 0.0,
+    "model_selection.WORTH_IT": 0.0,
+    "model_selection.MOST_VARIED": np.inf,
+    "energy.BENDING": 0.0,
     "levels.FILLED": 1e-9,
     "levels.ISLAND": 0,
-    "matte.LEAST_HIDDEN": 2.0,
-    "matte.LEAST_SHARE": 2.0,
+    "outliers.LEAST_HIDDEN": 2.0,
+    "outliers.LEAST_SHARE": 2.0,
     "factored_start.SHADOW": 0.0,
     "factored_start.FREEDOM": 1e9,
     "held_back.LEAST_GAIN": np.inf,
@@ -92,7 +94,7 @@ class Trial:
 def constants(method: str) -> Iterator[tuple[str, str, Any]]:
     """Module, name and value of each constant of a method, in the order of its modules."""
     for path in MODULES[method]:
-        module = "rakelight." + path.removesuffix(".py").replace("/", ".")
+        module = "rakelight." + path.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
         for statement in ast.parse((SOURCE / path).read_text()).body:
             if isinstance(statement, ast.Assign):
                 for node in ast.walk(statement.targets[0]):

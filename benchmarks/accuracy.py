@@ -36,9 +36,9 @@ from rakelight.export.pictures import object_window, side_by_side
 from rakelight.geometry.camera import pixel_rays
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods import refine
-from rakelight.methods.bas_relief import best_relief
 from rakelight.methods.levels import finest_level
-from rakelight.methods.weights import deserved_steadiness
+from rakelight.methods.multi_light.bas_relief import best_relief
+from rakelight.methods.multi_light.noise import deserved_steadiness
 from rakelight.metrics import (
     color_errors,
     depth_error_map_mm,

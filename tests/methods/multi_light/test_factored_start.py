@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from rakelight.geometry.averaging import Averaging
-from rakelight.methods.factored_start import (
+from rakelight.methods.levels import finest_level, pyramid
+from rakelight.methods.multi_light.factored_start import (
     Problem,
     Weighted,
     descended,
     factored_start,
     reweighted,
 )
-from rakelight.methods.levels import finest_level, pyramid
 from rakelight.prepare import prepare
 from rakelight.synthetic import random_capture
 

@@ -20,14 +20,12 @@ import numpy as np
 
 from rakelight.geometry.derivatives import fourth_differences
 from rakelight.geometry.grid import Links, mean_gradient_transposed
-from rakelight.geometry.normals import normal_lengths, squared_turn
-from rakelight.methods.bas_relief import best_relief
-from rakelight.methods.brightness import unlikeness, unlikeness_terms
 from rakelight.methods.levels import Level
-from rakelight.model import Floats, Mask
+from rakelight.methods.multi_light.equal_intensity import unlikeness, unlikeness_terms
+from rakelight.model import Floats
 from rakelight.shading.photographs import Explanation, Lamps, Surface
-from rakelight.solve import DepthSystem, assemble, solve
-from rakelight.solve.gauss_newton import damped_solution
+from rakelight.solve import DepthSystem, assemble
+from rakelight.solve.levenberg_marquardt import Damping
 from rakelight.solve.robust import cauchy_scales
 
 FOURTH_DIFFERENCE = (0.125, -0.5, 0.75, -0.5, 0.125)
@@ -38,14 +36,11 @@ BENDING = 0.003
 SMALLEST_NOISE = 1e-5
 # On the way no photograph is taken for worse: rough residuals would hand the surface to the sensor.
 NOISIEST = 0.01
-# Levenberg-Marquardt: a refused step is tried again with so many times the damping.
-STRONGER, WEAKEST, STRONGEST, TRIES = 8.0, 1e-6, 1e2, 3
-# Of a depth step: weaker ones are all alike, and tries with them in vain.
-WEAKEST_HOLD = 1e-3
-# A step is solved for to this fraction: the next one starts from what it missed.
-STEP_TOLERANCE = 2e-2
-# Steps in which lights settle, and pixels that are enough for their curvature.
-SETTLE, SOME_PIXELS = 2, 2000
+# Of a depth step: with less the step is the same.
+LEAST_DEPTH_DAMPING = 1e-3
+# The damping of the first steps of the depth, of both, and of the lights.
+OF_DEPTH = Damping(LEAST_DEPTH_DAMPING, LEAST_DEPTH_DAMPING)
+OF_BOTH, OF_LIGHTS = Damping(1e-3), Damping(1e-2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,9 +67,9 @@ class Fit:
     near: bool = False
     one_ambient: bool = False
     steadiness: float = 0.0
-    depth_damping: float = WEAKEST_HOLD
-    joint_damping: float = 1e-3
-    lights_damping: float = 1e-2
+    depth_damping: Damping = OF_DEPTH
+    joint_damping: Damping = OF_BOTH
+    lights_damping: Damping = OF_LIGHTS
 
 
 def first_fit(
@@ -170,73 +165,6 @@ def depth_force(level: Level, fit: Fit) -> Floats:
     return np.asarray(shading + data - smoothing_force(level, fit))
 
 
-def damped_tensor(level: Level, fit: Fit, damping: float, some: Mask | None = None) -> Floats:
-    """The tensor with what keeps a normal that the photographs leave open from turning far.
-
-    The typical pixel's knowledge of its normal sets the measure.
-    some : (h, w) the pixels whose tensor stands for all, if not every pixel's does
-    """
-    camera = level.photographs.camera
-    gradient, tensor = fit.surface.gradient, fit.explanation.tensor.copy()
-    length = normal_lengths(gradient[..., 0], gradient[..., 1], camera)
-    turn = squared_turn(length, camera)
-    active = level.photographs.active
-    knowledge = np.median((tensor[..., 0] + tensor[..., 2])[active] / turn[active])
-    hold = damping * knowledge * turn * active
-    if some is not None:
-        tensor *= (np.count_nonzero(active) / np.count_nonzero(some) * some)[..., None]
-    tensor[..., 0] += hold
-    tensor[..., 2] += hold
-    return tensor
-
-
-def depth_step(level: Level, fit: Fit) -> Fit:
-    """One Gauss-Newton step of the depth, lights held; damped until the energy falls."""
-    damping = fit.depth_damping
-    for _ in range(TRIES):
-        system = depth_system(level, fit, damped_tensor(level, fit, damping))
-        step = solve(system, tolerance=STEP_TOLERANCE).value
-        tried = moved(level, fit, level.placed(fit.log_depth + step), fit.lamps, turning=True)
-        if tried.energy < fit.energy:
-            return replace(tried, depth_damping=max(damping / STRONGER, WEAKEST_HOLD))
-        damping *= STRONGER
-    return replace(fit, depth_damping=min(damping, STRONGEST))
-
-
-def relief_step(level: Level, fit: Fit) -> Fit:
-    """The fit after the bas-relief transform that brings the surface closest to the sensor.
-
-    Whatever becomes of the photographs' energy: distant lamps leave the transform open, and what
-    the energy says of it is the model's error, down which the surface would slide.  Near lamps
-    tell it, and joint steps see to it.
-    """
-    if fit.near:
-        return fit
-    log_depth, turn = best_relief(level, fit.log_depth, fit.lamps, fit.steadiness)
-    lamps = replace(fit.lamps, vector=fit.lamps.vector @ turn.T)
-    return moved(level, fit, log_depth, lamps, turning=True)
-
-
-def settled(level: Level, fit: Fit) -> Fit:
-    """The fit after some steps of the lights alone."""
-    for _ in range(SETTLE):
-        fit = lights_step(level, fit)
-    return fit
-
-
-def lights_step(level: Level, fit: Fit) -> Fit:
-    """One Gauss-Newton step of the lights, the depth held; damped until the energy falls."""
-    hessian, _ = light_curvature(level, fit, SOME_PIXELS)
-    slope, damping = light_slope(level, fit), fit.lights_damping
-    for _ in range(TRIES):
-        step = damped_solution(hessian, -slope, np.diag(hessian), damping)
-        tried = moved(level, fit, fit.log_depth, lamps_after(fit, step), turning=True)
-        if tried.energy < fit.energy:
-            return replace(tried, lights_damping=max(damping / STRONGER, WEAKEST))
-        damping *= STRONGER
-    return replace(fit, lights_damping=min(damping, STRONGEST))
-
-
 def light_curvature(
     level: Level, fit: Fit, most: int, mixed: bool = False
 ) -> tuple[Floats, Floats]:
@@ -302,44 +230,6 @@ def lamps_after(fit: Fit, step: Floats) -> Lamps:
     if fit.one_ambient:
         lamps = replace(lamps, ambient=lamps.ambient_share * lamps.irradiance)
     return lamps
-
-
-def stride(level: Level, before: Fit, fit: Fit) -> Fit:
-    """The way from `before` to `fit` once more and further, for as long as the energy falls.
-
-    Where reweighting or the bas-relief valley make the steps short, they all point one way.
-    """
-    way = fit.log_depth - before.log_depth
-    lights = lamps_step(before.lamps, fit.lamps)
-    best, share = fit, 1.0
-    behind = [(0.0, before.energy), (1.0, fit.energy)]
-    while goes_down(behind, 1 + share):
-        tried = moved(level, fit, fit.log_depth + share * way, fit.lamps.moved(share * lights))
-        if not tried.energy < best.energy:
-            break
-        behind.append((1 + share, tried.energy))
-        best, share = tried, 2 * share
-    return best
-
-
-def goes_down(behind: list[tuple[float, float]], place: float) -> bool:
-    """Whether the parabola through the last three (place, energy) is lower there than at the last.
-
-    Two tell nothing of what is ahead.
-    """
-    if len(behind) < 3:
-        return True
-    (first, high), (middle, low), (last, lowest) = behind[-3:]
-    slope = (lowest - low) / (last - middle)
-    bend = (slope - (low - high) / (middle - first)) / (last - first)
-    return slope + bend * (place - middle) < 0
-
-
-def lamps_step(before: Lamps, after: Lamps) -> Floats:
-    """What `Lamps.moved` takes from one to the other."""
-    closer, ambient = after.closeness - before.closeness, after.ambient - before.ambient
-    change = [after.vector - before.vector, closer[..., None], ambient[..., None]]
-    return np.concatenate(change, axis=-1)
 
 
 def gauge(fit: Fit, hessian: Floats) -> Floats:

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from rakelight.methods import refine
-from rakelight.methods.fit import first_fit, freedom, lamps_after
 from rakelight.methods.levels import finest_level, pyramid
-from rakelight.methods.multi_light import FIRST_TRUST, Options, first_look, unexplained
-from rakelight.methods.start import lamps_of_prior
+from rakelight.methods.multi_light import FIRST_TRUST, Options
+from rakelight.methods.multi_light.energy import first_fit, freedom, lamps_after
+from rakelight.methods.multi_light.initial_lights import lamps_of_prior
+from rakelight.methods.multi_light.model_selection import first_look, unexplained
 from rakelight.metrics import evaluate
 from rakelight.model import silent
 from rakelight.prepare import prepare

@@ -6,8 +6,8 @@ import numpy as np
 
 from rakelight.geometry.cells import cell_sums
 from rakelight.geometry.grid import pair_slices
-from rakelight.methods.fit import Fit
 from rakelight.methods.levels import Level, sensor_error
+from rakelight.methods.multi_light.energy import Fit
 from rakelight.model import MAD_TO_SIGMA, Floats, Mask
 from rakelight.prepare import Prepared
 

@@ -7,8 +7,8 @@ import pytest
 
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.normals import normals_from_gradient
-from rakelight.methods.bas_relief import best_relief, deepening
 from rakelight.methods.levels import finest_level
+from rakelight.methods.multi_light.bas_relief import best_relief, deepening
 from rakelight.prepare import prepare
 from rakelight.shading.photographs import Lamps
 from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene

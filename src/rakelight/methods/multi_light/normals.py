@@ -20,8 +20,8 @@ import numpy as np
 
 from rakelight.geometry.blur import blurred
 from rakelight.geometry.normals import normal_lengths, normals_from_gradient, squared_turn
-from rakelight.methods.fit import Fit
 from rakelight.methods.levels import Level
+from rakelight.methods.multi_light.energy import Fit
 from rakelight.model import Floats
 from rakelight.shading.photographs import Explanation
 from rakelight.solve.robust import variance_beyond

@@ -17,14 +17,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from rakelight.geometry.grid import Grid, differences, neighbours
 from rakelight.geometry.normals import normal_lengths, squared_turn
-from rakelight.methods.bas_relief import rays_of
-from rakelight.methods.estimate import NO_IDEA_RAD
-from rakelight.methods.fit import Fit
+from rakelight.methods.estimate import NO_IDEA_RAD, photometric_confidence
 from rakelight.methods.levels import Level, sensor_error
-from rakelight.methods.weights import block_variances
+from rakelight.methods.multi_light.bas_relief import rays_of
+from rakelight.methods.multi_light.energy import Fit
+from rakelight.methods.multi_light.noise import block_variances
 from rakelight.model import Floats
 from rakelight.prepare import Prepared
+from rakelight.solve.robust import variance_beyond
 
 # Least determinant of a tensor: its inverse does not overflow.
 TINY = 1e-30
@@ -93,3 +95,45 @@ def mean_error_variance(prepared: Prepared, log_depth: Floats, length_px: float)
             break
         found = variance / side**2
     return found
+
+
+def shared_noise(level: Level, fit: Fit) -> Floats:
+    """(h, w) standard deviation of a value as if the photographs shared nothing.
+
+    Noise averages over the photographs.  Residuals of a pixel beyond it are the model's errors,
+    shadows and highlights, which the photographs share.
+    """
+    shared = variance_beyond(fit.noise, fit.explanation.misfit)
+    return np.asarray(np.sqrt(fit.noise**2 + len(level.photographs) * shared))
+
+
+def confidence(level: Level, fit: Fit, noise: Floats, beside: Floats) -> Floats:
+    """(h, w) how well each normal is known; see `photometric_confidence`.
+
+    What is not known of a normal is averaged with its neighbours', which share its errors.  What is
+    not known of the whole surface's shape is not known of any normal.
+    """
+    gradient, photographs = fit.surface.gradient, level.photographs
+    length = normal_lengths(gradient[..., 0], gradient[..., 1], photographs.camera)
+    return photometric_confidence(
+        fit.explanation.tensor, noise, length, photographs.camera, photographs.active, beside
+    )
+
+
+def missed_bend(normals: Floats, grid: Grid) -> Floats:
+    """(h, w) squared angle, radians, that a depth map's differences miss where normals bend.
+
+    The mean of those to both sides is the slope's over two pixels, which is off the slope in the
+    middle by a sixth of its second difference.
+
+    >>> bend = np.array([[[-0.08, 0, -1], [0, 0, -1], [-0.08, 0, -1]]])
+    >>> missed_bend(bend, np.ones((1, 3), bool)).round(6).tolist()
+    [[0.0, 0.000711, 0.0]]
+    """
+    total = np.zeros(normals.shape[:2])
+    for axis in (0, 1):
+        both = np.logical_and(*neighbours(grid, axis))
+        for component in np.moveaxis(normals, -1, 0):
+            ahead, behind = differences(component, grid, axis)
+            total += np.where(both, (ahead - behind) ** 2, 0.0) / 36
+    return np.nan_to_num(total)  # what is beside a pixel without a normal is not seen

@@ -17,24 +17,22 @@ from scipy.sparse import csr_array, diags_array
 from rakelight.geometry.cells import Cells, cell_sums
 from rakelight.geometry.derivatives import gradient_image
 from rakelight.geometry.grid import Links
-from rakelight.methods.bas_relief import deepening
-from rakelight.methods.fit import (
-    STRONGER,
-    STRONGEST,
-    WEAKEST,
+from rakelight.geometry.normals import normal_lengths, squared_turn
+from rakelight.methods.levels import Level
+from rakelight.methods.multi_light.bas_relief import deepening
+from rakelight.methods.multi_light.energy import (
     Fit,
-    damped_tensor,
     depth_force,
     lamps_after,
     light_curvature,
     light_slope,
     moved,
 )
-from rakelight.methods.levels import Level
 from rakelight.model import Floats, Mask
 from rakelight.shading.photographs import applied
 from rakelight.solve import assemble
 from rakelight.solve.gauss_newton import border
+from rakelight.solve.levenberg_marquardt import lowered
 
 # Weight of one-sided differences over mean ones in a joint step's matrix, of pixels or of cells.
 STIFFNESS = 0.03
@@ -44,6 +42,17 @@ CELL_STIFFNESS = 0.5
 def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     """One Gauss-Newton step of lights and depth together; refused, it makes the next one shorter.
 
+    A refused one is not tried again: setting it up costs as much as all the rest.
+    """
+    lower, damping = lowered(
+        fit, fit.joint_damping, lambda damping: after_joint_step(level, fit, most_cells, damping), 1
+    )
+    return replace(lower, joint_damping=damping)
+
+
+def after_joint_step(level: Level, fit: Fit, most_cells: int, damping: float) -> Fit:
+    """The fit after one Gauss-Newton step of lights and depth together, whatever its energy.
+
     Above `most_cells` pixels the depth moves in cells, which is where the bas-relief valley lies;
     the depth step that follows sees to the detail.
 
@@ -51,7 +60,7 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     the same.  Under near lamps they have to.  Under distant ones `relief_step` sets the relief, and
     the depth's, of all pixels, keep this step from sliding where errors of the photographs lead.
     """
-    cell, damping = cell_size(level, most_cells), fit.joint_damping
+    cell = cell_size(level, most_cells)
     cells, most = Cells.on(level.mask, cell), 2 * most_cells
     some = level.photographs.some(most) if fit.near else None
     tensor = damped_tensor(level, fit, damping, some)
@@ -90,10 +99,7 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     if whole:
         numbers, deeper = numbers[:-1], numbers[-1]
         step += deeper * relief
-    tried = moved(level, fit, level.placed(fit.log_depth + step), lamps_after(fit, numbers))
-    if tried.energy < fit.energy:
-        return replace(tried, joint_damping=max(damping / STRONGER, WEAKEST))
-    return replace(fit, joint_damping=min(damping * STRONGER, STRONGEST))
+    return moved(level, fit, level.placed(fit.log_depth + step), lamps_after(fit, numbers))
 
 
 def cell_size(level: Level, most_cells: int) -> int:
@@ -127,3 +133,23 @@ def _sums_of_some(mixed: Floats, stride: int, cell: int, inside: Mask) -> Floats
     gather = csr_array((ones, (place, pixels)), shape=(inside.size, place.size))
     total = gather @ mixed.reshape(place.size, -1)
     return np.asarray(total[inside.ravel()]).reshape(-1, mixed.shape[-1])
+
+
+def damped_tensor(level: Level, fit: Fit, damping: float, some: Mask | None = None) -> Floats:
+    """The tensor with what keeps a normal that the photographs leave open from turning far.
+
+    The typical pixel's knowledge of its normal sets the measure.
+    some : (h, w) the pixels whose tensor stands for all, if not every pixel's does
+    """
+    camera = level.photographs.camera
+    gradient, tensor = fit.surface.gradient, fit.explanation.tensor.copy()
+    length = normal_lengths(gradient[..., 0], gradient[..., 1], camera)
+    turn = squared_turn(length, camera)
+    active = level.photographs.active
+    knowledge = np.median((tensor[..., 0] + tensor[..., 2])[active] / turn[active])
+    hold = damping * knowledge * turn * active
+    if some is not None:
+        tensor *= (np.count_nonzero(active) / np.count_nonzero(some) * some)[..., None]
+    tensor[..., 0] += hold
+    tensor[..., 2] += hold
+    return tensor

@@ -27,11 +27,11 @@ import numpy as np
 from scipy.sparse import diags_array, eye_array
 
 from rakelight.geometry.grid import Links, has_gradient
-from rakelight.methods.bas_relief import rays_of
 from rakelight.methods.estimate import scatter
 from rakelight.methods.ldr_ps import Factors, Options, factorise, integrable_basis
 from rakelight.methods.levels import Level
-from rakelight.methods.start import prior_normals, relief_of_slopes
+from rakelight.methods.multi_light.bas_relief import rays_of
+from rakelight.methods.multi_light.initial_lights import prior_normals, relief_of_slopes
 from rakelight.model import Floats, Mask
 from rakelight.shading.photographs import Lamps
 from rakelight.solve.direct import factorised

@@ -8,10 +8,10 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from rakelight.methods import refine
-from rakelight.methods.fit import first_fit
 from rakelight.methods.levels import finest_level
-from rakelight.methods.start import lamps_of_prior
-from rakelight.methods.weights import deserved_steadiness, deserved_trust
+from rakelight.methods.multi_light.energy import first_fit
+from rakelight.methods.multi_light.initial_lights import lamps_of_prior
+from rakelight.methods.multi_light.noise import deserved_steadiness, deserved_trust
 from rakelight.metrics import evaluate
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene

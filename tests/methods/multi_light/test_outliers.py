@@ -8,7 +8,7 @@ import pytest
 
 from rakelight.geometry.camera import back_project
 from rakelight.methods.levels import finest_level
-from rakelight.methods.matte import all_shadows, dimmed, in_shadow, matte
+from rakelight.methods.multi_light.outliers import all_shadows, dimmed, in_shadow, matte
 from rakelight.model import Lights
 from rakelight.prepare import prepare
 from rakelight.shading.photographs import Lamps
@@ -126,7 +126,7 @@ def test_shadows_looked_up_for_some_pixels_lie_where_they_are(monkeypatch):
     points = back_project(np.exp(log_depth), level.photographs.camera)
     exact = np.zeros((len(lights), *active.shape), dtype=bool)
     exact[:, active] = in_shadow(level, points, active, lights)[..., 0]
-    monkeypatch.setattr("rakelight.methods.matte.LOOKING", 100)
+    monkeypatch.setattr("rakelight.methods.multi_light.outliers.LOOKING", 100)
     assert level.photographs.stride(100) >= 4
     few = all_shadows(level, points, lights)[..., 0] & active
 

@@ -7,11 +7,12 @@ import pytest
 
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods import refine
-from rakelight.methods.fine_normals import gradient_step
-from rakelight.methods.fit import depth_step, first_fit, rescaled
-from rakelight.methods.joint import joint_step
 from rakelight.methods.levels import finest_level
-from rakelight.methods.start import lamps_of_prior
+from rakelight.methods.multi_light.energy import first_fit, rescaled
+from rakelight.methods.multi_light.initial_lights import lamps_of_prior
+from rakelight.methods.multi_light.joint_step import joint_step
+from rakelight.methods.multi_light.normals import gradient_step
+from rakelight.methods.multi_light.steps import depth_step
 from rakelight.metrics import evaluate
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rakelight.methods.brightness import unlikeness, unlikeness_terms
+from rakelight.methods.multi_light.equal_intensity import unlikeness, unlikeness_terms
 from rakelight.shading.photographs import Lamps
 
 

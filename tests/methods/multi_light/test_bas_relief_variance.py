@@ -7,18 +7,18 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from rakelight.geometry.normals import normals_from_gradient
-from rakelight.methods.bas_relief import best_relief
-from rakelight.methods.bas_relief_variance import (
+from rakelight.methods.levels import finest_level
+from rakelight.methods.multi_light.bas_relief import best_relief
+from rakelight.methods.multi_light.bas_relief_variance import (
     bas_relief_variance,
     lamps_moment,
     sensor_moment,
 )
-from rakelight.methods.levels import finest_level
 from rakelight.prepare import prepare
 from rakelight.shading.photographs import Lamps
 from rakelight.synthetic import DepthNoise
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "check"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "check"))
 from wrong_captures import sound
 
 NOISE = DepthNoise(rms_mm=2.0, correlation_length_px=4.0, growth=0.0)

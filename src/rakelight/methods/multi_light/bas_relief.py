@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight.geometry.camera import back_project
-from rakelight.methods.brightness import unlikeness
 from rakelight.methods.levels import Level
+from rakelight.methods.multi_light.equal_intensity import unlikeness
 from rakelight.model import Floats
 from rakelight.shading.photographs import Lamps
 

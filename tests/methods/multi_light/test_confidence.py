@@ -9,17 +9,17 @@ from scipy.ndimage import gaussian_filter
 
 from rakelight import refine
 from rakelight.geometry.normals import normal_lengths, squared_turn
-from rakelight.methods.bas_relief_variance import sensor_moment
 from rakelight.methods.estimate import NO_IDEA_RAD
-from rakelight.methods.expected_errors import (
+from rakelight.methods.levels import finest_level
+from rakelight.methods.multi_light.bas_relief_variance import sensor_moment
+from rakelight.methods.multi_light.confidence import (
     depth_sigma,
     mean_error_variance,
     photometric_variance,
     sensor_length,
 )
-from rakelight.methods.fit import first_fit
-from rakelight.methods.levels import finest_level
-from rakelight.methods.start import lamps_of_prior
+from rakelight.methods.multi_light.energy import first_fit
+from rakelight.methods.multi_light.initial_lights import lamps_of_prior
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 

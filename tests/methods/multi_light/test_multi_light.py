@@ -11,7 +11,8 @@ from rakelight.geometry.camera import back_project
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods import multi_light, refine
 from rakelight.methods.levels import finest_level
-from rakelight.methods.multi_light import Options, sound
+from rakelight.methods.multi_light import Options, steps
+from rakelight.methods.multi_light.model_selection import sound
 from rakelight.metrics import evaluate, evaluate_depth
 from rakelight.model import Camera
 from rakelight.prepare import prepare
@@ -194,9 +195,9 @@ def test_too_few_steps_are_told(capture):
 def test_lights_and_depth_move_together_but_for_the_first_steps_of_the_finest_level(monkeypatch):
     capture, _ = make_scene()
     pixels, together, stages = int(capture.mask.sum()), [], []
-    step = multi_light.joint_step
+    step = steps.joint_step
     monkeypatch.setattr(
-        multi_light,
+        steps,
         "joint_step",
         lambda level, *rest: together.append((stages[-1], level.mask.sum())) or step(level, *rest),
     )
@@ -211,7 +212,7 @@ def test_lights_and_depth_move_together_but_for_the_first_steps_of_the_finest_le
 
 def test_the_last_steps_end_where_strides_find_nothing_either(capture, monkeypatch):
     monkeypatch.setattr(
-        multi_light, "stride", lambda level, before, fit: replace(fit, energy=0.9 * before.energy)
+        steps, "stride", lambda level, before, fit: replace(fit, energy=0.9 * before.energy)
     )
     assert not run(capture, max_iterations=3).converged
 

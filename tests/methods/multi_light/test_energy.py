@@ -10,33 +10,34 @@ from scipy.ndimage import uniform_filter
 from rakelight.geometry.averaging import Averaging
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.grid import Links
-from rakelight.methods.fit import (
-    STRONGER,
-    STRONGEST,
-    TRIES,
-    WEAKEST_HOLD,
+from rakelight.methods.levels import finest_level
+from rakelight.methods.multi_light.energy import (
+    LEAST_DEPTH_DAMPING,
     begun_anew,
     depth_force,
-    depth_step,
     depth_system,
     first_fit,
-    goes_down,
-    lamps_step,
-    lights_step,
     moved,
-    relief_step,
     rescaled,
     ripples,
     ripples_transposed,
+)
+from rakelight.methods.multi_light.initial_lights import lamps_of_prior
+from rakelight.methods.multi_light.joint_step import joint_step
+from rakelight.methods.multi_light.model_selection import coloured
+from rakelight.methods.multi_light.steps import (
+    TRIES,
+    depth_step,
+    goes_down,
+    lamps_step,
+    lights_step,
+    relief_step,
     settled,
     stride,
 )
-from rakelight.methods.joint import joint_step
-from rakelight.methods.levels import finest_level
-from rakelight.methods.multi_light import coloured
-from rakelight.methods.start import lamps_of_prior
 from rakelight.prepare import prepare
 from rakelight.shading.photographs import Lamps
+from rakelight.solve.levenberg_marquardt import FACTOR, LARGEST, Damping
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
 STEPS = {
@@ -210,17 +211,20 @@ def test_a_refused_step_leaves_all_but_the_damping(level, fit, kind):
     assert after.log_depth is fit.log_depth
     assert after.lamps is fit.lamps
     damping, tries = ("depth_damping", TRIES) if kind == "depth" else ("joint_damping", 1)
-    assert getattr(after, damping) == pytest.approx(getattr(fit, damping) * STRONGER**tries)
+    before, now = getattr(fit, damping), getattr(after, damping)
+    assert now == replace(before, value=pytest.approx(before.value * FACTOR**tries))
     assert replace(after, **{damping: getattr(fit, damping)}) == perfect
     for _ in range(6):
         after = STEPS[kind](level, after)
-    assert getattr(after, damping) == STRONGEST
+    assert getattr(after, damping).value == LARGEST
 
 
 def test_depth_steps_that_are_taken_stay_damped(level, fit):
     for _ in range(4):
-        fit = depth_step(level, replace(fit, depth_damping=2 * WEAKEST_HOLD))
-        assert fit.depth_damping == WEAKEST_HOLD
+        fit = depth_step(
+            level, replace(fit, depth_damping=Damping(2 * LEAST_DEPTH_DAMPING, LEAST_DEPTH_DAMPING))
+        )
+        assert fit.depth_damping.value == LEAST_DEPTH_DAMPING
 
 
 def test_a_depth_step_leaves_the_lamps_and_cells_leave_the_detail(level, fit):
@@ -239,7 +243,7 @@ def test_undamped_joint_steps_from_some_pixels_are_taken_under_near_lamps():
     fit = start(level, "near")
     for _ in range(5):
         before = depth_step(level, fit)
-        fit = joint_step(level, replace(before, joint_damping=1e-6), most_cells)
+        fit = joint_step(level, replace(before, joint_damping=Damping(1e-6)), most_cells)
         assert fit.energy < before.energy
 
 
@@ -284,7 +288,7 @@ def test_a_stride_stops_before_its_parabola_rises(level, monkeypatch):
     fit = joint_step(level, depth_step(level, before), 10**6)
     tried = []
     monkeypatch.setattr(
-        "rakelight.methods.fit.moved",
+        "rakelight.methods.multi_light.steps.moved",
         lambda level, fit, log_depth, lamps: tried.append(1) or replace(fit, energy=energies.pop()),
     )
     fit = replace(fit, energy=before.energy - 3)

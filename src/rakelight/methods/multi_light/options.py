@@ -1,0 +1,45 @@
+"""What can be set of `multi_light`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from rakelight.methods.estimate import require_options
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What can be set; a good result needs none of it.
+
+    depth_weight : weight of the sensor's depth, as a multiple of what white noise of the sensor's
+        size would have; None chooses it from the data.  Raised, the surface keeps to the
+        sensor's shape, its faults included; lowered, it follows the photographs and may slide
+        along the bas-relief valley.
+    lamps : "white" for one light in all channels, "coloured" for one per channel, "auto"
+    distance : "distant" for parallel light, "near" for lamps at a place, "auto"
+    max_iterations : most Gauss-Newton steps at the coarsest level and, twice, at the finest; the
+        others take at most three
+    tolerance : a level ends when a step lowers the energy by less than this fraction
+    coarse_pixels : size of the coarsest level, where lights and depth move together exactly
+    """
+
+    depth_weight: float | None = None
+    lamps: Literal["auto", "white", "coloured"] = "auto"
+    distance: Literal["auto", "distant", "near"] = "auto"
+    max_iterations: int = 40
+    tolerance: float = 2e-3
+    coarse_pixels: int = 4000
+
+    def __post_init__(self) -> None:
+        require_options(
+            self,
+            depth_weight=(self.depth_weight is None or 0 < self.depth_weight < np.inf, "above 0"),
+            lamps=(self.lamps in ("auto", "white", "coloured"), "auto, white or coloured"),
+            distance=(self.distance in ("auto", "distant", "near"), "auto, distant or near"),
+            max_iterations=(self.max_iterations >= 1, "at least 1"),
+            tolerance=(0 < self.tolerance < 1, "above 0, below 1"),
+            coarse_pixels=(self.coarse_pixels >= 100, "at least 100"),
+        )
