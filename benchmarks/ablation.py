@@ -2,7 +2,7 @@
 
     python benchmarks/ablation.py --seeds 0:50 --size 0.5 --jobs 2 [-o out/ablation.json]
     python benchmarks/ablation.py --method rgb-ratio
-    python benchmarks/ablation.py --only fit.BENDING weights.MOST_TRUST
+    python benchmarks/ablation.py --only fit.FOURTH_DIFFERENCE_WEIGHT weights.MOST_WEIGHT
     python benchmarks/ablation.py --read out/ablation.json
 
 A constant is a name in capitals to which a module of the method gives a number or several.  It is
@@ -60,9 +60,9 @@ MODULES = {
 NOT_TUNED = ("FOURTH_DIFFERENCE", "MEAN_ABSOLUTE_TO_SIGMA", "TINY")
 """The coefficients of one; the normal distribution's; against division by zero."""
 OFF: dict[str, Any] = {
-    "model_selection.WORTH_IT": 0.0,
-    "model_selection.MOST_VARIED": np.inf,
-    "energy.BENDING": 0.0,
+    "model_selection.LEAST_GAIN": 0.0,
+    "model_selection.MOST_VARIED_DISTANCES": np.inf,
+    "energy.FOURTH_DIFFERENCE_WEIGHT": 0.0,
     "levels.FILLED": 1e-9,
     "levels.ISLAND": 0,
     "outliers.LEAST_HIDDEN": 2.0,

@@ -37,8 +37,8 @@ from rakelight.geometry.camera import pixel_rays
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods import refine
 from rakelight.methods.levels import finest_level
-from rakelight.methods.multi_light.bas_relief import best_relief
-from rakelight.methods.multi_light.noise import deserved_steadiness
+from rakelight.methods.multi_light.bas_relief import nearest_bas_relief
+from rakelight.methods.multi_light.noise import estimate_equal_intensity_weight
 from rakelight.metrics import (
     color_errors,
     depth_error_map_mm,
@@ -180,8 +180,8 @@ def true_but_relief(capture: Capture, truth: Truth, *, steady: bool) -> Array:
     level = finest_level(prepared, unbiased=True)
     true = np.where(prepared.mask, truth.depth[prepared.rows, prepared.columns], prepared.depth_m)
     lamps = Lamps.distant(truth.lights.direction, truth.lights.ambient)
-    weight = deserved_steadiness(level, np.log(true), prepared) if steady else 0.0
-    log_depth, _ = best_relief(level, np.log(true), lamps, weight)
+    weight = estimate_equal_intensity_weight(level, np.log(true), prepared) if steady else 0.0
+    log_depth, _ = nearest_bas_relief(level, np.log(true), lamps, weight)
     return prepared.embed(np.exp(log_depth), np.nan)
 
 

@@ -18,7 +18,7 @@ AZIMUTHS, ELEVATIONS = 12, 24
 
 def relief(kind, period_px, slope):
     """A periodic height (h, w) in pixels with that root mean square slope."""
-    if kind == "waves":
+    if kind == "fourth_difference":
         wave = 2 * np.pi / period_px
         height = np.cos(wave * (ROW + COLUMN) / 2**0.5) * np.cos(wave * (ROW - COLUMN) / 2**0.5)
     else:
@@ -52,7 +52,7 @@ def sky(height, reach):
     return light * 2 / AZIMUTHS * np.pi / 2 / ELEVATIONS
 
 
-@pytest.mark.parametrize("kind", ["waves", "random"])
+@pytest.mark.parametrize("kind", ["fourth_difference", "random"])
 @pytest.mark.parametrize("period_px", [6, 9, 12])
 @pytest.mark.parametrize("slope", [0.6, 1.2])
 def test_the_hollows_of_a_relief_are_found_under_the_sky(kind, period_px, slope):

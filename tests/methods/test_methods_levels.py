@@ -151,8 +151,8 @@ def test_the_weight_is_the_precision_of_log_depth():
 
 def test_trust_multiplies_the_weight_alone():
     level = finest_level(make_prepared())
-    np.testing.assert_array_equal(level.trusting(7.0).prior_weight, 7 * level.prior_weight)
-    np.testing.assert_array_equal(level.trusting(7.0).prior, level.prior)
+    np.testing.assert_array_equal(level.weighted(7.0).prior_weight, 7 * level.prior_weight)
+    np.testing.assert_array_equal(level.weighted(7.0).prior, level.prior)
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])

@@ -152,9 +152,9 @@ class Level:
             return self.prior_weight[self.mask]
         return self.averaging.total(self.prior_weight)[self.averaging.covered]
 
-    def trusting(self, trust: float) -> Level:
-        """This level with the prior's weight multiplied by `trust`."""
-        return replace(self, prior_weight=trust * self.prior_weight)
+    def weighted(self, factor: float) -> Level:
+        """This level with the prior's weight multiplied by `factor`."""
+        return replace(self, prior_weight=factor * self.prior_weight)
 
     def cut(self, log_depth: Floats) -> Level:
         """This level with its links cut at the jumps of `log_depth` (h, w) as well."""

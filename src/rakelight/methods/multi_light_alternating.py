@@ -88,7 +88,7 @@ def multi_light_alternating(
     require_photographs(
         prepared, "multi-light-alternating", options.min_photographs, for_the_scale=True
     )
-    level = finest_level(prepared).trusting(options.depth_weight)
+    level = finest_level(prepared).weighted(options.depth_weight)
 
     # The start: the sensor's shape, albedo 1, frontal lights (3.4).
     albedo = np.ones((*level.mask.shape, 3))

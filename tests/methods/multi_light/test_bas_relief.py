@@ -8,7 +8,7 @@ import pytest
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.normals import normals_from_gradient
 from rakelight.methods.levels import finest_level
-from rakelight.methods.multi_light.bas_relief import best_relief, deepening
+from rakelight.methods.multi_light.bas_relief import nearest_bas_relief, relief_scaling
 from rakelight.prepare import prepare
 from rakelight.shading.photographs import Lamps
 from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
@@ -36,10 +36,10 @@ def spread(lamps, turn):
 
 
 def test_lamps_that_can_be_alike_set_what_a_vague_sensor_leaves_open():
-    level, lamps = make_level().trusting(1e-8), alike()
+    level, lamps = make_level().weighted(1e-8), alike()
     turned = Lamps.distant(lamps.vector @ TURN.T, lamps.ambient)
     assert spread(turned, np.eye(3)) > 0.02
-    _, found = best_relief(level, level.prior, turned, steadiness=1.0)
+    _, found = nearest_bas_relief(level, level.prior, turned, equal_intensity_weight=1.0)
     assert spread(turned, found) < 2e-3
     # Back where they were, but for the brightness of all, which nothing tells.
     back = turned.vector[:, 0] @ found.T
@@ -49,10 +49,10 @@ def test_lamps_that_can_be_alike_set_what_a_vague_sensor_leaves_open():
 
 def test_a_sensor_that_knows_is_believed():
     level, turned = (
-        make_level().trusting(1e8),
+        make_level().weighted(1e8),
         Lamps.distant(alike().vector @ TURN.T, alike().ambient),
     )
-    log_depth, found = best_relief(level, level.prior, turned, steadiness=1.0)
+    log_depth, found = nearest_bas_relief(level, level.prior, turned, equal_intensity_weight=1.0)
     np.testing.assert_allclose(found, np.eye(3), atol=1e-4)
     np.testing.assert_allclose(log_depth, level.prior, atol=1e-5)
 
@@ -61,18 +61,18 @@ def test_lamps_of_any_brightness_hardly_move_the_surface():
     level, rng = make_level(), np.random.default_rng(0)
     gain = np.exp(0.4 * rng.normal(size=8))[:, None, None]
     differing = Lamps.distant(alike().vector * gain, alike().ambient)
-    moved, _ = best_relief(level, level.prior, differing, steadiness=100.0)
+    moved, _ = nearest_bas_relief(level, level.prior, differing, equal_intensity_weight=100.0)
     turned = Lamps.distant(alike().vector @ TURN.T, alike().ambient)
-    pulled, _ = best_relief(level, level.prior, turned, steadiness=100.0)
+    pulled, _ = nearest_bas_relief(level, level.prior, turned, equal_intensity_weight=100.0)
     size = [np.std((each - level.prior)[level.mask]) for each in (moved, pulled)]
     assert size[0] < 0.3 * size[1]
 
 
-@pytest.mark.parametrize("steadiness", [0.0, 1.0])
-def test_photographs_are_as_they_were_but_for_the_albedo(steadiness):
-    level = make_level().trusting(1e-8 if steadiness else 1.0)
+@pytest.mark.parametrize("equal_intensity_weight", [0.0, 1.0])
+def test_photographs_are_as_they_were_but_for_the_albedo(equal_intensity_weight):
+    level = make_level().weighted(1e-8 if equal_intensity_weight else 1.0)
     turned = Lamps.distant(alike().vector @ TURN.T, alike().ambient)
-    log_depth, turn = best_relief(level, level.prior + 0.01, turned, steadiness)
+    log_depth, turn = nearest_bas_relief(level, level.prior + 0.01, turned, equal_intensity_weight)
     shadings = []
     for depth, vector in ((level.prior + 0.01, turned.vector), (log_depth, turned.vector @ turn.T)):
         gradient = level.surface(depth).gradient
@@ -90,7 +90,7 @@ def test_photographs_are_as_they_were_but_for_the_albedo(steadiness):
 def test_a_flat_surface_is_no_error():
     level = make_level()
     flat = np.full_like(level.prior, level.prior[level.mask].mean())
-    log_depth, turn = best_relief(level, flat, alike(), steadiness=1.0)
+    log_depth, turn = nearest_bas_relief(level, flat, alike(), equal_intensity_weight=1.0)
     assert np.isfinite(log_depth).all()
     assert np.isfinite(turn).all()
 
@@ -103,7 +103,7 @@ def test_deepening_is_the_slope_of_a_relief_that_grows_above_its_plane():
     plane = rays @ np.linalg.lstsq(rays[seen], inverse[seen], rcond=None)[0]
     step = 1e-6
     deeper, flatter = (-np.log(plane + by * (inverse - plane)) for by in (1 + step, 1 - step))
-    found = deepening(level, level.prior)
+    found = relief_scaling(level, level.prior)
     np.testing.assert_allclose(found[seen], ((deeper - flatter) / (2 * step))[seen], atol=1e-8)
     assert np.ptp(found[seen]) > 0.05
     assert not found[~seen].any()
@@ -113,6 +113,6 @@ def test_a_surface_that_would_turn_around_stays():
     level = make_level()
     inverse, middle = np.exp(-level.aim), np.exp(-level.aim)[level.mask].mean()
     hollow = np.where(level.mask, -np.log(2 * middle - inverse), level.aim)
-    found, turn = best_relief(level, hollow, alike())
+    found, turn = nearest_bas_relief(level, hollow, alike())
     assert found is hollow
     assert (turn == np.eye(3)).all()

@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter
 
 from rakelight.geometry.normals import normals_from_gradient
 from rakelight.methods.levels import finest_level
-from rakelight.methods.multi_light.bas_relief import best_relief
+from rakelight.methods.multi_light.bas_relief import nearest_bas_relief
 from rakelight.methods.multi_light.bas_relief_variance import (
     bas_relief_variance,
     lamps_moment,
@@ -36,7 +36,7 @@ def true_level(noise):
 
 def fitted_relief(level, log_depth, lamps):
     """The true relief, its bas-relief transform read off the sensor: what the variance is of."""
-    return best_relief(level, log_depth, lamps)[0]
+    return nearest_bas_relief(level, log_depth, lamps)[0]
 
 
 def normals_of(level, log_depth):

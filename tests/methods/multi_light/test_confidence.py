@@ -73,9 +73,9 @@ def test_the_sensor_takes_over_where_it_says_as_much():
     held = fit.noise**2 * float(np.median(level.prior_weight[level.photographs.active]))
     fit = with_tensor(fit, 64 * held, 0.0, 64 * held)
     assert sensor_length(level, fit) == pytest.approx(8.0)
-    assert sensor_length(level.trusting(4.0), fit) == pytest.approx(4.0)
-    assert sensor_length(level.trusting(1e9), fit) == 1.0
-    assert sensor_length(level.trusting(1e-9), fit) == pytest.approx(np.sqrt(level.mask.sum()))
+    assert sensor_length(level.weighted(4.0), fit) == pytest.approx(4.0)
+    assert sensor_length(level.weighted(1e9), fit) == 1.0
+    assert sensor_length(level.weighted(1e-9), fit) == pytest.approx(np.sqrt(level.mask.sum()))
 
 
 @pytest.mark.parametrize("width", [0.0, 2.0])

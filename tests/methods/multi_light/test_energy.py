@@ -13,27 +13,27 @@ from rakelight.geometry.grid import Links
 from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light.energy import (
     LEAST_DEPTH_DAMPING,
-    begun_anew,
-    depth_force,
+    depth_negative_gradient,
     depth_system,
+    evaluated,
     first_fit,
-    moved,
-    rescaled,
-    ripples,
-    ripples_transposed,
+    fourth_difference_term,
+    fourth_difference_term_transposed,
+    reset_scale,
+    update_scale,
 )
 from rakelight.methods.multi_light.initial_lights import lamps_of_prior
 from rakelight.methods.multi_light.joint_step import joint_step
-from rakelight.methods.multi_light.model_selection import coloured
+from rakelight.methods.multi_light.model_selection import with_coloured_lights
 from rakelight.methods.multi_light.steps import (
     TRIES,
     depth_step,
-    goes_down,
+    extrapolated,
     lamps_step,
     lights_step,
-    relief_step,
-    settled,
-    stride,
+    parabola_falls,
+    project_bas_relief,
+    refine_lights,
 )
 from rakelight.prepare import prepare
 from rakelight.shading.photographs import Lamps
@@ -98,7 +98,7 @@ def start(level, name):
         "near": (prior, replace(lamps, closeness=np.full((count, 1), 3.0))),
     }.get(name, (prior, lamps))
     fit = first_fit(level, depth, light, near="near" in name)
-    return rescaled(level, coloured(fit)) if "coloured" in name else fit
+    return update_scale(level, with_coloured_lights(fit)) if "coloured" in name else fit
 
 
 STARTS = (
@@ -113,14 +113,19 @@ STARTS = (
 def test_ripples_transposed_is_their_transpose(level):
     x = rough(level, 1)
     images = [rough(level, seed) for seed in (2, 3)]
-    there = sum((wave * image).sum() for wave, image in zip(ripples(level, x), images, strict=True))
-    assert there == pytest.approx((x * ripples_transposed(level, images)).sum(), abs=1e-11)
+    there = sum(
+        (wave * image).sum()
+        for wave, image in zip(fourth_difference_term(level, x), images, strict=True)
+    )
+    assert there == pytest.approx(
+        (x * fourth_difference_term_transposed(level, images)).sum(), abs=1e-11
+    )
 
 
 def test_ripples_do_not_see_smooth_surfaces(level):
     row, column = np.indices(level.mask.shape) / 10.0
     smooth = 3 + row - 2 * column + 0.5 * row**2 - row * column + 0.7 * column**2 + row**3
-    for wave in ripples(level, smooth):
+    for wave in fourth_difference_term(level, smooth):
         assert np.abs(wave).max() < 1e-12
 
 
@@ -128,7 +133,7 @@ def test_ripples_see_a_checkerboard_that_the_gradient_does_not(level):
     # Wherever two linked neighbours follow on both sides, the nearer with a normal.
     board = (-1.0) ** np.indices(level.mask.shape).sum(axis=0)
     links, gradient = Links.of(level.grid), level.surface(board).gradient
-    for k, wave in enumerate(ripples(level, board)):
+    for k, wave in enumerate(fourth_difference_term(level, board)):
         linked = np.pad((links.right, links.down.T)[k], ((0, 0), (2, 2)))
         ahead = [linked[:, i : i + level.mask.shape[1 - k]] for i in range(4)]
         where = np.logical_and.reduce(ahead)
@@ -144,10 +149,10 @@ def test_ripples_do_not_reach_across_a_cut():
     level = make_level()
     links, left = Links.of(level.grid), np.indices(level.mask.shape)[1] < 15
     step = 100.0 * left
-    assert np.abs(ripples(level, step)[0]).max() > 10
+    assert np.abs(fourth_difference_term(level, step)[0]).max() > 10
     grid = replace(links, right=links.right & (left == np.roll(left, -1, axis=1)))
     cut = replace(level, photographs=replace(level.photographs, grid=grid))
-    assert not np.any(ripples(cut, step))
+    assert not np.any(fourth_difference_term(cut, step))
 
 
 # ---- the derivative
@@ -158,17 +163,17 @@ def test_the_right_side_is_minus_half_the_derivative_of_the_energy(level, name):
     # By then the albedo's reweighting has come to rest, and the energy owes nothing to it.
     fit = start(level, name)
     for _ in range(40):
-        fit = moved(level, fit, fit.log_depth, fit.lamps)
+        fit = evaluated(level, fit, fit.log_depth, fit.lamps)
     system = depth_system(level, fit, fit.explanation.tensor)
     assert not system.pinned.any()
     close = 1e-12 * np.abs(system.rhs).max()
     np.testing.assert_allclose(
-        depth_force(level, fit)[level.mask], system.rhs[level.mask], atol=close
+        depth_negative_gradient(level, fit)[level.mask], system.rhs[level.mask], atol=close
     )
     for seed in range(3):
         way = 1e-7 * rough(level, seed)
         ahead, behind = (
-            moved(level, fit, fit.log_depth + sign * way, fit.lamps).energy for sign in (1, -1)
+            evaluated(level, fit, fit.log_depth + sign * way, fit.lamps).energy for sign in (1, -1)
         )
         expected = -(ahead - behind) / 4
         scale = np.linalg.norm(system.rhs) * np.linalg.norm(way[level.mask])
@@ -189,7 +194,7 @@ def test_steps_never_raise_the_energy(level, name, kind):
         assert fit.energy <= before.energy
         assert np.isfinite(fit.energy)
         assert np.isfinite(fit.log_depth).all()
-        assert stride(level, before, fit).energy <= fit.energy
+        assert extrapolated(level, before, fit).energy <= fit.energy
         before = fit
     if name in ("prior", "rough depth", "near", "coloured near") and kind != "joint, cells":
         assert fit.energy < 0.7 * first
@@ -198,7 +203,7 @@ def test_steps_never_raise_the_energy(level, name, kind):
 @pytest.mark.parametrize("kind", STEPS)
 def test_a_steps_energy_is_that_of_its_depth_and_lamps(level, fit, kind):
     after = STEPS[kind](level, fit)
-    again = moved(level, fit, after.log_depth, after.lamps)
+    again = evaluated(level, fit, after.log_depth, after.lamps)
     assert again.energy == after.energy < fit.energy
     assert after.scales is fit.scales
     assert (after.lamps is fit.lamps) is (kind == "depth")
@@ -231,7 +236,9 @@ def test_a_depth_step_leaves_the_lamps_and_cells_leave_the_detail(level, fit):
     assert depth_step(level, fit).lamps is fit.lamps
     # Linear between centres some four pixels apart: next to nothing for ripples to see.
     sizes = {
-        kind: np.abs(ripples(level, STEPS[kind](level, fit).log_depth - fit.log_depth)).max()
+        kind: np.abs(
+            fourth_difference_term(level, STEPS[kind](level, fit).log_depth - fit.log_depth)
+        ).max()
         for kind in ("joint", "joint, cells")
     }
     assert sizes["joint, cells"] < 0.2 * sizes["joint"]
@@ -255,8 +262,8 @@ def test_a_stride_goes_on_where_steps_are_short(level, name):
     before = start(level, name)
     whole = joint_step(level, depth_step(level, before), 10**6)
     way, lights = whole.log_depth - before.log_depth, lamps_step(before.lamps, whole.lamps)
-    short = moved(level, before, before.log_depth + way / 20, before.lamps.moved(lights / 20))
-    far = stride(level, before, short)
+    short = evaluated(level, before, before.log_depth + way / 20, before.lamps.moved(lights / 20))
+    far = extrapolated(level, before, short)
     assert far.energy < 0.9 * short.energy
     share = (far.log_depth - short.log_depth).sum() / (way / 20).sum()
     assert np.log2(share) == pytest.approx(round(np.log2(share)), abs=1e-9)
@@ -270,7 +277,7 @@ def test_a_stride_goes_on_where_steps_are_short(level, name):
 
 def test_a_stride_uphill_is_none(level, fit):
     better = joint_step(level, depth_step(level, fit), 10**6)
-    assert stride(level, better, fit) is fit
+    assert extrapolated(level, better, fit) is fit
 
 
 @pytest.mark.parametrize(("middle", "further"), [(2.9, False), (3.1, True)])
@@ -278,9 +285,9 @@ def test_a_stride_goes_as_far_as_its_parabola_goes_down(middle, further):
     places = [0.0, 1.0, 2.0]
     behind = [(place, 7 + 3 * (place - middle) ** 2) for place in places]
     # 4 is lower than 2 where the middle is beyond 3.
-    assert goes_down(behind, 4.0) == further
-    assert goes_down(behind[:2], 4.0)
-    assert goes_down([(-8.0, 1.0), *behind], 4.0) == further
+    assert parabola_falls(behind, 4.0) == further
+    assert parabola_falls(behind[:2], 4.0)
+    assert parabola_falls([(-8.0, 1.0), *behind], 4.0) == further
 
 
 def test_a_stride_stops_before_its_parabola_rises(level, monkeypatch):
@@ -288,13 +295,13 @@ def test_a_stride_stops_before_its_parabola_rises(level, monkeypatch):
     fit = joint_step(level, depth_step(level, before), 10**6)
     tried = []
     monkeypatch.setattr(
-        "rakelight.methods.multi_light.steps.moved",
+        "rakelight.methods.multi_light.steps.evaluated",
         lambda level, fit, log_depth, lamps: tried.append(1) or replace(fit, energy=energies.pop()),
     )
     fit = replace(fit, energy=before.energy - 3)
     # As (t - 2.5)^2 at 2, and what would be tried at 3.
     energies = [before.energy - 100, before.energy - 4.5]
-    assert stride(level, before, fit).energy == pytest.approx(before.energy - 4.5)
+    assert extrapolated(level, before, fit).energy == pytest.approx(before.energy - 4.5)
     assert len(tried) == 1
 
 
@@ -314,9 +321,9 @@ def test_lamps_step_is_what_moves_them(name):
 
 def test_under_another_trust_the_loss_begins_anew(level, fit):
     for _ in range(3):
-        fit = rescaled(level, fit)
+        fit = update_scale(level, fit)
     first = first_fit(level, fit.log_depth, fit.lamps)
-    anew = begun_anew(level.trusting(0.1), fit)
+    anew = reset_scale(level.weighted(0.1), fit)
     np.testing.assert_array_equal(anew.explanation.albedo, first.explanation.albedo)
     assert np.abs(fit.explanation.albedo - anew.explanation.albedo).max() > 1e-4
 
@@ -329,7 +336,7 @@ def flattened(level, fit, by=0.8, tilt=(0.2, -0.1, 0.0)):
     rays = back_project(np.ones(level.mask.shape), level.photographs.camera)
     inverse = by * np.exp(-fit.log_depth) + rays @ tilt
     inverse += (np.exp(-fit.log_depth) - inverse)[level.mask].mean()
-    return moved(level, fit, np.where(level.mask, -np.log(inverse), fit.log_depth), fit.lamps)
+    return evaluated(level, fit, np.where(level.mask, -np.log(inverse), fit.log_depth), fit.lamps)
 
 
 @pytest.mark.parametrize("factor", [1, 3])
@@ -338,9 +345,9 @@ def test_the_sensor_sets_the_four_numbers_that_the_photographs_leave_open(factor
     if factor > 1:
         edges = (np.arange(-(-side // factor) + 1.0) * factor for side in level.mask.shape)
         level = replace(level, averaging=Averaging.on(level.mask, *edges))
-    level = level.trusting(100.0)
+    level = level.weighted(100.0)
     fit = flattened(level, first_fit(level, level.prior, lamps_of_prior(level)))
-    found = relief_step(level, fit)
+    found = project_bas_relief(level, fit)
     assert found.energy < fit.energy
     # Means of the inverse are not quite the inverse of the means.
     assert level.sensor_misfit(found.log_depth) < 1e-3 * level.sensor_misfit(fit.log_depth)
@@ -348,27 +355,29 @@ def test_the_sensor_sets_the_four_numbers_that_the_photographs_leave_open(factor
 
 def test_where_the_sensor_has_nothing_to_add_the_surface_stays(level):
     fit = first_fit(level, level.prior, lamps_of_prior(level))
-    np.testing.assert_allclose(relief_step(level, fit).log_depth, fit.log_depth, atol=1e-9)
+    np.testing.assert_allclose(project_bas_relief(level, fit).log_depth, fit.log_depth, atol=1e-9)
 
 
 def test_the_photographs_have_no_say_in_the_relief_that_distant_lamps_leave_open():
     """Not even where a weightless sensor means that their energy is lower at another one."""
-    level = make_level().trusting(1e-9)
+    level = make_level().weighted(1e-9)
     fit = flattened(level, first_fit(level, level.prior, lamps_of_prior(level)))
-    found = relief_step(level, fit)
+    found = project_bas_relief(level, fit)
     assert level.sensor_misfit(found.log_depth) < 1e-3 * level.sensor_misfit(fit.log_depth)
 
 
 def test_near_lamps_settle_the_relief(level):
-    fit = flattened(level.trusting(100.0), start(level, "near"))
-    assert relief_step(level.trusting(100.0), fit) is fit
+    fit = flattened(level.weighted(100.0), start(level, "near"))
+    assert project_bas_relief(level.weighted(100.0), fit) is fit
 
 
 @pytest.mark.parametrize("by", [0.7, 1.4], ids=["too flat", "too deep"])
 def test_under_near_lamps_joint_steps_in_cells_set_the_relief_of_the_detail_too(by):
     level, true, lamps = near_level()
     at_rest = steps_of_both(level, first_fit(level, true, lamps, near=True), 8)
-    wrong = settled(level, settled(level, flattened(level, at_rest, by, tilt=(0, 0, 0))))
+    wrong = refine_lights(
+        level, refine_lights(level, flattened(level, at_rest, by, tilt=(0, 0, 0)))
+    )
     fit = steps_of_both(level, wrong, 16)
     details = [detail(level, each.log_depth) for each in (at_rest, wrong, fit)]
     before, after = (details[0] @ each / (details[0] @ details[0]) - 1 for each in details[1:])
@@ -385,7 +394,7 @@ def near_level():
     options = SceneOptions(camera=shape.camera.scaled(0.25), photographs=8, lamp_distance_m=0.5)
     capture, truth = render_scene(shape, make_albedo("pattern"), options)
     prepared = prepare(capture)
-    level = finest_level(prepared).trusting(1e-3)
+    level = finest_level(prepared).weighted(1e-3)
     depth = np.where(prepared.mask, truth.depth[prepared.rows, prepared.columns], 1.0)
     lights = truth.lights
     lamps = Lamps(lights.vector, lights.ambient, 1 / lights.distance_m)
@@ -423,6 +432,6 @@ def test_what_no_normal_depends_on_is_not_pulled():
     mask = np.zeros_like(level.mask)
     mask[4:12, 4:12] = mask[8, 12:20] = True
     level = replace(level, photographs=replace(level.photographs, grid=mask))
-    pull = ripples_transposed(level, ripples(level, rough(level)))
+    pull = fourth_difference_term_transposed(level, fourth_difference_term(level, rough(level)))
     assert np.abs(pull[4:12, 4:12]).min() > 0
     assert not pull[8, 13:20].any()

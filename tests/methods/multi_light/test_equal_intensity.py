@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
-from rakelight.methods.multi_light.equal_intensity import unlikeness, unlikeness_terms
+from rakelight.methods.multi_light.equal_intensity import (
+    equal_intensity_derivatives,
+    equal_intensity_energy,
+)
 from rakelight.shading.photographs import Lamps
 
 
@@ -18,20 +21,20 @@ def lamps(count=9, channels=1, spread=0.1, seed=0):
 @pytest.mark.parametrize(("channels", "parameters"), [(1, 4), (3, 4), (1, 5)])
 def test_the_slope_is_half_the_derivative(channels, parameters):
     here = lamps(channels=channels)
-    slope, _ = unlikeness_terms(here, parameters)
+    slope, _ = equal_intensity_derivatives(here, parameters)
     slope, step = slope.reshape(*here.ambient.shape, parameters), 1e-6
     assert not slope[..., 3:].any()
     for index in np.ndindex(here.vector.shape):
         ahead, back = here.vector.copy(), here.vector.copy()
         ahead[index] += step
         back[index] -= step
-        difference = (unlikeness(ahead) - unlikeness(back)) / (4 * step)
+        difference = (equal_intensity_energy(ahead) - equal_intensity_energy(back)) / (4 * step)
         assert slope[index] == pytest.approx(difference, rel=1e-6, abs=1e-7)
 
 
 def test_the_curvature_knows_of_no_common_brightness():
     here = lamps(channels=3)
-    _, curvature = unlikeness_terms(here, 4)
+    _, curvature = equal_intensity_derivatives(here, 4)
     brighter = np.concatenate([here.vector, 0 * here.ambient[..., None]], axis=-1).ravel()
     assert np.linalg.eigvalsh(curvature).min() > -1e-9
     np.testing.assert_allclose(curvature @ brighter, 0, atol=1e-9)
@@ -40,29 +43,29 @@ def test_the_curvature_knows_of_no_common_brightness():
 
 def test_lamps_nearly_alike_pull_harder_than_others():
     def pull(spread):
-        return np.linalg.norm(unlikeness_terms(lamps(spread=spread), 4)[0])
+        return np.linalg.norm(equal_intensity_derivatives(lamps(spread=spread), 4)[0])
 
     assert pull(0.01) > 5 * pull(0.1) > 10 * pull(1.0)
 
 
 def test_four_lamps_can_always_be_made_alike_and_tell_nothing():
     few = lamps(4)
-    assert unlikeness(few.vector) == 0
-    assert not np.concatenate([each.ravel() for each in unlikeness_terms(few, 4)]).any()
+    assert equal_intensity_energy(few.vector) == 0
+    assert not np.concatenate([each.ravel() for each in equal_intensity_derivatives(few, 4)]).any()
 
 
 def test_a_lamp_that_does_not_reach_the_object_does_not_count():
     here = lamps(9)
     black = np.concatenate([here.vector, 1e-4 * here.vector[:1]])
-    assert unlikeness(black) == pytest.approx(unlikeness(here.vector))
-    slope, _ = unlikeness_terms(Lamps.distant(black, np.zeros((10, 1))), 4)
-    expected, _ = unlikeness_terms(here, 4)
+    assert equal_intensity_energy(black) == pytest.approx(equal_intensity_energy(here.vector))
+    slope, _ = equal_intensity_derivatives(Lamps.distant(black, np.zeros((10, 1))), 4)
+    expected, _ = equal_intensity_derivatives(here, 4)
     np.testing.assert_allclose(slope, np.append(expected, np.zeros(4)))
 
 
 def test_no_light_at_all_is_no_error():
     nothing = Lamps.distant(np.zeros((6, 1, 3)), np.zeros((6, 1)))
-    slope, curvature = unlikeness_terms(nothing, 4)
-    assert np.isfinite(unlikeness(nothing.vector))
+    slope, curvature = equal_intensity_derivatives(nothing, 4)
+    assert np.isfinite(equal_intensity_energy(nothing.vector))
     assert np.isfinite(slope).all()
     assert np.isfinite(curvature).all()

@@ -8,10 +8,10 @@ import pytest
 
 from rakelight.methods import refine
 from rakelight.methods.levels import finest_level, pyramid
-from rakelight.methods.multi_light import FIRST_TRUST, Options
-from rakelight.methods.multi_light.energy import first_fit, freedom, lamps_after
+from rakelight.methods.multi_light import FIRST_DEPTH_WEIGHT, Options
+from rakelight.methods.multi_light.energy import first_fit, lamps_after, parameter_map
 from rakelight.methods.multi_light.initial_lights import lamps_of_prior
-from rakelight.methods.multi_light.model_selection import first_look, unexplained
+from rakelight.methods.multi_light.model_selection import penalised_noise, select_model
 from rakelight.metrics import evaluate
 from rakelight.model import silent
 from rakelight.prepare import prepare
@@ -30,12 +30,12 @@ def scene(noise, name="coin", size=1.0, **settings):
 @cache
 def coarsest(noise, size=1.0):
     finest = finest_level(prepare(scene(noise, size=size)[0]), cut=True, unbiased=True)
-    return pyramid(finest.trusting(FIRST_TRUST), 4000)[-1]
+    return pyramid(finest.weighted(FIRST_DEPTH_WEIGHT), 4000)[-1]
 
 
 @cache
 def looked(noise, **options):
-    return first_look(coarsest(noise), Options(**options), silent, "look")
+    return select_model(coarsest(noise), Options(**options), silent, "look")
 
 
 def test_depth_whose_errors_hang_together_is_trusted_less():
@@ -49,7 +49,7 @@ def test_lamps_that_come_out_alike_speak_for_less_trust():
     _, believed = looked(TOGETHER, depth_weight=1.0)
     fits = [found.fit for found in (believed, descent)]
     residuals = [fit.explanation.spread for fit in fits]
-    both = [unexplained(coarsest(TOGETHER), fit) for fit in fits]
+    both = [penalised_noise(coarsest(TOGETHER), fit) for fit in fits]
     assert share < 0.02
     assert residuals[1] > 0.5 * residuals[0]
     assert both[1] < 0.5 * both[0]
@@ -77,7 +77,9 @@ def test_lamps_that_would_be_very_near_speak_for_less_trust():
     level = coarsest(TOGETHER)
     fit = looked(TOGETHER, distance="distant")[1].fit
     far, by_it = (
-        unexplained(level, replace(fit, lamps=replace(fit.lamps, closeness=np.full((12, 1), each))))
+        penalised_noise(
+            level, replace(fit, lamps=replace(fit.lamps, closeness=np.full((12, 1), each)))
+        )
         for each in (0.0, 1 / np.linalg.norm(level.points[level.mask], axis=-1).max())
     )
     assert by_it == pytest.approx(2 * far)
@@ -101,13 +103,13 @@ def test_one_ambient_leaves_each_lamp_the_same_part(near):
     vector = lamps_of_prior(level).vector
     size = np.linalg.norm(vector, axis=-1)
     lamps = Lamps(vector, 0.2 * size, np.full_like(size, 0.5))
-    fit = first_fit(level, level.prior, lamps, near, one_ambient=True)
-    free = freedom(fit)
+    fit = first_fit(level, level.prior, lamps, near, shared_ambient=True)
+    free = parameter_map(fit)
     step = 1e-6 * np.random.default_rng(0).normal(size=free.shape[1])
     after = lamps_after(fit, step)
     part = after.ambient / np.linalg.norm(after.vector, axis=-1)
     assert np.ptp(part) < 1e-12
-    alone = replace(fit, one_ambient=False)
+    alone = replace(fit, shared_ambient=False)
     linear = lamps_after(alone, free @ step)
     np.testing.assert_allclose(linear.vector, after.vector, atol=1e-12)
     np.testing.assert_allclose(linear.ambient, after.ambient, atol=1e-10)

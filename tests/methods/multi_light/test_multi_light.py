@@ -12,7 +12,7 @@ from rakelight.geometry.normals import surface_normals
 from rakelight.methods import multi_light, refine
 from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light import Options, steps
-from rakelight.methods.multi_light.model_selection import sound
+from rakelight.methods.multi_light.model_selection import plausible
 from rakelight.metrics import evaluate, evaluate_depth
 from rakelight.model import Camera
 from rakelight.prepare import prepare
@@ -91,7 +91,7 @@ def test_shadows_and_highlights_are_left_out(changes, monkeypatch):
     result = run(capture)
     assert scores(result, truth).normals.mae_deg < scores_before(result, truth).normals.mae_deg / 4
     assert "highlights" in codes(result)
-    monkeypatch.setattr(multi_light, "matte", lambda level, *_: (level, np.zeros(3)))
+    monkeypatch.setattr(multi_light, "remove_outliers", lambda level, *_: (level, np.zeros(3)))
     other = run(capture)
     assert "highlights" not in codes(other)
     assert scores(result, truth).normals.mae_deg < 0.75 * scores(other, truth).normals.mae_deg
@@ -212,7 +212,7 @@ def test_lights_and_depth_move_together_but_for_the_first_steps_of_the_finest_le
 
 def test_the_last_steps_end_where_strides_find_nothing_either(capture, monkeypatch):
     monkeypatch.setattr(
-        steps, "stride", lambda level, before, fit: replace(fit, energy=0.9 * before.energy)
+        steps, "extrapolated", lambda level, before, fit: replace(fit, energy=0.9 * before.energy)
     )
     assert not run(capture, max_iterations=3).converged
 
@@ -308,4 +308,4 @@ def test_lamps_are_outside_the_object_and_their_distances_alike(radii, varied, e
     radius = np.linalg.norm(level.points[level.mask], axis=-1).max()
     closeness = np.linspace(1 - varied, 1 + varied, 9)[:, None] / (radii * radius)
     lamps = Lamps(np.ones((9, 1, 3)), np.zeros((9, 1)), closeness)
-    assert sound(level, lamps) == expected
+    assert plausible(level, lamps) == expected

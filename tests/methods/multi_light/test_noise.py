@@ -11,7 +11,10 @@ from rakelight.methods import refine
 from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light.energy import first_fit
 from rakelight.methods.multi_light.initial_lights import lamps_of_prior
-from rakelight.methods.multi_light.noise import deserved_steadiness, deserved_trust
+from rakelight.methods.multi_light.noise import (
+    estimate_depth_weight,
+    estimate_equal_intensity_weight,
+)
 from rakelight.metrics import evaluate
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
@@ -31,10 +34,10 @@ def scene():
     return prepared, replace(level, prior_weight=np.where(level.mask, NOISE**-2, 0.0))
 
 
-def steadiness(error):
+def equal_intensity_weight(error):
     """Where the sensor is off a surface by `error` (h, w), which its weight takes for white."""
     prepared, level = scene()
-    return deserved_steadiness(level, level.prior - error, prepared)
+    return estimate_equal_intensity_weight(level, level.prior - error, prepared)
 
 
 def white(shape, seed=0):
@@ -43,7 +46,7 @@ def white(shape, seed=0):
 
 def test_beside_white_noise_lamps_count_as_they_are():
     _, level = scene()
-    assert 0.9 < steadiness(white(level.mask.shape)) < 1.6
+    assert 0.9 < equal_intensity_weight(white(level.mask.shape)) < 1.6
 
 
 def test_beside_errors_that_hang_together_they_count_by_the_area_of_those():
@@ -53,7 +56,7 @@ def test_beside_errors_that_hang_together_they_count_by_the_area_of_those():
     error *= NOISE / error.std()
     # Errors under a Gaussian of white noise share 4 pi sigma^2 pixels; blocks of 16 cut them off.
     area = 4 * np.pi * blur**2
-    assert 0.4 * area < steadiness(error) < 1.1 * area
+    assert 0.4 * area < equal_intensity_weight(error) < 1.1 * area
 
 
 def test_an_offset_is_no_error_and_a_jump_hardly_one():
@@ -61,14 +64,16 @@ def test_an_offset_is_no_error_and_a_jump_hardly_one():
     error = white(level.mask.shape)
     jump = error.copy()
     jump[10:13, 40:44] += 1.0
-    assert steadiness(error + 0.1) == pytest.approx(steadiness(error))
-    assert steadiness(jump) < 1.5 * steadiness(error)
+    assert equal_intensity_weight(error + 0.1) == pytest.approx(equal_intensity_weight(error))
+    assert equal_intensity_weight(jump) < 1.5 * equal_intensity_weight(error)
 
 
 def test_a_sensor_that_saw_nothing_says_nothing():
     prepared, level = scene()
     sensor = replace(prepared.sensor, depth_m=np.full_like(prepared.sensor.depth_m, np.nan))
-    assert deserved_steadiness(level, level.prior, replace(prepared, sensor=sensor)) == 0
+    assert (
+        estimate_equal_intensity_weight(level, level.prior, replace(prepared, sensor=sensor)) == 0
+    )
 
 
 def trust(error, tails):
@@ -76,7 +81,7 @@ def trust(error, tails):
     prepared, level = scene()
     fit = first_fit(level, level.prior - error, lamps_of_prior(level))
     explanation = replace(fit.explanation, spread=0.01, rms=0.01 * tails)
-    return deserved_trust(replace(fit, explanation=explanation), prepared)
+    return estimate_depth_weight(replace(fit, explanation=explanation), prepared)
 
 
 def test_depth_counts_by_the_area_over_which_its_errors_hang_together():

@@ -8,7 +8,7 @@ import pytest
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods import refine
 from rakelight.methods.levels import finest_level
-from rakelight.methods.multi_light.energy import first_fit, rescaled
+from rakelight.methods.multi_light.energy import first_fit, update_scale
 from rakelight.methods.multi_light.initial_lights import lamps_of_prior
 from rakelight.methods.multi_light.joint_step import joint_step
 from rakelight.methods.multi_light.normals import gradient_step
@@ -53,7 +53,7 @@ def test_where_photographs_do_not_align_a_normal_stays():
     level = finest_level(prepare(capture))
     fit = first_fit(level, level.prior, lamps_of_prior(level))
     for _ in range(8):
-        fit = rescaled(level, joint_step(level, depth_step(level, fit), most_cells=4000))
+        fit = update_scale(level, joint_step(level, depth_step(level, fit), most_cells=4000))
     active, left = level.photographs.active, fit.explanation.misfit
     before = replace(fit, explanation=replace(fit.explanation, misfit=10 * left))
     edge = np.zeros_like(active)

@@ -8,7 +8,7 @@ import pytest
 
 from rakelight.geometry.camera import back_project
 from rakelight.methods.levels import finest_level
-from rakelight.methods.multi_light.outliers import all_shadows, dimmed, in_shadow, matte
+from rakelight.methods.multi_light.outliers import all_shadows, dimmed, in_shadow, remove_outliers
 from rakelight.model import Lights
 from rakelight.prepare import prepare
 from rakelight.shading.photographs import Lamps
@@ -46,7 +46,7 @@ def light(level):
 def test_cast_shadows_are_left_out_and_nothing_else(place):
     level, log_depth, lamps = make_level(cast_shadows=True, **place)
     plain = light(make_level(**place)[0])
-    cleared, shine = matte(level, log_depth, lamps)
+    cleared, shine = remove_outliers(level, log_depth, lamps)
     assert not shine.any()
     before, after = light(level), light(cleared)
     shadow = plain - before > 0.1
@@ -62,7 +62,7 @@ def test_highlights_are_left_out_or_taken_away(place, exponent):
     glossy = {"specular": 0.2, "specular_exponent": exponent, **place}
     level, log_depth, lamps = make_level(**glossy)
     plain = light(make_level(**place)[0])
-    cleared, shine = matte(level, log_depth, lamps)
+    cleared, shine = remove_outliers(level, log_depth, lamps)
     added, left = light(level) - plain, light(cleared) - plain
     bright, gone = added > 0.05, np.isnan(left)
     assert bright.mean() > 0.01
@@ -92,7 +92,7 @@ def test_the_dimmest_values_are_nearly_all_without_highlights():
 def test_matte_photographs_without_shadows_stay_as_they_are():
     for paint in ("white", "pattern"):
         level, log_depth, lamps = make_level(paint)
-        cleared, shine = matte(level, log_depth, lamps)
+        cleared, shine = remove_outliers(level, log_depth, lamps)
         assert cleared is level
         assert not shine.any()
 
@@ -105,7 +105,7 @@ def test_coloured_lamps_have_coloured_highlights():
     tinted = (photographs.values * tint).astype(np.uint16)
     level = replace(level, photographs=replace(photographs, values=tinted))
     lamps = Lamps.distant(lamps.vector * tint[:, None], lamps.ambient * tint)
-    cleared, _ = matte(level, log_depth, lamps)
+    cleared, _ = remove_outliers(level, log_depth, lamps)
     plain = light(make_level()[0]) * tint
     added, left = light(level) - plain, light(cleared) - plain
     for channel in range(3):
@@ -116,7 +116,7 @@ def test_a_lamp_that_was_off_does_no_harm():
     level, log_depth, lamps = make_level(specular=0.2, cast_shadows=True)
     vector = lamps.vector.copy()
     vector[3] = 0
-    cleared, _ = matte(level, log_depth, replace(lamps, vector=vector))
+    cleared, _ = remove_outliers(level, log_depth, replace(lamps, vector=vector))
     assert np.isfinite(light(cleared)).mean() > 0.5
 
 

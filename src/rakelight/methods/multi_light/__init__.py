@@ -7,6 +7,11 @@ projection).  The lights are few and are eliminated by a Schur complement.  Alte
 creeps along the bas-relief valley, in which lights and depth have to move together; the joint
 step does not.  Coarse to fine; Cauchy weights per photograph, pixel and channel; cast shadows and
 highlights left out where they are to be expected.
+
+The files, in the order of reading: energy.py (what is minimised, and its derivatives), steps.py
+and joint_step.py (Gauss-Newton steps, and the loop over them), bas_relief.py (what photographs
+leave open), model_selection.py (which lights, which start, what depth weight), noise.py (both
+error models), outliers.py, confidence.py, normals.py.
 """
 
 from __future__ import annotations
@@ -15,12 +20,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rakelight.methods.estimate import (
-    Estimate,
-    brightest,
-    lamp_findings,
-    require_photographs,
-)
+from rakelight.methods.estimate import Estimate, brightest, lamp_findings, require_photographs
 from rakelight.methods.levels import Level, finest_level, pyramid
 from rakelight.methods.multi_light.bas_relief_variance import bas_relief_variance, sensor_moment
 from rakelight.methods.multi_light.confidence import (
@@ -30,23 +30,28 @@ from rakelight.methods.multi_light.confidence import (
     photometric_variance,
     shared_noise,
 )
-from rakelight.methods.multi_light.energy import Fit, begun_anew
-from rakelight.methods.multi_light.model_selection import first_look
-from rakelight.methods.multi_light.noise import deserved_steadiness, deserved_trust
+from rakelight.methods.multi_light.energy import Fit, reset_scale
+from rakelight.methods.multi_light.model_selection import select_model
+from rakelight.methods.multi_light.noise import (
+    estimate_depth_weight,
+    estimate_equal_intensity_weight,
+)
 from rakelight.methods.multi_light.normals import fine_normals
 from rakelight.methods.multi_light.options import Options
-from rakelight.methods.multi_light.outliers import dimmed, matte
+from rakelight.methods.multi_light.outliers import dimmed, remove_outliers
 from rakelight.methods.multi_light.steps import Descent, descend
 from rakelight.model import Finding, Floats, ProgressCallback
 from rakelight.prepare import Prepared
 
-# The depth's weight, in white noise's, until its errors are known; the more the fewer pixels the
-# sensor has for what the photographs, together, get wrong.
-FIRST_TRUST = 10.0
-# A coarse level explains averaged photographs, and only roughly: the depth holds it the more.
-COARSER = 2.0
-# Steps at a level that is not the last; its end is not worth waiting for.
-ON_THE_WAY = 3
+# Weight of the sensor's depth, as a multiple of white noise's, until its errors are known; times
+# the number of the result's pixels for one of the sensor's, over which the photographs' errors
+# are correlated (ablation.md: halved 0.94, doubled 1.12).
+FIRST_DEPTH_WEIGHT = 10.0
+# A level of half the resolution explains averaged photographs, and only roughly: its depth counts
+# so many times more (ablation.md: halved 1.03; uw-owl then has 5.3 degrees, not 4.7).
+COARSER_WEIGHT = 2.0
+# Steps at a level that is not the last, whose end is not worth waiting for.
+STEPS_ON_THE_WAY = 3
 
 
 def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback) -> Estimate:
@@ -55,68 +60,73 @@ def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback
     Raises MethodError for fewer than 3 photographs.
     """
     require_photographs(prepared, "multi-light", 3)
-    trust = options.depth_weight or FIRST_TRUST * prepared.factor**2
+    weight = options.depth_weight or FIRST_DEPTH_WEIGHT * prepared.factor**2
     finest = finest_level(prepared, cut=True, unbiased=True)
     levels = [
-        level.trusting(trust * COARSER**k)
+        level.weighted(weight * COARSER_WEIGHT**k)
         for k, level in enumerate(pyramid(finest, options.coarse_pixels))
     ]
 
-    # The coarsest level: how much the depth is to be trusted, and what lamps there are.
+    # 1. The coarsest level: what lights there are, and a first weight of the depth.
     coarsest = len(levels) - 1
-    share, descent = first_look(levels[-1], options, progress, stage(coarsest))
-    trust *= share
-    levels = [level.trusting(share) for level in levels]
-    level, fit, shine = matted(levels[-1], descent.fit)
-    if shine.any():
-        level, fit, _ = matted(levels[-1], past_highlights(levels[-1], fit, options, progress))
+    factor, descent = select_model(levels[-1], options, progress, stage(coarsest))
+    weight *= factor
+    levels = [level.weighted(factor) for level in levels]
+    # 2. Without highlights and cast shadows, where that fit puts them.
+    level, fit, specular = without_outliers(levels[-1], descent.fit)
+    if specular.any():
+        fit = refit_without_brightest(levels[-1], fit, options, progress)
+        level, fit, _ = without_outliers(levels[-1], fit)
     if fit is not descent.fit:
         descent = descend(level, fit, options, progress, stage(coarsest))
 
-    # Coarse to fine: the depth's detail, then lights and depth together, until both rest.
+    # 3. Coarse to fine: the depth's detail, then lights and depth together, until both rest.
     for index in reversed(range(coarsest)):
         log_depth = levels[index].carried(levels[index + 1], descent.fit.log_depth)
-        level, _ = matte(levels[index], log_depth, descent.fit.lamps)
-        fit = begun_anew(level, descent.fit, log_depth)
-        # The finest level's detail first: its lights and depth move together when they are weighed.
+        level, _ = remove_outliers(levels[index], log_depth, descent.fit.lamps)
+        fit = reset_scale(level, descent.fit, log_depth)
+        # The finest level's detail alone: its lights move with it in step 5.
         together = index > 0
         descent = descend(level, fit, briefly(options), progress, stage(index), together=together)
 
-    # What is left of the sensor's depth says how its errors hang together, and what they count.
-    first_trust = trust
+    # 4. The weight of the depth from both errors, which the residuals now show.
+    first_weight = weight
     if options.depth_weight is None:
-        trust = deserved_trust(descent.fit, prepared)
-    # Highlights and shadows are where the detail puts them; jumps that the sensor blurred, or its
-    # noise hid, are steep by now.
-    level, fit, shine = matted(levels[0], descent.fit)
-    level = level.trusting(trust / first_trust).cut(fit.log_depth)
-    fit = replace(fit, steadiness=deserved_steadiness(level, fit.log_depth, prepared))
-    again = descend(level, fit, options, progress, "refine, weighed", noisiest=1.0, thorough=True)
-    descent = replace(again, steps=descent.steps + again.steps)
-    return finished(prepared, level, descent, trust, shine)
+        weight = estimate_depth_weight(descent.fit, prepared)
+    # 5. Lights and depth until the energy rests, with outliers where the detail puts them, and cut
+    # at jumps that the sensor blurred, or its noise hid: they are steep by now.
+    level, fit, specular = without_outliers(levels[0], descent.fit)
+    level = level.weighted(weight / first_weight).cut(fit.log_depth)
+    equal_intensity = estimate_equal_intensity_weight(level, fit.log_depth, prepared)
+    fit = replace(fit, equal_intensity_weight=equal_intensity)
+    last = descend(level, fit, options, progress, "refine, weighed", noisiest=1.0, thorough=True)
+    descent = replace(last, steps=descent.steps + last.steps)
+    return finished(prepared, level, descent, weight, specular)
 
 
-def matted(level: Level, fit: Fit) -> tuple[Level, Fit, Floats]:
-    """`matte` where the fit is, and the fit to photographs that this changed: its loss anew."""
-    clear, shine = matte(level, fit.log_depth, fit.lamps)
+def without_outliers(level: Level, fit: Fit) -> tuple[Level, Fit, Floats]:
+    """`remove_outliers` where the fit is, and the fit to what is left, its loss anew."""
+    clear, specular = remove_outliers(level, fit.log_depth, fit.lamps)
     if clear is not level:
-        fit = begun_anew(clear, fit)
-    return clear, fit, shine
+        fit = reset_scale(clear, fit)
+    return clear, fit, specular
 
 
-def past_highlights(level: Level, fit: Fit, options: Options, progress: ProgressCallback) -> Fit:
+def refit_without_brightest(
+    level: Level, fit: Fit, options: Options, progress: ProgressCallback
+) -> Fit:
     """The fit to all values after steps without each pixel's brightest.
 
     Where highlights bent the surface it says little of where they are.
     """
     dim = dimmed(level)
-    found = descend(dim, begun_anew(dim, fit), options, progress, "try without the brightest")
-    return begun_anew(level, found.fit)
+    found = descend(dim, reset_scale(dim, fit), options, progress, "try without the brightest")
+    return reset_scale(level, found.fit)
 
 
 def briefly(options: Options) -> Options:
     """The options with no more steps than a level on the way takes."""
-    return replace(options, max_iterations=min(options.max_iterations, ON_THE_WAY))
+    return replace(options, max_iterations=min(options.max_iterations, STEPS_ON_THE_WAY))
 
 
 def stage(index: int) -> str:
@@ -125,20 +135,20 @@ def stage(index: int) -> str:
 
 
 def finished(
-    prepared: Prepared, level: Level, descent: Descent, trust: float, shine: Floats
+    prepared: Prepared, level: Level, descent: Descent, weight: float, specular: Floats
 ) -> Estimate:
     """The estimate of the finest level, the albedo's 99th percentile set to 1.
 
-    trust : of the depth; shine : (E,) heights of the highlights, for the notes
+    weight : of the depth; specular : (E,) heights of the highlights; both for the notes
     """
     fit, active = descent.fit, level.photographs.active
     normals, explanation = fine_normals(level, fit)
     albedo = explanation.albedo
     gain = brightest(albedo[active])
     lights = fit.lamps.brighter(gain).as_lights(level.middle_m)
-    notes = [Finding("note", "depth-weight", f"depth weight {trust:.3g} times white noise's")]
-    if shine.any():
-        height = f"{shine.sum() / gain:.2f} of white paint's brightness"
+    notes = [Finding("note", "depth-weight", f"depth weight {weight:.3g} times white noise's")]
+    if specular.any():
+        height = f"{specular.sum() / gain:.2f} of white paint's brightness"
         notes.append(Finding("note", "highlights", f"highlights up to {height}, left out"))
     moment = sensor_moment(level, fit.log_depth)
     relief = bas_relief_variance(level, fit.log_depth, fit.lamps, moment)

@@ -10,19 +10,20 @@ import numpy as np
 
 from rakelight.geometry.camera import back_project
 from rakelight.methods.levels import Level
-from rakelight.methods.multi_light.equal_intensity import unlikeness
+from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.model import Floats
 from rakelight.shading.photographs import Lamps
 
 
-def best_relief(
-    level: Level, log_depth: Floats, lamps: Lamps, steadiness: float = 0.0
+def nearest_bas_relief(
+    level: Level, log_depth: Floats, lamps: Lamps, equal_intensity_weight: float = 0.0
 ) -> tuple[Floats, Floats]:
     """(h, w) log depth after the bas-relief transform nearest to the sensor's, and (3, 3) lights'.
 
     Planes stay planes where  1/z' = a/z + g . (x, y, 1):  normals become (a + g X^T) n at a point
     X, and lights (a + X g^T)^-1 s, with an albedo to match, leave the photographs nearly the same
-    (Belhumeur, Kriegman and Yuille 1999).  With `steadiness` the lamps' brightness has a say.
+    (Belhumeur, Kriegman and Yuille 1999).  `equal_intensity_weight` is that
+    of lamps of one brightness.
     """
     nearer, aim = np.exp(-log_depth), level.sensed(np.exp(-level.aim))
     rays = rays_of(level)
@@ -37,12 +38,12 @@ def best_relief(
     nearest = solved @ (left[:, told].T @ (aim * root))
 
     relief = nearest
-    if steadiness:
+    if equal_intensity_weight:
         from scipy.optimize import minimize
 
         def cost(off: Floats) -> float:
             vectors = lamps.vector @ lights_turn(level, nearest + solved @ off).T
-            return float(off @ off) / steadiness + unlikeness(vectors)
+            return float(off @ off) / equal_intensity_weight + equal_intensity_energy(vectors)
 
         as_it_is = size[told] * (axes[told] @ ([1.0, 0.0, 0.0, 0.0] - nearest))
         starts = (np.zeros(len(solved.T)), as_it_is)
@@ -51,7 +52,7 @@ def best_relief(
     return _transformed(level, log_depth, rays, relief)
 
 
-def deepening(level: Level, log_depth: Floats) -> Floats:
+def relief_scaling(level: Level, log_depth: Floats) -> Floats:
     """(h, w) by how much log depth grows where the relief above its middle plane becomes deeper.
 
     Per part by which it does; a plane stays where it is.  In inverse depth, of which a bas-relief

@@ -8,7 +8,7 @@ The energy of log depth p and lights s, albedo eliminated (variable projection):
         + sigma^2 W (N - 4) log(spread of |s_i|)^2          lamps of one brightness
 
 Under distant lamps the four numbers of a bas-relief transform are taken from the sensor's depth
-(and the lamps' brightness) alone, not from the photographs' part of the energy: `relief_step`.
+(and the lamps' brightness) alone, not from the photographs: `project_bas_relief`.
 The mean gradient does not see a checkerboard; fourth differences do, and see little else.
 """
 
@@ -21,7 +21,10 @@ import numpy as np
 from rakelight.geometry.derivatives import fourth_differences
 from rakelight.geometry.grid import Links, mean_gradient_transposed
 from rakelight.methods.levels import Level
-from rakelight.methods.multi_light.equal_intensity import unlikeness, unlikeness_terms
+from rakelight.methods.multi_light.equal_intensity import (
+    equal_intensity_derivatives,
+    equal_intensity_energy,
+)
 from rakelight.model import Floats
 from rakelight.shading.photographs import Explanation, Lamps, Surface
 from rakelight.solve import DepthSystem, assemble
@@ -31,12 +34,12 @@ from rakelight.solve.robust import cauchy_scales
 FOURTH_DIFFERENCE = (0.125, -0.5, 0.75, -0.5, 0.125)
 # Weight of the fourth differences over the photographs' own of the gradient: a flatter surface
 # has less of them, and more would flatten where photographs leave the bas-relief open.
-BENDING = 0.003
+FOURTH_DIFFERENCE_WEIGHT = 0.003
 # No photograph is better than this (white is 1), even if the model explains it exactly.
 SMALLEST_NOISE = 1e-5
 # On the way no photograph is taken for worse: rough residuals would hand the surface to the sensor.
-NOISIEST = 0.01
-# Of a depth step: with less the step is the same.
+LARGEST_NOISE = 0.01
+# Of a depth step: with less damping the step is the same (ablation.md).
 LEAST_DEPTH_DAMPING = 1e-3
 # The damping of the first steps of the depth, of both, and of the lights.
 OF_DEPTH = Damping(LEAST_DEPTH_DAMPING, LEAST_DEPTH_DAMPING)
@@ -48,10 +51,10 @@ class Fit:
     """Log depth (h, w) and lamps at one level, and how they explain the photographs.
 
     scales : (h, w) of the Cauchy losses; noise : deviation of a value; energy : of everything
-    stiffness : (2, h, w) weight of the fourth differences along u and v, waves (2, h, w)
+    fourth_difference : (2, h, w) an eighth of it along u and v; fourth_difference_weight (2, h, w)
     near : whether the lamps' distances are fitted too
-    one_ambient : whether the ambient light is one part of every lamp's; see `freedom`
-    steadiness : weight W of `unlikeness`, how alike the lamps' brightness is
+    shared_ambient : whether the ambient light is one part of every lamp's; see `parameter_map`
+    equal_intensity_weight : W, of `equal_intensity_energy`: how alike the lamps' brightness is
     depth_damping, joint_damping, lights_damping : of the next step of each kind
     """
 
@@ -62,18 +65,18 @@ class Fit:
     scales: Floats
     noise: float
     energy: float
-    stiffness: Floats
-    waves: Floats
+    fourth_difference_weight: Floats
+    fourth_difference: Floats
     near: bool = False
-    one_ambient: bool = False
-    steadiness: float = 0.0
+    shared_ambient: bool = False
+    equal_intensity_weight: float = 0.0
     depth_damping: Damping = OF_DEPTH
     joint_damping: Damping = OF_BOTH
     lights_damping: Damping = OF_LIGHTS
 
 
 def first_fit(
-    level: Level, log_depth: Floats, lamps: Lamps, near: bool = False, one_ambient: bool = False
+    level: Level, log_depth: Floats, lamps: Lamps, near: bool = False, shared_ambient: bool = False
 ) -> Fit:
     """The photographs explained by a depth and lamps; the loss takes its scale from that.
 
@@ -84,47 +87,52 @@ def first_fit(
     nothing = np.zeros((2, *level.mask.shape))
     start = Fit(
         log_depth, lamps, surface, plain, nothing[0], 0.0, 0.0, nothing, nothing,
-        near=near, one_ambient=one_ambient,
+        near=near, shared_ambient=shared_ambient,
     )  # fmt: skip
-    return rescaled(level, start)
+    return update_scale(level, start)
 
 
-def begun_anew(level: Level, fit: Fit, log_depth: Floats | None = None) -> Fit:
-    """`first_fit` where a fit led, on other photographs, at another level or under another trust.
+def reset_scale(level: Level, fit: Fit, log_depth: Floats | None = None) -> Fit:
+    """`first_fit` where a fit led, on other photographs, at another level or under another weight.
 
     What the fit's loss let go of is not held against another surface.
     log_depth : the fit's, carried to the level; its own unless given
     """
     log_depth = fit.log_depth if log_depth is None else log_depth
-    return first_fit(level, log_depth, fit.lamps, fit.near, fit.one_ambient)
+    return first_fit(level, log_depth, fit.lamps, fit.near, fit.shared_ambient)
 
 
-def rescaled(level: Level, fit: Fit, noisiest: float = NOISIEST) -> Fit:
+def update_scale(level: Level, fit: Fit, noisiest: float = LARGEST_NOISE) -> Fit:
     """The same depth and lamps with the loss's scales taken from the present residuals."""
     spread_now = max(fit.explanation.spread, SMALLEST_NOISE)
     scales = cauchy_scales(spread_now, fit.explanation.misfit)
-    stiffness = BENDING * np.moveaxis(fit.explanation.tensor[..., [0, 2]], -1, 0)
-    same = replace(fit, scales=scales, noise=min(spread_now, noisiest), stiffness=stiffness)
-    return moved(level, same, fit.log_depth, fit.lamps)
+    weight = FOURTH_DIFFERENCE_WEIGHT * np.moveaxis(fit.explanation.tensor[..., [0, 2]], -1, 0)
+    same = replace(
+        fit, scales=scales, noise=min(spread_now, noisiest), fourth_difference_weight=weight
+    )
+    return evaluated(level, same, fit.log_depth, fit.lamps)
 
 
-def moved(level: Level, fit: Fit, log_depth: Floats, lamps: Lamps, turning: bool = False) -> Fit:
+def evaluated(
+    level: Level, fit: Fit, log_depth: Floats, lamps: Lamps, turning: bool = False
+) -> Fit:
     """The fit at another depth and other lamps, under the same loss; see `explain`."""
     surface = level.surface(log_depth)
     explanation = level.photographs.explain(
         surface, lamps, scale=fit.scales, start=fit.explanation.albedo, turning=turning
     )
-    waves = ripples(level, log_depth)
-    bending = float(np.vdot(fit.stiffness * waves, waves))
-    known = level.sensor_misfit(log_depth) + fit.steadiness * unlikeness(lamps.vector)
-    energy = explanation.energy + bending + fit.noise**2 * known
+    fourth_difference = fourth_difference_term(level, log_depth)
+    bending = float(np.vdot(fit.fourth_difference_weight * fourth_difference, fourth_difference))
+    alike = fit.equal_intensity_weight * equal_intensity_energy(lamps.vector)
+    prior = fit.noise**2 * (level.sensor_misfit(log_depth) + alike)
+    energy = explanation.energy + bending + prior
     return replace(
         fit, log_depth=log_depth, lamps=lamps, surface=surface, explanation=explanation,
-        energy=energy, waves=waves,
+        energy=energy, fourth_difference=fourth_difference,
     )  # fmt: skip
 
 
-def ripples(level: Level, log_depth: Floats) -> Floats:
+def fourth_difference_term(level: Level, log_depth: Floats) -> Floats:
     """(2, h, w) an eighth of the fourth difference along u and v, 0 where there is none.
 
     It sees what the mean gradient does not, a checkerboard, and next to nothing else.  Where a
@@ -133,8 +141,8 @@ def ripples(level: Level, log_depth: Floats) -> Floats:
     return fourth_differences(log_depth, level.grid) / 8
 
 
-def ripples_transposed(level: Level, along: Floats) -> Floats:
-    """(h, w) the transpose of `ripples`, of an image (2, h, w)."""
+def fourth_difference_term_transposed(level: Level, along: Floats) -> Floats:
+    """(h, w) the transpose of `fourth_difference_term`, of an image (2, h, w)."""
     from scipy.ndimage import correlate1d
 
     total = np.zeros(level.mask.shape)
@@ -148,21 +156,23 @@ def depth_system(level: Level, fit: Fit, tensor: Floats) -> DepthSystem:
     sensor = level.sensor_terms(fit.log_depth, fit.noise**2)
     return assemble(
         level.mask, tensor, fit.explanation.vector, pair_weights=level.pairs, **sensor,
-    ).plus(-smoothing_force(level, fit))  # fmt: skip
+    ).plus(-fourth_difference_gradient(level, fit))  # fmt: skip
 
 
-def smoothing_force(level: Level, fit: Fit) -> Floats:
+def fourth_difference_gradient(level: Level, fit: Fit) -> Floats:
     """(h, w) half the derivatives of the fourth differences' energy with log depth."""
-    return ripples_transposed(level, fit.stiffness * fit.waves)
+    return fourth_difference_term_transposed(
+        level, fit.fourth_difference_weight * fit.fourth_difference
+    )
 
 
-def depth_force(level: Level, fit: Fit) -> Floats:
+def depth_negative_gradient(level: Level, fit: Fit) -> Floats:
     """(h, w) minus half the energy's derivatives with log depth: `depth_system`'s right side."""
     sensor = level.sensor_terms(fit.log_depth, fit.noise**2)
     along = fit.explanation.vector
     shading = mean_gradient_transposed(along[..., 0], along[..., 1], level.grid)
     data = sensor["data_weight"] * sensor["data_target"] + sensor.get("extra_rhs", 0.0)
-    return np.asarray(shading + data - smoothing_force(level, fit))
+    return np.asarray(shading + data - fourth_difference_gradient(level, fit))
 
 
 def light_curvature(
@@ -180,13 +190,13 @@ def light_curvature(
         fit.surface, fit.lamps, fit.explanation.albedo, scale=fit.scales, near=fit.near,
         stride=photographs.stride(most), mixed=mixed,
     )  # fmt: skip
-    _, alike = unlikeness_terms(fit.lamps, 5 if fit.near else 4)
+    _, alike = equal_intensity_derivatives(fit.lamps, 5 if fit.near else 4)
     hessian *= share
-    hessian += gauge(fit, hessian) + fit.noise**2 * fit.steadiness * alike
+    hessian += gauge(fit, hessian) + fit.noise**2 * fit.equal_intensity_weight * alike
     both *= share
-    if not fit.one_ambient:
+    if not fit.shared_ambient:
         return hessian, both
-    free = freedom(fit)
+    free = parameter_map(fit)
     return free.T @ hessian @ free, both @ free
 
 
@@ -198,13 +208,13 @@ def light_slope(level: Level, fit: Fit) -> Floats:
             fit.surface, fit.lamps, scale=fit.scales, start=fit.explanation.albedo, turning=True
         ).light_slope
     slope = np.delete(np.asarray(slope), () if fit.near else 3, axis=-1)
-    alike, _ = unlikeness_terms(fit.lamps, slope.shape[-1])
-    slope = np.asarray(slope.ravel() + fit.noise**2 * fit.steadiness * alike)
-    return slope @ freedom(fit) if fit.one_ambient else slope
+    alike, _ = equal_intensity_derivatives(fit.lamps, slope.shape[-1])
+    slope = np.asarray(slope.ravel() + fit.noise**2 * fit.equal_intensity_weight * alike)
+    return slope @ parameter_map(fit) if fit.shared_ambient else slope
 
 
-def freedom(fit: Fit) -> Floats:
-    """(K, F) what the K numbers of the lights change by, with those that `one_ambient` leaves free.
+def parameter_map(fit: Fit) -> Floats:
+    """(K, F) by how much the K numbers of the lights change with the F that are free.
 
     On a nearly flat surface all normals see as much of a lamp: only ambient light that is alike
     tells how much that is.
@@ -225,9 +235,9 @@ def freedom(fit: Fit) -> Floats:
 
 def lamps_after(fit: Fit, step: Floats) -> Lamps:
     """The fit's lamps after a step (F,) of what is free of them."""
-    numbers = freedom(fit) @ step if fit.one_ambient else step
+    numbers = parameter_map(fit) @ step if fit.shared_ambient else step
     lamps = fit.lamps.moved(numbers.reshape(*fit.lamps.ambient.shape, -1))
-    if fit.one_ambient:
+    if fit.shared_ambient:
         lamps = replace(lamps, ambient=lamps.ambient_share * lamps.irradiance)
     return lamps
 

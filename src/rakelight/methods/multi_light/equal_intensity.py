@@ -23,13 +23,14 @@ FREE = 4
 LEAST_SPREAD = 0.005
 
 
-def unlikeness(vectors: Floats) -> float:
+def equal_intensity_energy(vectors: Floats) -> float:
     """(N - 4) log(spread^2) of the brightness of the N lamps that reach the object; 0 up to 4.
 
     vectors : (N, C, 3), as in `Lamps`
 
     >>> alike = np.full((8, 1, 3), 1.0)
-    >>> unlikeness(alike) < unlikeness(np.arange(1, 9)[:, None, None] * alike)
+    >>> differing = np.arange(1, 9)[:, None, None] * alike
+    >>> equal_intensity_energy(alike) < equal_intensity_energy(differing)
     True
     """
     off, reaching = _deviations(vectors)
@@ -37,8 +38,8 @@ def unlikeness(vectors: Floats) -> float:
     return float(_told(reaching) * np.log(variance + LEAST_SPREAD**2))
 
 
-def unlikeness_terms(lamps: Lamps, parameters: int) -> tuple[Floats, Floats]:
-    """(K,) half the first and (K, K) half the second derivatives of `unlikeness`, Gauss-Newton's.
+def equal_intensity_derivatives(lamps: Lamps, parameters: int) -> tuple[Floats, Floats]:
+    """(K,) half the first and (K, K) half the second derivatives of the energy, Gauss-Newton's.
 
     parameters : numbers that may move of each light, the vector's three first; K counts all
     """

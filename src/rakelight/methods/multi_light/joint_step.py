@@ -19,14 +19,14 @@ from rakelight.geometry.derivatives import gradient_image
 from rakelight.geometry.grid import Links
 from rakelight.geometry.normals import normal_lengths, squared_turn
 from rakelight.methods.levels import Level
-from rakelight.methods.multi_light.bas_relief import deepening
+from rakelight.methods.multi_light.bas_relief import relief_scaling
 from rakelight.methods.multi_light.energy import (
     Fit,
-    depth_force,
+    depth_negative_gradient,
+    evaluated,
     lamps_after,
     light_curvature,
     light_slope,
-    moved,
 )
 from rakelight.model import Floats, Mask
 from rakelight.shading.photographs import applied
@@ -57,15 +57,16 @@ def after_joint_step(level: Level, fit: Fit, most_cells: int, damping: float) ->
     the depth step that follows sees to the detail.
 
     Along the valley the second derivatives nearly cancel, those of some pixels only with those of
-    the same.  Under near lamps they have to.  Under distant ones `relief_step` sets the relief, and
-    the depth's, of all pixels, keep this step from sliding where errors of the photographs lead.
+    the same.  Under near lamps they have to.  Under distant ones `project_bas_relief` sets the
+    relief, and the depth's, of all pixels, keep this step from sliding where errors of the
+    photographs lead.
     """
     cell = cell_size(level, most_cells)
     cells, most = Cells.on(level.mask, cell), 2 * most_cells
     some = level.photographs.some(most) if fit.near else None
     tensor = damped_tensor(level, fit, damping, some)
     weight = fit.noise**2 * level.prior_weight * level.mask
-    force = depth_force(level, fit)
+    force = depth_negative_gradient(level, fit)
     hessian, mixed = light_curvature(level, fit, most, mixed=True)
     slope = light_slope(level, fit)
 
@@ -76,7 +77,7 @@ def after_joint_step(level: Level, fit: Fit, most_cells: int, damping: float) ->
     columns = uphill @ _sums_of_some(mixed, stride, cell, cells.inside)
     whole = fit.near and cell > 1
     if whole:
-        relief = deepening(level, fit.log_depth)
+        relief = relief_scaling(level, fit.log_depth)
         gradient = gradient_image(relief, level.grid)
         along, held = applied(tensor, gradient), weight * relief
         own = uphill @ cell_sums(along, cell)[cells.inside].ravel()
@@ -99,7 +100,7 @@ def after_joint_step(level: Level, fit: Fit, most_cells: int, damping: float) ->
     if whole:
         numbers, deeper = numbers[:-1], numbers[-1]
         step += deeper * relief
-    return moved(level, fit, level.placed(fit.log_depth + step), lamps_after(fit, numbers))
+    return evaluated(level, fit, level.placed(fit.log_depth + step), lamps_after(fit, numbers))
 
 
 def cell_size(level: Level, most_cells: int) -> int:

@@ -7,107 +7,112 @@ from dataclasses import replace
 import numpy as np
 
 from rakelight.methods.levels import Level
-from rakelight.methods.multi_light.energy import Fit, begun_anew, first_fit, moved
-from rakelight.methods.multi_light.equal_intensity import unlikeness
+from rakelight.methods.multi_light.energy import Fit, evaluated, first_fit, reset_scale
+from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.methods.multi_light.factored_start import factored_start
 from rakelight.methods.multi_light.initial_lights import lamps_of_prior
 from rakelight.methods.multi_light.options import Options
-from rakelight.methods.multi_light.steps import Descent, descend, settled
+from rakelight.methods.multi_light.steps import Descent, descend, refine_lights
 from rakelight.model import ProgressCallback
 from rakelight.shading.photographs import Lamps
 
-# A thousandth of the trust is right where it halves what is left unexplained: the depth's errors
-# hang together.  A tenth, where it is a third of that, in logarithms.
-LESS_TRUST = (1e-3, 1e-2, 1e-1)
-HALVED = np.log(2) / np.log(1e3)
-# A level of more pixels is halved before the second start is sought: as good there, and faster
-# (docs/results/random-captures.md).
+# Factors of the first depth weight that are tried at the coarsest level.  The sensor's errors are
+# correlated over an unknown area, and count as that many times fewer.
+WEIGHT_FACTORS = (1e-3, 1e-2, 1e-1)
+# A factor is taken where it lowers the residuals' scale by more than its power of this: a
+# thousandth where it halves them (ablation.md: halved 0.84, doubled 1.07, one draw of 12 each).
+FACTOR_EXPONENT = np.log(2) / np.log(1e3)
+# Pixels of the object: a level of more is halved before the second start is sought, which is as
+# good there and faster (docs/results/random-captures.md).
 FACTORED_PIXELS = 2000
-# Lamps get more freedom where that lowers the energy by more than this fraction over their number:
-# the fewer photographs, the more of anything it explains.
-WORTH_IT = 0.5
-# Near lamps begin where the object's radius is this part of their distance, all alike.
-BROUGHT_NEAR = 0.15
-# Largest quartile distance of the lamps' inverse distances, as a fraction of their median.
-MOST_VARIED = 0.5
+# Near or coloured lights are taken where they lower the energy by more than this, as a fraction,
+# over the number of photographs: the fewer these are, the more of anything more numbers explain.
+LEAST_GAIN = 0.5
+# The object's radius over the distance at which all near lights begin.
+FIRST_CLOSENESS = 0.15
+# Largest interquartile range of the lights' inverse distances, as a fraction of their median, of a
+# lamp in a hand.
+MOST_VARIED_DISTANCES = 0.5
 
 
-def first_look(
+def select_model(
     level: Level, options: Options, progress: ProgressCallback, stage: str
 ) -> tuple[float, Descent]:
-    """The share of the trust that the depth deserves, and the descent with that.
+    """The factor of the level's depth weight that fits best, and the descent with it.
 
-    From distant white lamps with as much ambient light each; more freedom where it is worth it.
+    From distant white lights with the same share of ambient light; near and coloured ones where
+    they explain much more.  Where near ones come out implausible, all is chosen again without.
     """
-    fit = first_fit(level, level.prior, lamps_of_prior(level), one_ambient=True)
+    fit = first_fit(level, level.prior, lamps_of_prior(level), shared_ambient=True)
     simple = descend(level, fit, options, progress, stage)
-    factored = from_factors(level)
+    factored = factored_fit(level)
     simple = second_start(level, simple, factored, options, progress)
     for distance in (options.distance, "distant"):
         these = replace(options, distance=distance)
-        descent = freer_lamps(level, simple, these, progress)
-        share, descent = less_trust(level, descent, these, progress, factored)
-        if share < 1:
-            descent = freer_lamps(level.trusting(share), descent, these, progress)
-        if accepted(level, descent.fit.lamps, options):
+        descent = select_lights(level, simple, these, progress)
+        factor, descent = search_depth_weight(level, descent, these, progress, factored)
+        if factor < 1:
+            descent = select_lights(level.weighted(factor), descent, these, progress)
+        if acceptable(level, descent.fit.lamps, options):
             break
-    fit = replace(descent.fit, one_ambient=False)
-    return share, replace(descent, fits=(*descent.fits[:-1], fit))
+    fit = replace(descent.fit, shared_ambient=False)
+    return factor, replace(descent, fits=(*descent.fits[:-1], fit))
 
 
-def less_trust(
+def search_depth_weight(
     level: Level,
     descent: Descent,
     options: Options,
     progress: ProgressCallback,
     factored: Fit | None = None,
 ) -> tuple[float, Descent]:
-    """The share of the level's trust, and the descent with it, that explain the photographs best.
+    """The factor of the level's depth weight, and the descent with it, that explain the
+    photographs best for their price.
 
-    factored : another fit to start from, where it leaves less unexplained: with all its trust, the
-        descent may be bent to the sensor's noise
+    factored : another fit to start from, where its residuals are smaller: under the whole weight
+        the descent may have been bent to the sensor's noise
 
-    Errors of the depth that hang together count as less than they are many.  How they do, nobody
-    knows before the photographs have shown them, which too large a weight prevents.
+    Correlated errors of the depth count less than their number.  How far they are correlated, only
+    a surface shows that follows the photographs, and too large a weight prevents it.
     """
     chosen, fit = (1.0, descent), descent.fit
     if options.depth_weight is not None:
         return chosen
-    least = unexplained(level, fit) if accepted(level, fit.lamps, options) else np.inf
+    least = penalised_noise(level, fit) if acceptable(level, fit.lamps, options) else np.inf
     floor = 0.0
     if fit.near:
-        fit = brought_near(level, fit)
-    for share in LESS_TRUST:
-        price = share**-HALVED
+        fit = with_near_lights(level, fit)
+    for factor in WEIGHT_FACTORS:
+        price = factor**-FACTOR_EXPONENT
         if floor * price >= least:
-            continue  # what even less trust leaves unexplained is too much
-        loose = level.trusting(share)
-        words = "try less trust in the depth"
-        start = begun_anew(loose, fit)
+            continue  # residuals under a smaller weight still are too large for this price
+        loose = level.weighted(factor)
+        words = "try a smaller depth weight"
+        start = reset_scale(loose, fit)
         if factored is not None and not fit.near:
             start = min(
-                start, begun_anew(loose, factored), key=lambda each: each.explanation.spread
+                start, reset_scale(loose, factored), key=lambda each: each.explanation.spread
             )
         tried = descend(loose, start, options, progress, words)
-        left = unexplained(level, tried.fit)
+        left = penalised_noise(level, tried.fit)
         floor = max(floor, left)
-        if left * price < least and accepted(level, tried.fit.lamps, options):
-            chosen, least = (share, tried), left * price
+        if left * price < least and acceptable(level, tried.fit.lamps, options):
+            chosen, least = (factor, tried), left * price
     return chosen
 
 
-def unexplained(level: Level, fit: Fit) -> float:
-    """The residuals' scale, the larger the less alike the lamps' brightness, and the nearer they.
+def penalised_noise(level: Level, fit: Fit) -> float:
+    """The residuals' scale, times more the less alike the lights' intensities and the nearer they.
 
-    On low relief a flat surface explains photographs nearly as well as the right one, by lamps that
-    are bright here and dark there, or so near that light falls off like anything.
+    On low relief a flat surface explains photographs nearly as well as the right one, under lights
+    of very different intensity, or so near that their fall-off makes the shading.
     """
-    alike = unlikeness(fit.lamps.vector) / (4 * len(fit.lamps.vector))
-    near = 1 + reach(level, fit.lamps) ** 2
+    alike = equal_intensity_energy(fit.lamps.vector) / (4 * len(fit.lamps.vector))
+    near = 1 + radius_over_distance(level, fit.lamps) ** 2
     return float(fit.explanation.spread * np.exp(alike) * near)
 
 
-def from_factors(level: Level) -> Fit | None:
+def factored_fit(level: Level) -> Fit | None:
     """The fit where the photographs' factors lead, or None; see `factored_start`."""
     small = level if np.count_nonzero(level.mask) <= FACTORED_PIXELS else level.halved()
     found = factored_start(small)
@@ -116,7 +121,7 @@ def from_factors(level: Level) -> Fit | None:
     log_depth, lamps = found
     if small is not level:
         log_depth = level.carried(small, log_depth)
-    return first_fit(level, log_depth, lamps, one_ambient=True)
+    return first_fit(level, log_depth, lamps, shared_ambient=True)
 
 
 def second_start(
@@ -130,11 +135,11 @@ def second_start(
     if factored is None:
         return descent
     tried = descend(level, factored, options, progress, "try the photographs' lamps")
-    before = moved(level, tried.fit, descent.fit.log_depth, descent.fit.lamps)
+    before = evaluated(level, tried.fit, descent.fit.log_depth, descent.fit.lamps)
     return tried if tried.fit.energy < before.energy else descent
 
 
-def freer_lamps(
+def select_lights(
     level: Level, descent: Descent, options: Options, progress: ProgressCallback
 ) -> Descent:
     """The descent with coloured or near lamps, where these explain the photographs much better."""
@@ -145,32 +150,32 @@ def freer_lamps(
         before = descent.fit
         if wanted not in ("auto", free) or already:
             continue
-        freer = brought_near(level, before) if free == "near" else coloured(before)
-        # All under the loss of the simpler lamps.
+        freer = with_near_lights(level, before) if free == "near" else with_coloured_lights(before)
+        # Both under the loss of the simpler lights.
         alike = replace(before, near=freer.near)
-        enough = WORTH_IT / len(level.photographs) * before.energy
+        enough = LEAST_GAIN / len(level.photographs) * before.energy
         tried = descend(level, freer, options, progress, f"try {free} lamps")
-        after = moved(level, alike, tried.fit.log_depth, tried.fit.lamps)
+        after = evaluated(level, alike, tried.fit.log_depth, tried.fit.lamps)
         gain = before.energy - after.energy
-        if wanted == free or (gain > enough and similar(after.lamps)):
+        if wanted == free or (gain > enough and distances_alike(after.lamps)):
             descent = tried
     return descent
 
 
-def accepted(level: Level, lamps: Lamps, options: Options) -> bool:
-    """Whether distances are asked for or, if there are any, sound."""
-    return options.distance == "near" or sound(level, lamps)
+def acceptable(level: Level, lamps: Lamps, options: Options) -> bool:
+    """Whether near lights are asked for or, if there are any, plausible."""
+    return options.distance == "near" or plausible(level, lamps)
 
 
-def sound(level: Level, lamps: Lamps) -> bool:
-    """Whether distances, if any, are those of lamps in a hand: alike, and outside the object.
+def plausible(level: Level, lamps: Lamps) -> bool:
+    """Whether distances, if any, are those of a lamp in a hand: alike, and outside the object.
 
-    Where they only make up for another fault of the model they come out at random, or tiny.
+    Where they only make up for another error of the model they come out at random, or tiny.
     """
-    return similar(lamps) and reach(level, lamps) <= 1
+    return distances_alike(lamps) and radius_over_distance(level, lamps) <= 1
 
 
-def reach(level: Level, lamps: Lamps) -> float:
+def radius_over_distance(level: Level, lamps: Lamps) -> float:
     """The object's radius as a part of the lamps' distance."""
     return float(np.median(lamps.closeness)) * object_radius(level)
 
@@ -180,24 +185,24 @@ def object_radius(level: Level) -> float:
     return float(np.linalg.norm(level.points[level.mask], axis=-1).max())
 
 
-def similar(lamps: Lamps) -> bool:
+def distances_alike(lamps: Lamps) -> bool:
     """Whether distances, if any, differ little."""
     low, middle, high = np.quantile(lamps.closeness, [0.25, 0.5, 0.75])
-    return bool(high - low <= MOST_VARIED * middle)
+    return bool(high - low <= MOST_VARIED_DISTANCES * middle)
 
 
-def brought_near(level: Level, fit: Fit) -> Fit:
-    """The fit with all lamps at one distance, from which each may find its own.
+def with_near_lights(level: Level, fit: Fit) -> Fit:
+    """The fit with all lights at one distance, from which each may find its own.
 
-    From infinity they go astray where fall-off is most of what a flat object shows.
+    Descents from infinity fail where fall-off makes most of a flat object's shading.
     """
-    closeness = np.full_like(fit.lamps.closeness, BROUGHT_NEAR / object_radius(level))
+    closeness = np.full_like(fit.lamps.closeness, FIRST_CLOSENESS / object_radius(level))
     lamps = replace(fit.lamps, closeness=closeness)
-    alike = first_fit(level, fit.log_depth, lamps, one_ambient=fit.one_ambient)
-    return replace(settled(level, alike), near=True)
+    alike = first_fit(level, fit.log_depth, lamps, shared_ambient=fit.shared_ambient)
+    return replace(refine_lights(level, alike), near=True)
 
 
-def coloured(fit: Fit) -> Fit:
+def with_coloured_lights(fit: Fit) -> Fit:
     """The fit with a light of its own for each channel."""
     lamps = fit.lamps
     each = (np.repeat(part, 3, axis=1) for part in (lamps.vector, lamps.ambient, lamps.closeness))

@@ -1,4 +1,4 @@
-"""What the sensor's depth counts, from how its errors and the photographs' hang together."""
+"""The weight of the sensor's depth, from the correlation of its errors and the photographs'."""
 
 from __future__ import annotations
 
@@ -11,24 +11,26 @@ from rakelight.methods.multi_light.energy import Fit
 from rakelight.model import MAD_TO_SIGMA, Floats, Mask
 from rakelight.prepare import Prepared
 
-# So many pixels share an error of the photographs' explanation, whatever the depth's errors do.
-COHERENT_PIXELS = 25.0
+# Pixels over which the photographs' residuals are correlated, whatever the depth's errors are
+# (ablation.md).
+IMAGE_CORRELATION_AREA_PX = 25.0
 # The least and the most, as multiples of white noise's weight.  A surface that drifts along the
 # bas-relief valley makes the depth's errors look correlated; less would let it drift on.
-LEAST_TRUST, MOST_TRUST = 0.3, 300.0
+LEAST_WEIGHT, MOST_WEIGHT = 0.3, 300.0
 # Errors are summed over blocks of pixels as long as there are so many.
 FEWEST_BLOCKS = 16
 # They are cut at so many standard deviations: beyond lie depth jumps.
 FARTHEST = 4.0
 
 
-def deserved_trust(fit: Fit, prepared: Prepared) -> float:
+def estimate_depth_weight(fit: Fit, prepared: Prepared) -> float:
     """The weight of the depth, as a multiple of white noise's, from the errors of both sides.
 
-    Depth errors e that hang together over r^2 = <e^2> / <|de|^2> of the sensor's pixels say r^2
-    times less than independent ones (medians, so that depth jumps do not count).  Photographs err
-    together too, `COHERENT_PIXELS` where the model holds, the more the heavier their residuals'
-    tails are: shadows, highlights and edges are no white noise.  The answer is from 0.3 to 300.
+    Depth errors e that are correlated over an area of r^2 = <e^2> / <|de|^2> of the sensor's pixels
+    count r^2 times less than independent ones (medians, so that depth jumps do not count).  The
+    photographs' residuals are correlated too, over `IMAGE_CORRELATION_AREA_PX` where the model
+    holds, the more the heavier their tails are: shadows, highlights and edges are no white noise.
+    From 0.3 to 300.
     """
     error, seen = sensor_error(prepared, fit.log_depth)
     steps = np.concatenate(
@@ -38,16 +40,16 @@ def deserved_trust(fit: Fit, prepared: Prepared) -> float:
         ]
     )
     if not steps.size:
-        return MOST_TRUST  # of depth pixels side by side there are none
+        return MOST_WEIGHT  # of depth pixels side by side there are none
     error = error[seen] - np.median(error[seen])
     together = np.median(error**2) / max(float(np.median(steps**2)), 1e-30)
     tails = max(fit.explanation.rms / max(fit.explanation.spread, 1e-30), 1.0)
-    trust = COHERENT_PIXELS * tails / max(float(together), 1e-30)
-    return float(np.clip(trust, LEAST_TRUST, MOST_TRUST))
+    weight = IMAGE_CORRELATION_AREA_PX * tails / max(float(together), 1e-30)
+    return float(np.clip(weight, LEAST_WEIGHT, MOST_WEIGHT))
 
 
-def deserved_steadiness(level: Level, log_depth: Floats, prepared: Prepared) -> float:
-    """What lamps of one brightness count beside the sensor's depth, whose weight is the level's.
+def estimate_equal_intensity_weight(level: Level, log_depth: Floats, prepared: Prepared) -> float:
+    """The weight of lights of equal intensity beside the sensor's depth, whose weight is the level's.
 
     The sensor's error of the whole shape is that of independent pixels of a larger variance: the
     largest, over blocks of all sizes, of  (sum of a block)^2 / pixels.

@@ -39,7 +39,7 @@ TINY = 1e-6
 FAR_M = 100.0
 
 
-def matte(level: Level, log_depth: Floats, lamps: Lamps) -> tuple[Level, Floats]:
+def remove_outliers(level: Level, log_depth: Floats, lamps: Lamps) -> tuple[Level, Floats]:
     """The level with its photographs as a matte object without cast shadows would show them.
 
     log_depth (h, w), lamps : as well as they are known.  Also the heights (E,) of the highlights

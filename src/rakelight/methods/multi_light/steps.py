@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rakelight.methods.levels import Level
-from rakelight.methods.multi_light.bas_relief import best_relief
+from rakelight.methods.multi_light.bas_relief import nearest_bas_relief
 from rakelight.methods.multi_light.energy import (
-    NOISIEST,
+    LARGEST_NOISE,
     Fit,
     depth_system,
+    evaluated,
     lamps_after,
     light_curvature,
     light_slope,
-    moved,
-    rescaled,
+    update_scale,
 )
 from rakelight.methods.multi_light.joint_step import damped_tensor, joint_step
 from rakelight.methods.multi_light.options import Options
@@ -26,14 +26,15 @@ from rakelight.solve import solve
 from rakelight.solve.gauss_newton import damped_solution
 from rakelight.solve.levenberg_marquardt import lowered
 
-# The loss is settled when the noise falls by less than this factor from one step to the next.
-SETTLED = 0.95
+# The loss is fixed when the residuals' scale falls by less than to this part from one step to the
+# next (ablation.md: halved 1.00, doubled 1.05).
+NOISE_AT_REST = 0.95
 # How often a refused step is tried with more damping.
 TRIES = 3
-# A step is solved for to this fraction: the next one starts from what it missed.
+# Relative residual to which a depth step is solved: the next step starts from what it missed.
 STEP_TOLERANCE = 2e-2
-# Steps in which lights settle, and pixels that are enough for their curvature.
-SETTLE, SOME_PIXELS = 2, 2000
+# Steps of the lights alone, and how many pixels are enough for their second derivatives.
+LIGHT_STEPS, CURVATURE_PIXELS = 2, 2000
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,31 +60,32 @@ def descend(
     options: Options,
     progress: ProgressCallback,
     stage: str,
-    noisiest: float = NOISIEST,
+    noisiest: float = LARGEST_NOISE,
     together: bool = True,
     thorough: bool = False,
 ) -> Descent:
     """Gauss-Newton steps at one level until the energy rests.
 
-    together : whether lights move with the depth; thorough : whether to rest where strides do, too
+    together : whether lights move with the depth
+    thorough : whether it rests only where an extrapolated step lowers nothing either
     """
     fits: list[Fit] = []
     settled = converged = False
     for step in range(options.max_iterations):
         progress(Progress(stage, step + 1, options.max_iterations, fit.energy))
         if not settled:
-            # The residuals' scale falls as they do; once it rests, one energy is lowered.
-            noise, fit = fit.noise, rescaled(level, fit, noisiest)
-            settled = step > 0 and fit.noise > SETTLED * noise
+            # The residuals' scale falls as they do; once it rests, it is one energy that falls.
+            noise, fit = fit.noise, update_scale(level, fit, noisiest)
+            settled = step > 0 and fit.noise > NOISE_AT_REST * noise
             fits = [fit]
         before = fit
         fit = depth_step(level, fit)
         if together:
             fit = joint_step(level, fit, options.coarse_pixels)
-        fit = relief_step(level, fit)
+        fit = project_bas_relief(level, fit)
         small = options.tolerance * before.energy
         if settled and (thorough or before.energy - fit.energy >= small):
-            fit = stride(level, before, fit)
+            fit = extrapolated(level, before, fit)
         converged = settled and before.energy - fit.energy < small
         if converged and fit.energy > before.energy:
             break  # what the photographs gained was a bas-relief that the sensor contradicts
@@ -99,13 +101,13 @@ def depth_step(level: Level, fit: Fit) -> Fit:
     def after(damping: float) -> Fit:
         system = depth_system(level, fit, damped_tensor(level, fit, damping))
         step = solve(system, tolerance=STEP_TOLERANCE).value
-        return moved(level, fit, level.placed(fit.log_depth + step), fit.lamps, turning=True)
+        return evaluated(level, fit, level.placed(fit.log_depth + step), fit.lamps, turning=True)
 
     lower, damping = lowered(fit, fit.depth_damping, after, TRIES)
     return replace(lower, depth_damping=damping)
 
 
-def relief_step(level: Level, fit: Fit) -> Fit:
+def project_bas_relief(level: Level, fit: Fit) -> Fit:
     """The fit after the bas-relief transform that brings the surface closest to the sensor.
 
     Whatever becomes of the photographs' energy: distant lamps leave the transform open, and what
@@ -114,32 +116,34 @@ def relief_step(level: Level, fit: Fit) -> Fit:
     """
     if fit.near:
         return fit
-    log_depth, turn = best_relief(level, fit.log_depth, fit.lamps, fit.steadiness)
+    log_depth, turn = nearest_bas_relief(
+        level, fit.log_depth, fit.lamps, fit.equal_intensity_weight
+    )
     lamps = replace(fit.lamps, vector=fit.lamps.vector @ turn.T)
-    return moved(level, fit, log_depth, lamps, turning=True)
+    return evaluated(level, fit, log_depth, lamps, turning=True)
 
 
-def settled(level: Level, fit: Fit) -> Fit:
+def refine_lights(level: Level, fit: Fit) -> Fit:
     """The fit after some steps of the lights alone."""
-    for _ in range(SETTLE):
+    for _ in range(LIGHT_STEPS):
         fit = lights_step(level, fit)
     return fit
 
 
 def lights_step(level: Level, fit: Fit) -> Fit:
     """One Gauss-Newton step of the lights, the depth held; damped until the energy falls."""
-    hessian, _ = light_curvature(level, fit, SOME_PIXELS)
+    hessian, _ = light_curvature(level, fit, CURVATURE_PIXELS)
     slope = light_slope(level, fit)
 
     def after(damping: float) -> Fit:
         step = damped_solution(hessian, -slope, np.diag(hessian), damping)
-        return moved(level, fit, fit.log_depth, lamps_after(fit, step), turning=True)
+        return evaluated(level, fit, fit.log_depth, lamps_after(fit, step), turning=True)
 
     lower, damping = lowered(fit, fit.lights_damping, after, TRIES)
     return replace(lower, lights_damping=damping)
 
 
-def stride(level: Level, before: Fit, fit: Fit) -> Fit:
+def extrapolated(level: Level, before: Fit, fit: Fit) -> Fit:
     """The way from `before` to `fit` once more and further, for as long as the energy falls.
 
     Where reweighting or the bas-relief valley make the steps short, they all point one way.
@@ -148,8 +152,8 @@ def stride(level: Level, before: Fit, fit: Fit) -> Fit:
     lights = lamps_step(before.lamps, fit.lamps)
     best, share = fit, 1.0
     behind = [(0.0, before.energy), (1.0, fit.energy)]
-    while goes_down(behind, 1 + share):
-        tried = moved(level, fit, fit.log_depth + share * way, fit.lamps.moved(share * lights))
+    while parabola_falls(behind, 1 + share):
+        tried = evaluated(level, fit, fit.log_depth + share * way, fit.lamps.moved(share * lights))
         if not tried.energy < best.energy:
             break
         behind.append((1 + share, tried.energy))
@@ -157,7 +161,7 @@ def stride(level: Level, before: Fit, fit: Fit) -> Fit:
     return best
 
 
-def goes_down(behind: list[tuple[float, float]], place: float) -> bool:
+def parabola_falls(behind: list[tuple[float, float]], place: float) -> bool:
     """Whether the parabola through the last three (place, energy) is lower there than at the last.
 
     Two tell nothing of what is ahead.
