@@ -10,6 +10,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from numbers import Integral
 from os import PathLike
 from typing import Any, Literal, TypeAlias
 
@@ -50,6 +51,36 @@ class Camera:
     fy: float
     cx: float
     cy: float
+
+    @classmethod
+    def from_matrix(cls, K: Array, shape: tuple[int, int]) -> Camera:
+        """The camera of a calibration matrix.
+
+        K : (3, 3) pixels, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], for pixel centres at integers
+            from 0, as OpenCV and ROS write it; of images without lens distortion
+        shape : (height, width) of the images in pixels, numpy's order
+
+        Raises InputError where K is no such matrix (skew, other numbers than these, focal lengths
+        that are not positive) or the shape is not two positive whole numbers.
+
+        >>> K = np.array([[525.0, 0.0, 319.5], [0.0, 525.0, 239.5], [0.0, 0.0, 1.0]])
+        >>> Camera.from_matrix(K, (480, 640))
+        Camera(width=640, height=480, fx=525.0, fy=525.0, cx=319.5, cy=239.5)
+        """
+        height, width = _image_shape(shape)
+        fx, fy, cx, cy = _intrinsics(K)
+        camera = cls(width=width, height=height, fx=fx, fy=fy, cx=cx, cy=cy)
+        _refuse_exchanged_sides(camera)
+        return camera
+
+    @property
+    def matrix(self) -> Floats:
+        """(3, 3) float64 [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], pixels.
+
+        >>> Camera(640, 480, 525.0, 520.0, 319.5, 239.5).matrix.tolist()
+        [[525.0, 0.0, 319.5], [0.0, 520.0, 239.5], [0.0, 0.0, 1.0]]
+        """
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], np.float64)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -93,6 +124,72 @@ class Camera:
         left, right, _ = columns.indices(self.width)
         return replace(
             self, width=right - left, height=bottom - top, cx=self.cx - left, cy=self.cy - top
+        )
+
+
+def _image_shape(shape: Any) -> tuple[int, int]:
+    """(height, width) as two int; raises InputError."""
+    sides = tuple(shape) if isinstance(shape, (tuple, list, np.ndarray)) else ()
+    whole = all(isinstance(side, Integral) and not isinstance(side, bool) for side in sides)
+    if len(sides) != 2 or not whole or min(sides) < 1:
+        raise InputError(
+            "this is not the size of an image",
+            source="shape",
+            seen=str(shape)[:80],
+            needed="(height, width), two whole numbers above 0",
+            remedy="photographs.shape[-3:-1] is that of colour photographs (N, H, W, 3)",
+        )
+    return int(sides[0]), int(sides[1])
+
+
+def _intrinsics(K: Any) -> tuple[float, float, float, float]:
+    """fx, fy, cx, cy of a calibration matrix; raises InputError."""
+
+    def refused(what: str, seen: object, needed: str, remedy: str) -> InputError:
+        return InputError(what, source="K", seen=str(seen), needed=needed, remedy=remedy)
+
+    form = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
+    remedy = "give the camera's 3 x 3 calibration matrix in pixels"
+    if isinstance(K, (list, tuple)):
+        try:
+            K = np.array(K)
+        except ValueError as error:  # rows of different length
+            raise refused("not a calibration matrix", type(K).__name__, form, remedy) from error
+    if not isinstance(K, np.ndarray) or isinstance(K, np.ma.MaskedArray):
+        raise refused("not a calibration matrix", type(K).__name__, form, remedy)
+    if K.shape != (3, 3) or K.dtype.kind not in "fiu":
+        raise refused("not a calibration matrix", f"{K.shape} {K.dtype}", form, remedy)
+    if not np.isfinite(K).all():
+        raise refused("a calibration matrix with holes", K.tolist(), "finite numbers", remedy)
+    if np.any(K[2] != [0, 0, 1]):
+        remedy = "transpose K" if (K[:, 2] == [0, 0, 1]).all() else "divide K by K[2, 2]"
+        raise refused("the last row is another", K[2].tolist(), "[0, 0, 1]", remedy)
+    if K[1, 0] != 0 or K[0, 1] != 0:
+        remedy = "undistort the photographs to a camera without skew"
+        raise refused("a camera with skew", f"{K[0, 1]:g} and {K[1, 0]:g}", "both 0", remedy)
+    fx, fy, cx, cy = (float(K[where]) for where in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    if min(fx, fy) <= 0:
+        remedy = "y points down and z forward here: the focal lengths in pixels are positive"
+        raise refused("not focal lengths", f"fx = {fx:g}, fy = {fy:g}", "both above 0", remedy)
+    return fx, fy, cx, cy
+
+
+def _refuse_exchanged_sides(camera: Camera) -> None:
+    """Raise InputError where the principal point is central only with the sides exchanged."""
+    height, width = camera.shape
+    near = 0.02 * max(height, width)  # calibrated principal points are mostly as near
+
+    def off_centre(wide: int, high: int) -> float:
+        return max(abs(camera.cx - (wide - 1) / 2), abs(camera.cy - (high - 1) / 2))
+
+    if off_centre(height, width) <= near < off_centre(width, height):
+        raise InputError(
+            "height and width look exchanged",
+            source="shape",
+            seen=f"(height, width) = {camera.shape}, principal point ({camera.cx:g}, "
+            f"{camera.cy:g})",
+            needed="a principal point near the centre",
+            remedy=f"give ({width}, {height})",
         )
 
 
