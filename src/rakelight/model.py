@@ -8,7 +8,7 @@ that face the camera (n_z < 0); pixel (u, v) = (column, row) with pixel centres 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Integral
 from os import PathLike
@@ -337,6 +337,79 @@ class Capture:
     names: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
     source: str = ""
+
+    @classmethod
+    def from_arrays(
+        cls,
+        photographs: Array,
+        depth: Floats,
+        camera: Camera,
+        *,
+        mask: Array | None = None,
+        encoding: Encoding | None = None,
+        lighting: Lighting | None = None,
+        names: Sequence[str] = (),
+        depth_camera: Camera | None = None,
+        depth_to_color: RigidTransform | None = None,
+        depth_noise: SensorNoise | None = None,
+        register: bool = False,
+    ) -> Capture:
+        """A capture of numpy arrays, by the rules of the capture folder.
+
+        Parameters
+        ----------
+        photographs : (N, H, W, 3) or (H, W, 3), red green blue: uint8, uint16, or floating point
+            from 0 to 1, which is kept with 16 bits
+        depth : (h, w) or (K, h, w) floating point, metres along the optical axis; 0, negative,
+            NaN and infinity are no measurement.  Several maps are averaged robustly
+        camera : the colour camera
+        mask : (H, W) bool or numbers, non-zero = object; None cuts out the object nearest to the
+            camera, and a finding says so
+        encoding : "linear" (values proportional to light) or "srgb".  When None, uint8 counts as
+            "srgb", uint16 and floating point as "linear", and a finding says so
+        lighting : "moving-lamp", "rgb-leds" or "ambient"; when None, one photograph counts as
+            "ambient", several as "moving-lamp"
+        names : of the photographs, for messages
+        depth_camera, depth_to_color : of depth that is not in the colour camera's frame; the pose
+            is the identity when None.  Without depth_camera the depth covers the photographs' field
+            of view exactly, H and W being whole multiples of h and w
+        depth_noise : of the depth sensor, None when it is not known
+        register : whether `multi-light` corrects a small error of depth_to_color
+
+        Returns
+        -------
+        the Capture; it keeps copies of the arrays, and in `findings` what a person should know
+
+        Raises
+        ------
+        InputError
+            something does not fit: the message names the argument, what was seen, what is needed
+            and what to do.  CaptureError, one of its kinds, for the arrays.
+
+        Examples
+        --------
+        >>> random = np.random.default_rng(0)
+        >>> photographs = random.integers(50, 200, (3, 6, 8, 3), np.uint8)
+        >>> capture = Capture.from_arrays(photographs, np.full((3, 4), 0.5),
+        ...                               Camera(8, 6, 10.0, 10.0, 3.5, 2.5), mask=np.ones((6, 8)))
+        >>> capture.depth_m.shape, capture.encoding, capture.lighting
+        ((1, 3, 4), 'srgb', 'moving-lamp')
+        """
+        from rakelight.capture.from_arrays import capture_from_arrays
+
+        return capture_from_arrays(
+            photographs,
+            depth,
+            camera,
+            mask=mask,
+            encoding=encoding,
+            lighting=lighting,
+            names=names,
+            depth_camera=depth_camera,
+            depth_to_color=depth_to_color,
+            depth_noise=depth_noise,
+            register=register,
+        )
 
     @property
     def white(self) -> float:
