@@ -9,6 +9,7 @@ from types import ModuleType
 import pytest
 
 import rakelight
+from rakelight.methods import METHODS, load_method
 
 PACKAGE = Path(rakelight.__file__).resolve().parent
 SOURCES = sorted(PACKAGE.rglob("*.py"))
@@ -61,13 +62,21 @@ def test_public_names_resolve(name):
 def test_the_three_lists_of_public_names_agree():
     assert rakelight.__all__ == sorted(rakelight.__all__)
     assert dir(rakelight) == rakelight.__all__
-    homes = {name for names in rakelight._HOMES.values() for name in names}
+    assert set(rakelight._HOMES) == set(rakelight.__all__) - {"__version__"}
     tree = ast.parse((PACKAGE / "__init__.py").read_text())
     (typing,) = (node for node in tree.body if isinstance(node, ast.If))
-    typed = {(n.module, alias.name) for n in typing.body for alias in n.names}
-    assert homes == set(rakelight.__all__) - {"__version__"}
-    assert {name for _, name in typed} == homes
-    assert {(home, name) for home, names in rakelight._HOMES.items() for name in names} == typed
+    typed = {}
+    for node in typing.body:
+        for alias in node.names:
+            inside = f":{alias.name}" if alias.asname else ""
+            typed[alias.asname or alias.name] = node.module + inside
+    assert typed == rakelight._HOMES
+
+
+def test_a_method_has_its_options_under_its_name():
+    for name in METHODS:
+        public = "".join(word.capitalize() for word in name.split("-"))
+        assert getattr(rakelight, public) is load_method(name).options
 
 
 def test_an_unknown_name_is_an_attribute_error():

@@ -22,33 +22,64 @@ if TYPE_CHECKING:
         RakelightError,
     )
     from rakelight.methods import refine
-    from rakelight.model import Camera, Capture, Finding, Lights, Progress, Result, Truth
+    from rakelight.methods.fusion_like import Options as FusionLike
+    from rakelight.methods.ldr_ps import Options as LdrPs
+    from rakelight.methods.multi_light import Options as MultiLight
+    from rakelight.methods.multi_light_alternating import Options as MultiLightAlternating
+    from rakelight.methods.rgb_ratio import Options as RgbRatio
+    from rakelight.methods.rgbd_fusion import Options as RgbdFusion
+    from rakelight.model import (
+        Camera,
+        Capture,
+        Finding,
+        Lights,
+        Progress,
+        Result,
+        RigidTransform,
+        SensorNoise,
+        Truth,
+    )
 
 __version__: str
 
+# Public name -> the module it comes from and its name there, where that is another one.
 _HOMES = {
-    "rakelight.capture": ("load_capture", "load_truth", "write_capture"),
-    "rakelight.errors": (
-        "CaptureError",
-        "InputError",
-        "MachineError",
-        "MethodError",
-        "OutputExistsError",
-        "RakelightError",
-    ),
-    "rakelight.methods": ("refine",),
-    "rakelight.model": ("Camera", "Capture", "Finding", "Lights", "Progress", "Result", "Truth"),
+    "Camera": "rakelight.model",
+    "Capture": "rakelight.model",
+    "CaptureError": "rakelight.errors",
+    "Finding": "rakelight.model",
+    "FusionLike": "rakelight.methods.fusion_like:Options",
+    "InputError": "rakelight.errors",
+    "LdrPs": "rakelight.methods.ldr_ps:Options",
+    "Lights": "rakelight.model",
+    "MachineError": "rakelight.errors",
+    "MethodError": "rakelight.errors",
+    "MultiLight": "rakelight.methods.multi_light:Options",
+    "MultiLightAlternating": "rakelight.methods.multi_light_alternating:Options",
+    "OutputExistsError": "rakelight.errors",
+    "Progress": "rakelight.model",
+    "RakelightError": "rakelight.errors",
+    "Result": "rakelight.model",
+    "RgbRatio": "rakelight.methods.rgb_ratio:Options",
+    "RgbdFusion": "rakelight.methods.rgbd_fusion:Options",
+    "RigidTransform": "rakelight.model",
+    "SensorNoise": "rakelight.model",
+    "Truth": "rakelight.model",
+    "load_capture": "rakelight.capture",
+    "load_truth": "rakelight.capture",
+    "refine": "rakelight.methods",
+    "write_capture": "rakelight.capture",
 }
-_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 
 def __getattr__(name: str) -> object:
     # Names load on first use, so that `import rakelight` stays light.
     if name == "__version__":
         return _version()
-    if name not in _HOME_OF:
+    if name not in _HOMES:
         raise AttributeError(f"module 'rakelight' has no attribute {name!r}")
-    return getattr(import_module(_HOME_OF[name]), name)
+    module, _, inside = _HOMES[name].partition(":")
+    return getattr(import_module(module), inside or name)
 
 
 def _version() -> str:
@@ -69,14 +100,22 @@ __all__ = [
     "Capture",
     "CaptureError",
     "Finding",
+    "FusionLike",
     "InputError",
+    "LdrPs",
     "Lights",
     "MachineError",
     "MethodError",
+    "MultiLight",
+    "MultiLightAlternating",
     "OutputExistsError",
     "Progress",
     "RakelightError",
     "Result",
+    "RgbRatio",
+    "RgbdFusion",
+    "RigidTransform",
+    "SensorNoise",
     "Truth",
     "__version__",
     "load_capture",
