@@ -31,6 +31,7 @@ HEIGHT = {room: height for height, rooms in enumerate(LAYERS) for room in rooms}
 ALLOWED = {
     ("capture/defaults.py", "prepare"): "without a mask the object is cut out of depth and colour",
     ("model.py", "capture"): "Capture.from_arrays checks the arrays, when it is called",
+    ("model.py", "export"): "Result.mesh and .point_cloud are what mesh.ply holds, when called",
     ("model.py", "report"): "Result.save writes the result folder, when it is called",
     ("prepare/inpaint.py", "solve"): "holes are filled by the solver of the depth steps",
     ("shading/piecewise.py", "solve"): "the albedo between edges is one more system of links",

@@ -479,6 +479,36 @@ def silent(_: Progress) -> None:
 
 
 @dataclass(frozen=True)
+class Mesh:
+    """The surface of a result as triangles, in the camera frame (x right, y down, z forward).
+
+    vertices_m : (V, 3) float32 metres
+    faces : (F, 3) int32 into the vertices, counter-clockwise as the camera sees them
+    normals : (V, 3) float32 unit vectors, facing the camera
+    colors : (V, 3) uint8, the albedo, sRGB encoded
+    """
+
+    vertices_m: Floats
+    faces: Array
+    normals: Floats
+    colors: Array
+
+
+@dataclass(frozen=True)
+class PointCloud:
+    """Every pixel of a result as a point, row by row, in the camera frame.
+
+    points_m : (P, 3) float32 metres
+    normals : (P, 3) float32 unit vectors, facing the camera
+    colors : (P, 3) uint8, the albedo, sRGB encoded
+    """
+
+    points_m: Floats
+    normals: Floats
+    colors: Array
+
+
+@dataclass(frozen=True)
 class Result:
     """A refined depth map and all that was estimated with it, at the output resolution.
 
@@ -531,6 +561,36 @@ class Result:
     def mask(self) -> Mask:
         """(H, W) True where there is depth."""
         return np.isfinite(self.depth)
+
+    def mesh(self) -> Mesh:
+        """The surface as triangles, none across a depth jump: what mesh.ply holds.
+
+        Pixels that belong to no triangle have no vertex; where there are none at all it is empty.
+
+        >>> flat, facing = np.ones((2, 3)), np.tile([0.0, 0.0, -1.0], (2, 3, 1))
+        >>> result = Result(flat, facing, np.ones((2, 3, 3)), flat, Lights(facing[0], flat),
+        ...                 Camera(3, 2, 100.0, 100.0, 1.0, 0.5), flat, "none")
+        >>> mesh = result.mesh()
+        >>> mesh.vertices_m.shape, mesh.faces.shape, mesh.colors[0].tolist()
+        ((6, 3), (4, 3), [255, 255, 255])
+        """
+        from rakelight.export.mesh import result_mesh
+
+        return result_mesh(self)
+
+    def point_cloud(self) -> PointCloud:
+        """Every pixel with depth as a point with its normal and colour.
+
+        >>> hole = np.array([[1.0, np.nan, 1.0]])
+        >>> facing = np.tile([0.0, 0.0, -1.0], (1, 3, 1))
+        >>> result = Result(hole, facing, np.ones((1, 3, 3)), hole, Lights(facing, hole),
+        ...                 Camera(3, 1, 4.0, 4.0, 1.0, 0.0), hole, "none")
+        >>> result.point_cloud().points_m.tolist()
+        [[-0.25, 0.0, 1.0], [0.25, 0.0, 1.0]]
+        """
+        from rakelight.export.mesh import result_points
+
+        return result_points(self)
 
     def timed(self, **seconds: float) -> Result:
         """This result with the seconds of further stages."""

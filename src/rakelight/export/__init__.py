@@ -23,7 +23,7 @@ from rakelight.export.confidence import confidence_png
 from rakelight.export.depth import choose_values_per_metre, depth_png, float32_tiff
 from rakelight.export.finite import only_finite
 from rakelight.export.lights import lights_json
-from rakelight.export.mesh import mesh_glb, mesh_ply, result_mesh
+from rakelight.export.mesh import mesh_glb, mesh_ply, result_triangles
 from rakelight.export.normals import NormalMap, normals_png, normals_tiff
 from rakelight.export.pictures import preview_png
 from rakelight.export.summary import (
@@ -119,7 +119,7 @@ def _write(
     extra_files: ExtraFiles,
 ) -> None:
     """Write every file of a finite result into the staging folder; result.json last."""
-    surface = result_mesh(result) if mesh != "none" else None
+    surface = result_triangles(result) if mesh != "none" else None
     if surface is not None and not len(surface.faces):
         surface, result = None, replace(result, findings=(*result.findings, _NO_MESH))
     values_per_metre = choose_values_per_metre(float(np.nanmax(result.depth)))
