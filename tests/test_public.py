@@ -42,12 +42,12 @@ FUNCTIONS = sorted(
 # A public function, or its module, shows an example that runs, unless:
 WITHOUT_EXAMPLE = {
     "rakelight.capture.truth.load_truth": "needs a synthetic capture on the disk",
-    "rakelight.export.load_result": "save_result's example reads back with it",
+    "rakelight.export.reading.load_result": "rakelight.save_result's example reads back with it",
+    "rakelight.export.reading.read_summary": "needs a result folder; tests/export read it",
     "rakelight.methods.choose_method": "needs a whole capture; tests/cli run it",
     "rakelight.methods.refine": "needs a whole capture; rakelight's own docstring shows it",
     "rakelight.prepare.prepare": "needs a whole capture; tests/prepare run it",
     "rakelight.report.page.report_html": "needs a result, as export.save_result's example makes",
-    "rakelight.report.saving.save_with_report": "Result.save, in the README's example",
     "rakelight.synthetic.albedo.texture_from_file": "needs a picture on the disk",
     "rakelight.synthetic.depth_file.shape_from_depth": "needs a depth map; its tests show one",
     "rakelight.synthetic.depth_file.shape_from_file": "needs a depth map on the disk",

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         OutputExistsError,
         RakelightError,
     )
+    from rakelight.export import load_result
     from rakelight.methods import refine
     from rakelight.methods.fusion_like import Options as FusionLike
     from rakelight.methods.ldr_ps import Options as LdrPs
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
         SensorNoise,
         Truth,
     )
+    from rakelight.report import save_result
 
 __version__: str
 
@@ -70,8 +72,10 @@ _HOMES = {
     "SensorNoise": "rakelight.model",
     "Truth": "rakelight.model",
     "load_capture": "rakelight.capture",
+    "load_result": "rakelight.export",
     "load_truth": "rakelight.capture",
     "refine": "rakelight.methods",
+    "save_result": "rakelight.report",
     "write_capture": "rakelight.capture",
 }
 
@@ -125,7 +129,9 @@ __all__ = [
     "Truth",
     "__version__",
     "load_capture",
+    "load_result",
     "load_truth",
     "refine",
+    "save_result",
     "write_capture",
 ]

@@ -613,8 +613,8 @@ class Result:
         Raises OutputExistsError when `folder` exists, or with `overwrite` when it holds anything
         but an older result, MachineError when the disk is full or may not be written to.
         """
-        from rakelight.report import save_with_report
+        from rakelight.report import save_result
 
-        return save_with_report(
+        return save_result(
             self, folder, overwrite=overwrite, mesh=mesh, normal_map=normal_map, truth=truth
         )

@@ -7,7 +7,7 @@ import pytest
 from conftest import CENTRE_M, RADIUS_M
 from readers import read_ply
 
-from rakelight.export import save_result
+from rakelight.export import write_result
 
 
 def pixels_of(points, camera):
@@ -18,7 +18,7 @@ def pixels_of(points, camera):
 
 
 def test_the_mesh_is_what_mesh_ply_holds(sphere, tmp_path):
-    save_result(sphere, tmp_path / "out", mesh="ply")
+    write_result(sphere, tmp_path / "out", mesh="ply")
     vertices, faces = read_ply((tmp_path / "out" / "mesh.ply").read_bytes())
     mesh = sphere.mesh()
     np.testing.assert_array_equal(mesh.vertices_m, vertices[:, :3])

@@ -283,8 +283,8 @@ def test_from_capture_folder_to_result_folder(scene, tmp_path):
     np.testing.assert_array_equal(loaded.normals, result.normals)
     np.testing.assert_array_equal(loaded.prepared_depth, result.prepared_depth)
     np.testing.assert_allclose(loaded.confidence, result.confidence, atol=0.5 / 255)
-    assert loaded.summary.method == result.method
-    assert loaded.summary.camera == result.camera
+    assert loaded.method == result.method
+    assert loaded.camera == result.camera
 
 
 def test_methods_run_on_one_blas_thread_and_leave_the_number_as_it_was(capture):
