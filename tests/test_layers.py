@@ -25,6 +25,7 @@ LAYERS = (
     ("synthetic", "metrics", "export"),
     ("report", "paper", "batch"),
     ("cli",),
+    ("__main__",),
 )
 HEIGHT = {room: height for height, rooms in enumerate(LAYERS) for room in rooms}
 

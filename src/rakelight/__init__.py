@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from rakelight.methods.multi_light_alternating import Options as MultiLightAlternating
     from rakelight.methods.rgb_ratio import Options as RgbRatio
     from rakelight.methods.rgbd_fusion import Options as RgbdFusion
+    from rakelight.metrics import Evaluation
+    from rakelight.metrics import evaluate_result as evaluate
     from rakelight.model import (
         Camera,
         Capture,
@@ -51,6 +53,7 @@ _HOMES = {
     "Camera": "rakelight.model",
     "Capture": "rakelight.model",
     "CaptureError": "rakelight.errors",
+    "Evaluation": "rakelight.metrics",
     "Finding": "rakelight.model",
     "FusionLike": "rakelight.methods.fusion_like:Options",
     "InputError": "rakelight.errors",
@@ -71,6 +74,7 @@ _HOMES = {
     "RigidTransform": "rakelight.model",
     "SensorNoise": "rakelight.model",
     "Truth": "rakelight.model",
+    "evaluate": "rakelight.metrics:evaluate_result",
     "load_capture": "rakelight.capture",
     "load_result": "rakelight.export",
     "load_truth": "rakelight.capture",
@@ -107,6 +111,7 @@ __all__ = [
     "Camera",
     "Capture",
     "CaptureError",
+    "Evaluation",
     "Finding",
     "FusionLike",
     "InputError",
@@ -128,6 +133,7 @@ __all__ = [
     "SensorNoise",
     "Truth",
     "__version__",
+    "evaluate",
     "load_capture",
     "load_result",
     "load_truth",
