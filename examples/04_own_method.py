@@ -19,8 +19,8 @@ are linear in the gradient of p to first order, with the slope J_i = rho (s_i . 
     weight   how much the prepared depth counts, (h, w)
 
 Handed to `rakelight.refine` as a `Method`, it gets the preparation, checks and findings of every
-method.  To make it one of rakelight's, put the file into src/rakelight/methods/ and its line into
-METHODS there; then `--method small` and `--set rounds=3` know it, too.
+method.  To make it one of rakelight's, put `Options` and `small` into a file methods/small.py and
+the line "small": "small" into METHODS there; `--method small --set rounds=3` is the same then.
 """
 
 from collections.abc import Sequence
@@ -41,14 +41,14 @@ from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_sc
 
 
 @dataclass(frozen=True, slots=True)
-class Small:
+class Options:
     """rounds : of lights, albedo and depth; depth_weight : times that of the sensor's noise."""
 
     rounds: int = 5
     depth_weight: float = 2.0
 
 
-def small(prepared: Prepared, options: Small, progress: ProgressCallback) -> Estimate:
+def small(prepared: Prepared, options: Options, progress: ProgressCallback) -> Estimate:
     """Refine the depth of `prepared` by all its photographs."""
     mask = prepared.mask
     links = surface_links(prepared.depth_m, mask, prepared.camera)  # none across depth jumps
@@ -133,14 +133,14 @@ def depth_system(
     )
 
 
-SMALL = Method("small", small, Small)
+SMALL = Method("small", small, Options)
 
 if __name__ == "__main__":
     vase = make_shape("vase")
     scene = SceneOptions(camera=vase.camera.scaled(0.25), photographs=8)
     capture, truth = render_scene(vase, make_albedo("pattern"), scene)
 
-    result = rakelight.refine(capture, SMALL, options=Small(rounds=8))
+    result = rakelight.refine(capture, SMALL, options=Options(rounds=8))
 
     before = evaluate_depth(result.prepared_depth, result.camera, truth)
     after = rakelight.evaluate(result, truth)
