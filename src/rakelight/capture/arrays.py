@@ -75,19 +75,8 @@ def checked_arrays(capture: Capture) -> Capture:
             remedy="mask > 0",
         )  # fmt: skip
     _check_camera(camera, "camera")
-    for name, array, needed in (
-        ("photographs", photographs, (len(photographs), *camera.shape, 3)),
-        ("mask", mask, camera.shape),
-    ):
-        if array.shape != needed:
-            raise CaptureError(
-                "this array does not fit the capture's camera",
-                source=name,
-                seen=str(array.shape),
-                needed=str(needed),
-                remedy="give the camera of these photographs, camera.resized(width, height) where "
-                "they were resized",
-            )
+    _check_fits("photographs", photographs, (len(photographs), *camera.shape, 3))
+    _check_fits("mask", mask, camera.shape)
     for field, kind, remedy in (
         ("depth_camera", Camera, MAKE_A_CAMERA),
         ("depth_to_color", RigidTransform, "rakelight.RigidTransform(rotation, translation_m)"),
@@ -214,6 +203,18 @@ def check_is(value: Any, kind: type[Any], name: str, remedy: str = "") -> None:
             seen=type(value).__name__,
             needed=f"rakelight.{kind.__name__}" if kind in _OURS else kind.__name__,
             remedy=remedy,
+        )
+
+
+def _check_fits(name: str, array: Array, needed: tuple[int, ...]) -> None:
+    if array.shape != needed:
+        raise CaptureError(
+            "this array does not fit the capture's camera",
+            source=name,
+            seen=str(array.shape),
+            needed=str(needed),
+            remedy="give the camera of these photographs, camera.resized(width, height) where "
+            "they were resized",
         )
 
 
