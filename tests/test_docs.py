@@ -3,6 +3,7 @@
 import ast
 import re
 import shlex
+from inspect import signature
 from pathlib import Path
 
 import click
@@ -23,9 +24,9 @@ from rakelight.cli.commands import COMMANDS
 from rakelight.cli.commands import rakelight as program
 from rakelight.errors import InputError, MachineError, RakelightError
 from rakelight.export.summary import Conventions, Summary
-from rakelight.methods import METHODS
-from rakelight.methods.multi_light import Options
-from rakelight.model import Camera, Lights, Result
+from rakelight.methods import METHODS, load_method
+from rakelight.model import Camera, Capture, Lights, Result
+from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("**/*.md")])
@@ -136,18 +137,55 @@ def test_the_capture_toml_of_the_readme_is_read():
 
 def test_the_python_of_the_readme_uses_names_that_exist():
     examples = blocks(text_of("README.md"), "python")
-    assert len(examples) == 2
+    assert len(examples) == 3
     known = {
         "rakelight": set(rakelight.__all__),
         "result": set(Result.__dataclass_fields__) | set(dir(Result)),
     }
+    called = set()
     for node in ast.walk(ast.parse("".join(examples))):
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-            assert node.attr in known[node.value.id]
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-            options = {option.arg for option in node.keywords}
-            assert node.func.id == "Options"
-            assert options <= set(Options.__dataclass_fields__)
+            assert node.attr in known.get(node.value.id, {node.attr})
+        if isinstance(node, ast.Call) and (options := [option.arg for option in node.keywords]):
+            called.add(ast.unparse(node.func))
+            assert set(options) <= set(rakelight.MultiLight.__dataclass_fields__)
+    assert called == {"rakelight.MultiLight"}
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/arrays.md"])
+def test_the_arrays_of_the_pages_are_refined(page):
+    vase = make_shape("vase")
+    scene = SceneOptions(camera=vase.camera.scaled(0.15), photographs=5, depth_frames=2, bits=8)
+    capture, _ = render_scene(vase, make_albedo("pattern"), scene)
+    (example,) = (text for text in blocks(text_of(page), "python") if "from_arrays" in text)
+    names = {
+        "K": capture.camera.matrix,
+        "photographs": capture.photographs,
+        "depth": capture.depth_m,
+    }
+    exec(example, names)
+    assert names["result"].depth.shape == capture.camera.shape
+    if "mesh" in names:
+        assert len(names["mesh"].faces) > 500
+
+
+def test_the_page_about_arrays_lists_arguments_and_options():
+    text = text_of("docs/arrays.md")
+    listed = re.findall(r"`(\w+)`", " ".join(row[0] for row in table(text, "argument")))
+    assert listed == list(signature(Capture.from_arrays).parameters)
+    for name, options in table(text, "method"):
+        chosen = load_method(name.strip("`")).options
+        assert getattr(rakelight, options.strip("`").removeprefix("rakelight.")) is chosen
+    assert len(table(text, "method")) == len(METHODS)
+
+
+def test_the_error_that_the_page_about_arrays_shows():
+    shown = next(line for line in text_of("docs/arrays.md").splitlines() if "unit looks" in line)
+    photographs = np.random.default_rng(0).integers(50, 200, (3, 6, 8, 3), np.uint8)
+    camera = Camera(8, 6, 10.0, 10.0, 3.5, 2.5)
+    with pytest.raises(InputError) as refused:
+        Capture.from_arrays(photographs, np.full((6, 8), 600.0), camera, mask=np.ones((6, 8)))
+    assert str(refused.value) == shown.strip()
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+import rakelight
 from rakelight.errors import InputError
 from rakelight.metrics import (
     color_errors,
@@ -13,7 +14,7 @@ from rakelight.metrics import (
     normal_error_map_deg,
     normal_errors,
 )
-from rakelight.model import Truth
+from rakelight.model import Camera, Lights, Result, Truth
 
 SIZE = (4, 5)
 ALL = np.ones(SIZE, bool)
@@ -188,3 +189,46 @@ def test_what_is_no_array_of_numbers(bad):
             evaluate(depth, normals, truth)
     with pytest.raises(InputError, match="mask"):
         evaluate(flat.depth, flat.normals, flat, mask=[[True]])
+
+
+def a_result(depth, normals):
+    flat = np.ones(SIZE)
+    lights, camera = Lights(FACING, flat), Camera(SIZE[1], SIZE[0], 9.0, 9.0, 2.0, 1.5)
+    return Result(depth, normals, np.ones((*SIZE, 3)), flat, lights, camera, flat, "none")
+
+
+def a_truth():
+    return Truth(np.full(SIZE, 0.8), FACING.copy(), np.ones((*SIZE, 3)))
+
+
+def test_a_result_is_scored_by_its_maps():
+    truth = a_truth()
+    tilted = FACING.copy()
+    tilted[0, 0] = 0, np.sin(0.2), -np.cos(0.2)
+    depth = truth.depth + 0.002
+    depth[1, 1] = np.nan
+    scores = rakelight.evaluate(a_result(depth, tilted), truth)
+    assert scores == evaluate(depth, tilted, truth)
+    assert scores.depth.rmse_mm == pytest.approx(np.sqrt((19 * 2.0**2 + 80.0**2) / 20))
+    assert scores.normals.mae_deg == pytest.approx(np.degrees(0.2) / 20)
+    assert scores.depth.coverage == 0.95
+    only = np.zeros(SIZE, bool)
+    only[2:] = True
+    assert rakelight.evaluate(a_result(depth, tilted), truth, only).depth.rmse_mm == pytest.approx(
+        2
+    )
+
+
+@pytest.mark.parametrize(
+    ("result", "truth", "words"),
+    [
+        (np.ones(SIZE), a_truth(), r"no Result .*Fix: give what rakelight\.refine"),
+        (a_truth(), a_result(np.ones(SIZE), FACING), "no Result .seen Truth"),
+        (a_result(np.ones(SIZE), FACING), np.ones(SIZE), r"no Truth .*rakelight\.load_truth"),
+        (a_result(np.ones((2, 2)), FACING), a_truth(), "different size .*truth's resolution"),
+    ],
+)
+def test_what_cannot_be_scored(result, truth, words):
+    with pytest.raises(InputError, match=words) as refused:
+        rakelight.evaluate(result, truth)
+    assert refused.value.needed

@@ -9,6 +9,7 @@ from types import ModuleType
 import pytest
 
 import rakelight
+from rakelight.methods import METHODS, load_method
 
 PACKAGE = Path(rakelight.__file__).resolve().parent
 SOURCES = sorted(PACKAGE.rglob("*.py"))
@@ -41,12 +42,12 @@ FUNCTIONS = sorted(
 # A public function, or its module, shows an example that runs, unless:
 WITHOUT_EXAMPLE = {
     "rakelight.capture.truth.load_truth": "needs a synthetic capture on the disk",
-    "rakelight.export.load_result": "save_result's example reads back with it",
+    "rakelight.export.reading.load_result": "rakelight.save_result's example reads back with it",
+    "rakelight.export.reading.read_summary": "needs a result folder; tests/export read it",
     "rakelight.methods.choose_method": "needs a whole capture; tests/cli run it",
     "rakelight.methods.refine": "needs a whole capture; rakelight's own docstring shows it",
     "rakelight.prepare.prepare": "needs a whole capture; tests/prepare run it",
     "rakelight.report.page.report_html": "needs a result, as export.save_result's example makes",
-    "rakelight.report.saving.save_with_report": "Result.save, in the README's example",
     "rakelight.synthetic.albedo.texture_from_file": "needs a picture on the disk",
     "rakelight.synthetic.depth_file.shape_from_depth": "needs a depth map; its tests show one",
     "rakelight.synthetic.depth_file.shape_from_file": "needs a depth map on the disk",
@@ -61,13 +62,21 @@ def test_public_names_resolve(name):
 def test_the_three_lists_of_public_names_agree():
     assert rakelight.__all__ == sorted(rakelight.__all__)
     assert dir(rakelight) == rakelight.__all__
-    homes = {name for names in rakelight._HOMES.values() for name in names}
+    assert set(rakelight._HOMES) == set(rakelight.__all__) - {"__version__"}
     tree = ast.parse((PACKAGE / "__init__.py").read_text())
     (typing,) = (node for node in tree.body if isinstance(node, ast.If))
-    typed = {(n.module, alias.name) for n in typing.body for alias in n.names}
-    assert homes == set(rakelight.__all__) - {"__version__"}
-    assert {name for _, name in typed} == homes
-    assert {(home, name) for home, names in rakelight._HOMES.items() for name in names} == typed
+    typed = {}
+    for node in typing.body:
+        for alias in node.names:
+            inside = f":{alias.name}" if alias.asname else ""
+            typed[alias.asname or alias.name] = node.module + inside
+    assert typed == rakelight._HOMES
+
+
+def test_a_method_has_its_options_under_its_name():
+    for name in METHODS:
+        public = "".join(word.capitalize() for word in name.split("-"))
+        assert getattr(rakelight, public) is load_method(name).options
 
 
 def test_an_unknown_name_is_an_attribute_error():

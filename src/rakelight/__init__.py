@@ -21,34 +21,77 @@ if TYPE_CHECKING:
         OutputExistsError,
         RakelightError,
     )
+    from rakelight.export import load_result
     from rakelight.methods import refine
-    from rakelight.model import Camera, Capture, Finding, Lights, Progress, Result, Truth
+    from rakelight.methods.fusion_like import Options as FusionLike
+    from rakelight.methods.ldr_ps import Options as LdrPs
+    from rakelight.methods.multi_light import Options as MultiLight
+    from rakelight.methods.multi_light_alternating import Options as MultiLightAlternating
+    from rakelight.methods.rgb_ratio import Options as RgbRatio
+    from rakelight.methods.rgbd_fusion import Options as RgbdFusion
+    from rakelight.metrics import Evaluation
+    from rakelight.metrics import evaluate_result as evaluate
+    from rakelight.model import (
+        Camera,
+        Capture,
+        Finding,
+        Lights,
+        Mesh,
+        PointCloud,
+        Progress,
+        Result,
+        RigidTransform,
+        SensorNoise,
+        Truth,
+    )
+    from rakelight.report import save_result
 
 __version__: str
 
+# Public name -> the module it comes from and its name there, where that is another one.
 _HOMES = {
-    "rakelight.capture": ("load_capture", "load_truth", "write_capture"),
-    "rakelight.errors": (
-        "CaptureError",
-        "InputError",
-        "MachineError",
-        "MethodError",
-        "OutputExistsError",
-        "RakelightError",
-    ),
-    "rakelight.methods": ("refine",),
-    "rakelight.model": ("Camera", "Capture", "Finding", "Lights", "Progress", "Result", "Truth"),
+    "Camera": "rakelight.model",
+    "Capture": "rakelight.model",
+    "CaptureError": "rakelight.errors",
+    "Evaluation": "rakelight.metrics",
+    "Finding": "rakelight.model",
+    "FusionLike": "rakelight.methods.fusion_like:Options",
+    "InputError": "rakelight.errors",
+    "LdrPs": "rakelight.methods.ldr_ps:Options",
+    "Lights": "rakelight.model",
+    "MachineError": "rakelight.errors",
+    "Mesh": "rakelight.model",
+    "MethodError": "rakelight.errors",
+    "MultiLight": "rakelight.methods.multi_light:Options",
+    "MultiLightAlternating": "rakelight.methods.multi_light_alternating:Options",
+    "OutputExistsError": "rakelight.errors",
+    "PointCloud": "rakelight.model",
+    "Progress": "rakelight.model",
+    "RakelightError": "rakelight.errors",
+    "Result": "rakelight.model",
+    "RgbRatio": "rakelight.methods.rgb_ratio:Options",
+    "RgbdFusion": "rakelight.methods.rgbd_fusion:Options",
+    "RigidTransform": "rakelight.model",
+    "SensorNoise": "rakelight.model",
+    "Truth": "rakelight.model",
+    "evaluate": "rakelight.metrics:evaluate_result",
+    "load_capture": "rakelight.capture",
+    "load_result": "rakelight.export",
+    "load_truth": "rakelight.capture",
+    "refine": "rakelight.methods",
+    "save_result": "rakelight.report",
+    "write_capture": "rakelight.capture",
 }
-_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 
 def __getattr__(name: str) -> object:
     # Names load on first use, so that `import rakelight` stays light.
     if name == "__version__":
         return _version()
-    if name not in _HOME_OF:
+    if name not in _HOMES:
         raise AttributeError(f"module 'rakelight' has no attribute {name!r}")
-    return getattr(import_module(_HOME_OF[name]), name)
+    module, _, inside = _HOMES[name].partition(":")
+    return getattr(import_module(module), inside or name)
 
 
 def _version() -> str:
@@ -68,19 +111,33 @@ __all__ = [
     "Camera",
     "Capture",
     "CaptureError",
+    "Evaluation",
     "Finding",
+    "FusionLike",
     "InputError",
+    "LdrPs",
     "Lights",
     "MachineError",
+    "Mesh",
     "MethodError",
+    "MultiLight",
+    "MultiLightAlternating",
     "OutputExistsError",
+    "PointCloud",
     "Progress",
     "RakelightError",
     "Result",
+    "RgbRatio",
+    "RgbdFusion",
+    "RigidTransform",
+    "SensorNoise",
     "Truth",
     "__version__",
+    "evaluate",
     "load_capture",
+    "load_result",
     "load_truth",
     "refine",
+    "save_result",
     "write_capture",
 ]

@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from rakelight.errors import InputError
 from rakelight.geometry.normals import surface_normals
-from rakelight.model import Camera, Floats, Mask, Truth
+from rakelight.model import Camera, Floats, Mask, Result, Truth
 
 DEPTH_CHARGE = 0.1
 """Largest error that counts, and the error of a missing pixel, as a fraction of the true depth."""
@@ -90,6 +90,37 @@ def evaluate(depth: Floats, normals: Floats, truth: Truth, mask: Mask | None = N
         depth=depth_errors(depth, truth.depth, chosen),
         normals=normal_errors(normals, truth.normals, chosen),
     )
+
+
+def evaluate_result(result: Result, truth: Truth, mask: Mask | None = None) -> Evaluation:
+    """Scores of a result's depth, in millimetres, and of its normals, in degrees, against `truth`.
+
+    truth : of the resolution of the result, from `load_truth` or `rakelight.synthetic`
+    mask : (H, W) bool, the pixels that count; None stands for all of the truth's.  One without an
+        estimate is charged the largest error, so leaving pixels out never helps
+
+    Raises InputError where these are no Result and Truth, sizes differ, the mask is empty or leaves
+    the truth.
+
+    >>> from rakelight.model import Lights
+    >>> facing = np.full((2, 2, 3), [0.0, 0.0, -1.0])
+    >>> truth = Truth(np.ones((2, 2)), facing, np.ones((2, 2, 3)))
+    >>> result = Result(truth.depth + 0.003, facing, truth.albedo, truth.depth,
+    ...                 Lights(facing, truth.depth), Camera(2, 2, 2.0, 2.0, 0.5, 0.5), truth.depth,
+    ...                 "none")
+    >>> scores = evaluate_result(result, truth)
+    >>> round(scores.depth.rmse_mm, 9), scores.normals.mae_deg, scores.depth.coverage
+    (3.0, 0.0, 1.0)
+    """
+    if not isinstance(result, Result):
+        raise InputError(
+            "this is no Result",
+            source="result",
+            seen=type(result).__name__,
+            needed="rakelight.Result",
+            remedy="give what rakelight.refine or rakelight.load_result returned",
+        )
+    return evaluate(result.depth, result.normals, truth, mask)
 
 
 def evaluate_depth(depth: Floats, camera: Camera, truth: Truth) -> Evaluation:
@@ -224,7 +255,12 @@ def _check_numbers(name: str, *arrays: Floats) -> None:
 
 def _check(name: str, estimate: Floats, truth: Floats, mask: Mask, known: Mask) -> None:
     if not isinstance(mask, np.ndarray):
-        raise InputError("the mask is no array", source="mask", seen=type(mask).__name__)
+        raise InputError(
+            "the mask is no array",
+            source="mask",
+            seen=type(mask).__name__,
+            needed="a numpy.ndarray, (H, W) bool",
+        )
     if estimate.shape != truth.shape or mask.shape != known.shape:
         raise InputError(
             f"{name}, truth and mask are of different size",

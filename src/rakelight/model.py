@@ -8,8 +8,9 @@ that face the camera (n_z < 0); pixel (u, v) = (column, row) with pixel centres 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from numbers import Integral
 from os import PathLike
 from typing import Any, Literal, TypeAlias
 
@@ -50,6 +51,36 @@ class Camera:
     fy: float
     cx: float
     cy: float
+
+    @classmethod
+    def from_matrix(cls, K: Array, shape: tuple[int, int]) -> Camera:
+        """The camera of a calibration matrix.
+
+        K : (3, 3) pixels, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], for pixel centres at integers
+            from 0, as OpenCV and ROS write it; of images without lens distortion
+        shape : (height, width) of the images in pixels, numpy's order
+
+        Raises InputError where K is no such matrix (skew, other numbers than these, focal lengths
+        that are not positive) or the shape is not two positive whole numbers.
+
+        >>> K = np.array([[525.0, 0.0, 319.5], [0.0, 525.0, 239.5], [0.0, 0.0, 1.0]])
+        >>> Camera.from_matrix(K, (480, 640))
+        Camera(width=640, height=480, fx=525.0, fy=525.0, cx=319.5, cy=239.5)
+        """
+        height, width = _image_shape(shape)
+        fx, fy, cx, cy = _intrinsics(K)
+        camera = cls(width=width, height=height, fx=fx, fy=fy, cx=cx, cy=cy)
+        _refuse_exchanged_sides(camera)
+        return camera
+
+    @property
+    def matrix(self) -> Floats:
+        """(3, 3) float64 [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], pixels.
+
+        >>> Camera(640, 480, 525.0, 520.0, 319.5, 239.5).matrix.tolist()
+        [[525.0, 0.0, 319.5], [0.0, 520.0, 239.5], [0.0, 0.0, 1.0]]
+        """
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], np.float64)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -93,6 +124,72 @@ class Camera:
         left, right, _ = columns.indices(self.width)
         return replace(
             self, width=right - left, height=bottom - top, cx=self.cx - left, cy=self.cy - top
+        )
+
+
+def _image_shape(shape: Any) -> tuple[int, int]:
+    """(height, width) as two int; raises InputError."""
+    sides = tuple(shape) if isinstance(shape, (tuple, list, np.ndarray)) else ()
+    whole = all(isinstance(side, Integral) and not isinstance(side, bool) for side in sides)
+    if len(sides) != 2 or not whole or min(sides) < 1:
+        raise InputError(
+            "this is not the size of an image",
+            source="shape",
+            seen=str(shape)[:80],
+            needed="(height, width), two whole numbers above 0",
+            remedy="photographs.shape[-3:-1] is that of colour photographs (N, H, W, 3)",
+        )
+    return int(sides[0]), int(sides[1])
+
+
+def _intrinsics(K: Any) -> tuple[float, float, float, float]:
+    """fx, fy, cx, cy of a calibration matrix; raises InputError."""
+
+    def refused(what: str, seen: object, needed: str, remedy: str) -> InputError:
+        return InputError(what, source="K", seen=str(seen), needed=needed, remedy=remedy)
+
+    form = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
+    remedy = "give the camera's 3 x 3 calibration matrix in pixels"
+    if isinstance(K, (list, tuple)):
+        try:
+            K = np.array(K)
+        except ValueError as error:  # rows of different length
+            raise refused("not a calibration matrix", type(K).__name__, form, remedy) from error
+    if not isinstance(K, np.ndarray) or isinstance(K, np.ma.MaskedArray):
+        raise refused("not a calibration matrix", type(K).__name__, form, remedy)
+    if K.shape != (3, 3) or K.dtype.kind not in "fiu":
+        raise refused("not a calibration matrix", f"{K.shape} {K.dtype}", form, remedy)
+    if not np.isfinite(K).all():
+        raise refused("a calibration matrix with holes", K.tolist(), "finite numbers", remedy)
+    if np.any(K[2] != [0, 0, 1]):
+        remedy = "transpose K" if (K[:, 2] == [0, 0, 1]).all() else "divide K by K[2, 2]"
+        raise refused("the last row is another", K[2].tolist(), "[0, 0, 1]", remedy)
+    if K[1, 0] != 0 or K[0, 1] != 0:
+        remedy = "undistort the photographs to a camera without skew"
+        raise refused("a camera with skew", f"{K[0, 1]:g} and {K[1, 0]:g}", "both 0", remedy)
+    fx, fy, cx, cy = (float(K[where]) for where in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    if min(fx, fy) <= 0:
+        remedy = "y points down and z forward here: the focal lengths in pixels are positive"
+        raise refused("not focal lengths", f"fx = {fx:g}, fy = {fy:g}", "both above 0", remedy)
+    return fx, fy, cx, cy
+
+
+def _refuse_exchanged_sides(camera: Camera) -> None:
+    """Raise InputError where the principal point is central only with the sides exchanged."""
+    height, width = camera.shape
+    near = 0.02 * max(height, width)  # calibrated principal points are mostly as near
+
+    def off_centre(wide: int, high: int) -> float:
+        return max(abs(camera.cx - (wide - 1) / 2), abs(camera.cy - (high - 1) / 2))
+
+    if off_centre(height, width) <= near < off_centre(width, height):
+        raise InputError(
+            "height and width look exchanged",
+            source="shape",
+            seen=f"(height, width) = {camera.shape}, principal point ({camera.cx:g}, "
+            f"{camera.cy:g})",
+            needed="a principal point near the centre",
+            remedy=f"give ({width}, {height})",
         )
 
 
@@ -241,6 +338,79 @@ class Capture:
     findings: tuple[Finding, ...] = ()
     source: str = ""
 
+    @classmethod
+    def from_arrays(
+        cls,
+        photographs: Array,
+        depth: Floats,
+        camera: Camera,
+        *,
+        mask: Array | None = None,
+        encoding: Encoding | None = None,
+        lighting: Lighting | None = None,
+        names: Sequence[str] = (),
+        depth_camera: Camera | None = None,
+        depth_to_color: RigidTransform | None = None,
+        depth_noise: SensorNoise | None = None,
+        register: bool = False,
+    ) -> Capture:
+        """A capture of numpy arrays, by the rules of the capture folder.
+
+        Parameters
+        ----------
+        photographs : (N, H, W, 3) or (H, W, 3), red green blue: uint8, uint16, or floating point
+            from 0 to 1, which is kept with 16 bits
+        depth : (h, w) or (K, h, w) floating point, metres along the optical axis; 0, negative,
+            NaN and infinity are no measurement.  Several maps are averaged robustly
+        camera : the colour camera
+        mask : (H, W) bool or numbers, non-zero = object; None cuts out the object nearest to the
+            camera, and a finding says so
+        encoding : "linear" (values proportional to light) or "srgb".  When None, uint8 counts as
+            "srgb", uint16 and floating point as "linear", and a finding says so
+        lighting : "moving-lamp", "rgb-leds" or "ambient"; when None, one photograph counts as
+            "ambient", several as "moving-lamp"
+        names : of the photographs, for messages
+        depth_camera, depth_to_color : of depth that is not in the colour camera's frame; the pose
+            is the identity when None.  Without depth_camera the depth covers the photographs' field
+            of view exactly, H and W being whole multiples of h and w
+        depth_noise : of the depth sensor, None when it is not known
+        register : whether `multi-light` corrects a small error of depth_to_color
+
+        Returns
+        -------
+        the Capture; it keeps copies of the arrays, and in `findings` what a person should know
+
+        Raises
+        ------
+        InputError
+            something does not fit: the message names the argument, what was seen, what is needed
+            and what to do.  CaptureError, one of its kinds, for the arrays.
+
+        Examples
+        --------
+        >>> random = np.random.default_rng(0)
+        >>> photographs = random.integers(50, 200, (3, 6, 8, 3), np.uint8)
+        >>> capture = Capture.from_arrays(photographs, np.full((3, 4), 0.5),
+        ...                               Camera(8, 6, 10.0, 10.0, 3.5, 2.5), mask=np.ones((6, 8)))
+        >>> capture.depth_m.shape, capture.encoding, capture.lighting
+        ((1, 3, 4), 'srgb', 'moving-lamp')
+        """
+        from rakelight.capture.from_arrays import capture_from_arrays
+
+        return capture_from_arrays(
+            photographs,
+            depth,
+            camera,
+            mask=mask,
+            encoding=encoding,
+            lighting=lighting,
+            names=names,
+            depth_camera=depth_camera,
+            depth_to_color=depth_to_color,
+            depth_noise=depth_noise,
+            register=register,
+        )
+
     @property
     def white(self) -> float:
         """The largest value a photograph can hold: 255 or 65535."""
@@ -309,6 +479,36 @@ def silent(_: Progress) -> None:
 
 
 @dataclass(frozen=True)
+class Mesh:
+    """The surface of a result as triangles, in the camera frame (x right, y down, z forward).
+
+    vertices_m : (V, 3) float32 metres
+    faces : (F, 3) int32 into the vertices, counter-clockwise as the camera sees them
+    normals : (V, 3) float32 unit vectors, facing the camera
+    colors : (V, 3) uint8, the albedo, sRGB encoded
+    """
+
+    vertices_m: Floats
+    faces: Array
+    normals: Floats
+    colors: Array
+
+
+@dataclass(frozen=True)
+class PointCloud:
+    """Every pixel of a result as a point, row by row, in the camera frame.
+
+    points_m : (P, 3) float32 metres
+    normals : (P, 3) float32 unit vectors, facing the camera
+    colors : (P, 3) uint8, the albedo, sRGB encoded
+    """
+
+    points_m: Floats
+    normals: Floats
+    colors: Array
+
+
+@dataclass(frozen=True)
 class Result:
     """A refined depth map and all that was estimated with it, at the output resolution.
 
@@ -362,6 +562,36 @@ class Result:
         """(H, W) True where there is depth."""
         return np.isfinite(self.depth)
 
+    def mesh(self) -> Mesh:
+        """The surface as triangles, none across a depth jump: what mesh.ply holds.
+
+        Pixels that belong to no triangle have no vertex; where there are none at all it is empty.
+
+        >>> flat, facing = np.ones((2, 3)), np.tile([0.0, 0.0, -1.0], (2, 3, 1))
+        >>> result = Result(flat, facing, np.ones((2, 3, 3)), flat, Lights(facing[0], flat),
+        ...                 Camera(3, 2, 100.0, 100.0, 1.0, 0.5), flat, "none")
+        >>> mesh = result.mesh()
+        >>> mesh.vertices_m.shape, mesh.faces.shape, mesh.colors[0].tolist()
+        ((6, 3), (4, 3), [255, 255, 255])
+        """
+        from rakelight.export.mesh import result_mesh
+
+        return result_mesh(self)
+
+    def point_cloud(self) -> PointCloud:
+        """Every pixel with depth as a point with its normal and colour.
+
+        >>> hole = np.array([[1.0, np.nan, 1.0]])
+        >>> facing = np.tile([0.0, 0.0, -1.0], (1, 3, 1))
+        >>> result = Result(hole, facing, np.ones((1, 3, 3)), hole, Lights(facing, hole),
+        ...                 Camera(3, 1, 4.0, 4.0, 1.0, 0.0), hole, "none")
+        >>> result.point_cloud().points_m.tolist()
+        [[-0.25, 0.0, 1.0], [0.25, 0.0, 1.0]]
+        """
+        from rakelight.export.mesh import result_points
+
+        return result_points(self)
+
     def timed(self, **seconds: float) -> Result:
         """This result with the seconds of further stages."""
         return replace(self, timings_s={**self.timings_s, **seconds})
@@ -383,8 +613,8 @@ class Result:
         Raises OutputExistsError when `folder` exists, or with `overwrite` when it holds anything
         but an older result, MachineError when the disk is full or may not be written to.
         """
-        from rakelight.report import save_with_report
+        from rakelight.report import save_result
 
-        return save_with_report(
+        return save_result(
             self, folder, overwrite=overwrite, mesh=mesh, normal_map=normal_map, truth=truth
         )

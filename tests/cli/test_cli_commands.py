@@ -323,7 +323,7 @@ def result(run, capture, tmp_path):
 def scores_of(result, truth):
     """(prepared, refined) as rakelight.metrics finds them."""
     loaded, known = load_result(result), load_truth(truth)
-    prepared_normals = surface_normals(loaded.prepared_depth, known.mask, loaded.summary.camera)
+    prepared_normals = surface_normals(loaded.prepared_depth, known.mask, loaded.camera)
     return (
         evaluate(loaded.prepared_depth, prepared_normals, known),
         evaluate(loaded.depth, loaded.normals, known),

@@ -186,7 +186,7 @@ def test_26_eval_finds_a_result_that_was_moved_aside(run, capture, result, tmp_p
     assert run("eval", result, "--truth", capture).code == 0
     assert contents(tmp_path) == before
     killed_between_two_renames(result)
-    assert load_result(result).summary.source == str(capture)
+    assert load_result(result).source == str(capture)
 
 
 # --- an older folder that cannot be deleted ---

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from rakelight.errors import InputError, MachineError, OutputExistsError
-from rakelight.export import load_result, save_result
+from rakelight.export import load_result, read_summary, write_result
 from rakelight.model import Finding, Lights
 from rakelight.shading.photographs import Lamps
 
@@ -46,7 +46,7 @@ def leftovers(parent, *expected):
 
 @pytest.mark.parametrize(("mesh", "more"), [("ply", {"mesh.ply"}), ("glb", {"mesh.glb"})])
 def test_the_folder_holds_what_result_json_lists(sphere, tmp_path, mesh, more):
-    save_result(sphere, tmp_path / "out", mesh=mesh)
+    write_result(sphere, tmp_path / "out", mesh=mesh)
     assert {path.name for path in (tmp_path / "out").iterdir()} == FILES | more
     assert set(strict_json(tmp_path / "out" / "result.json")["files"]) == FILES | more
     assert leftovers(tmp_path, "out") == set()
@@ -60,7 +60,7 @@ def test_result_save_is_save_result_with_a_report(sphere, tmp_path):
 
 
 def test_extra_files_arrive_with_the_rest_and_are_listed(sphere, tmp_path):
-    save_result(
+    write_result(
         sphere,
         tmp_path / "out",
         mesh="none",
@@ -71,7 +71,7 @@ def test_extra_files_arrive_with_the_rest_and_are_listed(sphere, tmp_path):
 
 
 def test_result_json_says_everything(sphere, tmp_path):
-    save_result(sphere, tmp_path / "out")
+    write_result(sphere, tmp_path / "out")
     summary = strict_json(tmp_path / "out" / "result.json")
     assert summary["schema"] == "rakelight-result/1"
     assert summary["method"] == "multi-light"
@@ -100,7 +100,7 @@ def test_result_json_says_everything(sphere, tmp_path):
 
 
 def test_every_key_of_result_json_is_documented(sphere, tmp_path):
-    save_result(sphere, tmp_path / "out")
+    write_result(sphere, tmp_path / "out")
     summary = strict_json(tmp_path / "out" / "result.json")
     page = Path(__file__).parents[2] / "docs" / "conventions.md"
     words = page.read_text(encoding="utf-8")
@@ -123,8 +123,8 @@ def test_options_of_any_type_are_written_as_json(sphere, tmp_path):
         "path": Path("a/b"),
         "nested": {"finding": Finding("note", "a", "b"), 3: (1, 2)},
     }
-    save_result(replace(sphere, options=options), tmp_path / "out", mesh="none")
-    assert load_result(tmp_path / "out").summary.options == {
+    write_result(replace(sphere, options=options), tmp_path / "out", mesh="none")
+    assert load_result(tmp_path / "out").options == {
         "count": 4,
         "gain": 0.5,
         "on": True,
@@ -141,7 +141,7 @@ def test_options_of_any_type_are_written_as_json(sphere, tmp_path):
 
 
 def test_lights_json(sphere, tmp_path):
-    save_result(sphere, tmp_path / "white", mesh="none")
+    write_result(sphere, tmp_path / "white", mesh="none")
     first, second = strict_json(tmp_path / "white" / "lights.json")["photographs"]
     assert first["name"] == "000.png"
     assert first["position_m"] is None
@@ -156,7 +156,7 @@ def test_lights_json(sphere, tmp_path):
         middle_m=np.array([0.0, 0.0, 0.9]),
     )
     near = replace(sphere, lights=lights, photograph_names=())
-    save_result(near, tmp_path / "leds", mesh="none")
+    write_result(near, tmp_path / "leds", mesh="none")
     written = strict_json(tmp_path / "leds" / "lights.json")
     (only,) = written["photographs"]
     assert written["middle_m"] == [0, 0, 0.9]
@@ -169,7 +169,7 @@ def test_lights_json(sphere, tmp_path):
 def test_a_distant_lamp_among_near_ones_has_no_position(sphere, tmp_path):
     lamps = Lamps(sphere.lights.vector, sphere.lights.ambient, np.array([[2.0], [0.0]]))
     near = replace(sphere, lights=lamps.as_lights(np.array([0.0, 0.0, 0.9])))
-    save_result(near, tmp_path / "out", mesh="none")
+    write_result(near, tmp_path / "out", mesh="none")
     first, second = strict_json(tmp_path / "out" / "lights.json")["photographs"]
     assert first["position_m"] == pytest.approx(
         np.array([0, 0, 0.9]) + 0.5 * near.lights.direction[0, 0]
@@ -178,15 +178,13 @@ def test_a_distant_lamp_among_near_ones_has_no_position(sphere, tmp_path):
 
 
 def test_load_result_gives_back_what_was_saved(sphere, tmp_path):
-    save_result(sphere, tmp_path / "out")
+    write_result(sphere, tmp_path / "out")
     loaded = load_result(tmp_path / "out")
     np.testing.assert_array_equal(loaded.depth, sphere.depth)
     np.testing.assert_array_equal(loaded.normals, sphere.normals)
     np.testing.assert_allclose(loaded.confidence, sphere.confidence, atol=0.5 / 255 + 1e-6)
-    assert loaded.summary.camera == sphere.camera
-    assert loaded.summary.findings == list(sphere.findings)
-    (tmp_path / "out" / "confidence.png").unlink()
-    assert load_result(tmp_path / "out").confidence is None
+    assert loaded.camera == sphere.camera
+    assert loaded.findings == sphere.findings
 
 
 def test_expected_errors_are_written_and_read_where_there_are_any(sphere, tmp_path):
@@ -200,18 +198,18 @@ def test_expected_errors_are_written_and_read_where_there_are_any(sphere, tmp_pa
     np.testing.assert_array_equal(loaded.depth_sigma, depth_sigma)
     normal_sigma[np.isinf(normal_sigma)] = np.nan  # not known
     np.testing.assert_array_equal(loaded.normal_sigma, normal_sigma)
-    assert {"depth_sigma.tiff", "normal_sigma.tiff"} < set(loaded.summary.files)
+    assert {"depth_sigma.tiff", "normal_sigma.tiff"} < set(read_summary(tmp_path / "with").files)
 
 
 def test_expected_errors_of_another_size_are_refused(sphere, tmp_path):
     wrong = replace(sphere, depth_sigma=np.ones((3, 3), np.float32))
     with pytest.raises(InputError, match="another size") as error:
-        save_result(wrong, tmp_path / "out")
+        write_result(wrong, tmp_path / "out")
     assert error.value.source == "depth_sigma"
 
 
 def save_and_load(result, folder):
-    save_result(result, folder, mesh="none")
+    write_result(result, folder, mesh="none")
     return load_result(folder)
 
 
@@ -237,14 +235,14 @@ def test_load_result_refuses_what_is_no_result(tmp_path, made):
     ],
 )
 def test_load_result_refuses_a_damaged_result_json(sphere, tmp_path, data, message):
-    save_result(sphere, tmp_path / "out", mesh="none")
+    write_result(sphere, tmp_path / "out", mesh="none")
     (tmp_path / "out" / "result.json").write_bytes(data)
     with pytest.raises(InputError, match=message):
         load_result(tmp_path / "out")
 
 
 def test_load_result_refuses_missing_damaged_and_foreign_files(sphere, tmp_path):
-    save_result(sphere, tmp_path / "out", mesh="none")
+    write_result(sphere, tmp_path / "out", mesh="none")
     depth = tmp_path / "out" / "depth.tiff"
     whole = depth.read_bytes()
     depth.write_bytes(whole[: len(whole) // 2])
@@ -279,7 +277,7 @@ def test_pixels_that_are_not_finite_leave_the_object(sphere, tmp_path):
         energy=(1.0, float("nan")),
         timings_s={"solve": float("inf")},
     )
-    save_result(bad, tmp_path / "out")
+    write_result(bad, tmp_path / "out")
     written = tifffile.imread(tmp_path / "out" / "depth.tiff")
     prepared = tifffile.imread(tmp_path / "out" / "prepared_depth.tiff")
     assert all(np.isnan(prepared[p]) for p in picked[:4])
@@ -295,12 +293,12 @@ def test_pixels_that_are_not_finite_leave_the_object(sphere, tmp_path):
     (finding,) = [f for f in summary["findings"] if f["code"] == "not-finite"]
     assert finding["severity"] == "warning"
     assert "6 pixels" in finding["message"]
-    assert load_result(tmp_path / "out").summary.energy == [1.0, None]
+    assert load_result(tmp_path / "out").energy == pytest.approx((1.0, np.nan), nan_ok=True)
 
 
 def test_lights_that_are_not_finite_become_null(sphere, tmp_path):
     lights = replace(sphere.lights, vector=np.full((2, 1, 3), np.nan))
-    save_result(replace(sphere, lights=lights), tmp_path / "out", mesh="none")
+    write_result(replace(sphere, lights=lights), tmp_path / "out", mesh="none")
     first = strict_json(tmp_path / "out" / "lights.json")["photographs"][0]
     assert first["channels"]["white"]["direction"] == [None, None, None]
     summary = strict_json(tmp_path / "out" / "result.json")
@@ -311,7 +309,7 @@ def test_lights_that_are_not_finite_become_null(sphere, tmp_path):
 def test_a_result_without_any_finite_depth_is_refused(sphere, tmp_path):
     empty = replace(sphere, depth=np.full_like(sphere.depth, np.nan))
     with pytest.raises(InputError, match="no pixel"):
-        save_result(empty, tmp_path / "out")
+        write_result(empty, tmp_path / "out")
     assert leftovers(tmp_path) == set()
 
 
@@ -319,7 +317,7 @@ def test_a_result_of_single_pixels_has_no_mesh_and_says_so(sphere, tmp_path):
     alone = np.full_like(sphere.depth, np.nan)
     alone[20, 30] = alone[25, 35] = 0.6
     for mesh in ("ply", "glb"):
-        save_result(replace(sphere, depth=alone), tmp_path / mesh, mesh=mesh)
+        write_result(replace(sphere, depth=alone), tmp_path / mesh, mesh=mesh)
         assert content(tmp_path / mesh).keys() == FILES
         summary = strict_json(tmp_path / mesh / "result.json")
         assert [f["code"] for f in summary["findings"]] == ["mask-full", "no-mesh"]
@@ -329,15 +327,15 @@ def test_arrays_of_another_size_are_refused(sphere, tmp_path):
     for name in ("depth", "normals", "albedo", "confidence", "prepared_depth"):
         wrong = replace(sphere, **{name: getattr(sphere, name)[:-1]})
         with pytest.raises(InputError, match="another size") as caught:
-            save_result(wrong, tmp_path / "out")
+            write_result(wrong, tmp_path / "out")
         assert caught.value.source == name
 
 
 def test_unknown_options_are_refused(sphere, tmp_path):
     with pytest.raises(InputError, match="no such option"):
-        save_result(sphere, tmp_path / "out", mesh="obj")
+        write_result(sphere, tmp_path / "out", mesh="obj")
     with pytest.raises(InputError, match="no such option"):
-        save_result(sphere, tmp_path / "out", normal_map="vulkan")
+        write_result(sphere, tmp_path / "out", normal_map="vulkan")
     assert leftovers(tmp_path) == set()
 
 
@@ -346,14 +344,14 @@ def test_unknown_options_are_refused(sphere, tmp_path):
 
 def test_an_older_result_stays_without_overwrite_and_goes_with_it(sphere, tmp_path):
     out = tmp_path / "out"
-    save_result(sphere, out)
+    write_result(sphere, out)
     before = content(out)
     with pytest.raises(OutputExistsError):
-        save_result(replace(sphere, method="other"), out)
+        write_result(replace(sphere, method="other"), out)
     assert content(out) == before
-    save_result(replace(sphere, method="other"), out, overwrite=True, mesh="none")
+    write_result(replace(sphere, method="other"), out, overwrite=True, mesh="none")
     assert content(out).keys() == FILES
-    assert load_result(out).summary.method == "other"
+    assert load_result(out).method == "other"
     assert leftovers(tmp_path, "out") == set()
 
 
@@ -367,7 +365,7 @@ def test_what_is_no_result_is_never_replaced(sphere, tmp_path, made):
         name = "capture.toml" if made == "capture" else "thesis.txt"
         (out / name).write_text("mine")
     with pytest.raises(OutputExistsError):
-        save_result(sphere, out, overwrite=True)
+        write_result(sphere, out, overwrite=True)
     mine = out if made == "file" else next(out.iterdir())
     assert mine.read_text() == "mine"
     assert leftovers(tmp_path, "out") == set()
@@ -383,7 +381,7 @@ def test_a_full_disk_leaves_no_stump_and_the_older_result(
 ):
     out = tmp_path / "out"
     if older:
-        save_result(sphere, out)
+        write_result(sphere, out)
     before = content(out) if older else None
     write = Path.write_bytes
 
@@ -395,7 +393,7 @@ def test_a_full_disk_leaves_no_stump_and_the_older_result(
 
     monkeypatch.setattr(Path, "write_bytes", full_disk)
     with pytest.raises(MachineError, match="cannot be written") as caught:
-        save_result(replace(sphere, method="other"), out, overwrite=True)
+        write_result(replace(sphere, method="other"), out, overwrite=True)
     assert caught.value.exit_code == 3
     assert "No space left" in caught.value.seen
     assert "bytes" in caught.value.needed
@@ -412,7 +410,7 @@ def test_an_interrupt_leaves_no_stump(sphere, tmp_path, monkeypatch):
 
     monkeypatch.setattr(Path, "write_bytes", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        save_result(sphere, tmp_path / "out")
+        write_result(sphere, tmp_path / "out")
     assert leftovers(tmp_path) == set()
 
 
@@ -423,7 +421,7 @@ def test_a_place_that_may_not_be_written_to(sphere, tmp_path, monkeypatch, code)
 
     monkeypatch.setattr(Path, "mkdir", refuse)
     with pytest.raises(MachineError) as caught:
-        save_result(sphere, tmp_path / "out")
+        write_result(sphere, tmp_path / "out")
     assert str(tmp_path / "out") in str(caught.value)
     assert leftovers(tmp_path) == set()
 
@@ -435,7 +433,7 @@ def test_a_folder_without_write_permission(sphere, tmp_path):
     locked = tmp_path / "locked"
     locked.mkdir(mode=0o500)
     with pytest.raises(MachineError):
-        save_result(sphere, locked / "out")
+        write_result(sphere, locked / "out")
 
 
 # ---- faults 23 and 29: names ----
@@ -446,8 +444,8 @@ def test_a_folder_without_write_permission(sphere, tmp_path):
     ["with space", 'say "hi"', "it's", "Müllers Käse", "two\nlines", "-o", "<script>", "=cmd"],
 )
 def test_folders_of_any_name(sphere, tmp_path, name):
-    save_result(sphere, tmp_path / name)
-    assert load_result(tmp_path / name).summary.pixels == int(sphere.mask.sum())
+    write_result(sphere, tmp_path / name)
+    assert read_summary(tmp_path / name).pixels == int(sphere.mask.sum())
 
 
 @pytest.mark.skipif(os.name != "posix", reason="file names are bytes on POSIX only")
@@ -464,11 +462,11 @@ def test_names_that_are_not_utf8(sphere, tmp_path):
         photograph_names=(name + ".png", 'a\n"b"\x1b.png'),
         findings=(Finding("warning", "x", f"about {name}"),),
     )
-    save_result(named, tmp_path / name)
+    write_result(named, tmp_path / name)
     summary = strict_json(tmp_path / name / "result.json")
     assert summary["source"] == "caf\\xe9"
     assert summary["photographs"] == ["caf\\xe9.png", 'a\n"b"\x1b.png']
     assert summary["findings"][0]["message"] == "about caf\\xe9"
     lights = strict_json(tmp_path / name / "lights.json")
     assert lights["photographs"][0]["name"] == "caf\\xe9.png"
-    assert load_result(tmp_path / name).summary.source == "caf\\xe9"
+    assert load_result(tmp_path / name).source == "caf\\xe9"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from readers import from_srgb, read_png
 
-from rakelight.export import save_result
+from rakelight.export import write_result
 from rakelight.export.depth import choose_values_per_metre, depth_values
 from rakelight.export.normals import normal_map
 from rakelight.export.pictures import object_window, preview, shaded, side_by_side
@@ -19,7 +19,7 @@ Image = pytest.importorskip("PIL.Image")
 
 @pytest.fixture
 def folder(sphere, tmp_path):
-    save_result(sphere, tmp_path / "out", mesh="none")
+    write_result(sphere, tmp_path / "out", mesh="none")
     return tmp_path / "out"
 
 
@@ -79,7 +79,7 @@ def test_normals_png_opengl(sphere, folder):
 
 
 def test_normals_png_directx_differs_in_green_alone(sphere, folder, tmp_path):
-    save_result(sphere, tmp_path / "dx", mesh="none", normal_map="directx")
+    write_result(sphere, tmp_path / "dx", mesh="none", normal_map="directx")
     gl = np.asarray(Image.open(folder / "normals.png")).astype(int)[sphere.mask]
     dx = np.asarray(Image.open(tmp_path / "dx" / "normals.png")).astype(int)[sphere.mask]
     np.testing.assert_array_equal(dx[:, [0, 2]], gl[:, [0, 2]])
@@ -103,7 +103,7 @@ def test_albedo_png_is_16_bit_srgb(sphere, folder):
 
 
 def test_albedo_above_one_is_clipped_not_wrapped(sphere, tmp_path):
-    save_result(replace(sphere, albedo=sphere.albedo * 4), tmp_path / "out", mesh="none")
+    write_result(replace(sphere, albedo=sphere.albedo * 4), tmp_path / "out", mesh="none")
     values = read_png((tmp_path / "out" / "albedo.png").read_bytes())
     assert (values[sphere.mask & (sphere.albedo[..., 0] > 0.25)][:, 0] == 65535).all()
 
@@ -146,7 +146,7 @@ def test_prepared_depth_with_holes_still_gives_a_preview(sphere, tmp_path):
     prepared = sphere.prepared_depth.copy()
     prepared[20:25, 20:40] = np.nan
     prepared[30, 30] = 0
-    save_result(replace(sphere, prepared_depth=prepared), tmp_path / "out", mesh="none")
+    write_result(replace(sphere, prepared_depth=prepared), tmp_path / "out", mesh="none")
     assert (tmp_path / "out" / "preview.png").stat().st_size > 0
 
 

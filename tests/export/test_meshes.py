@@ -8,21 +8,21 @@ import pytest
 from conftest import CENTRE_M, RADIUS_M
 from readers import from_srgb, read_ply
 
-from rakelight.export import save_result
+from rakelight.export import write_result
 
 trimesh = pytest.importorskip("trimesh")
 
 
 @pytest.fixture
 def ply(sphere, tmp_path):
-    save_result(sphere, tmp_path / "out", mesh="ply")
+    write_result(sphere, tmp_path / "out", mesh="ply")
     assert not (tmp_path / "out" / "mesh.glb").exists()
     return tmp_path / "out" / "mesh.ply"
 
 
 @pytest.fixture
 def glb(sphere, tmp_path):
-    save_result(sphere, tmp_path / "out", mesh="glb")
+    write_result(sphere, tmp_path / "out", mesh="glb")
     assert not (tmp_path / "out" / "mesh.ply").exists()
     return tmp_path / "out" / "mesh.glb"
 
@@ -82,7 +82,7 @@ def test_glb_is_the_sphere_in_gltf_frame(glb):
 
 
 def test_glb_and_ply_are_the_same_surface(sphere, glb, tmp_path):
-    save_result(sphere, tmp_path / "a", mesh="ply")
+    write_result(sphere, tmp_path / "a", mesh="ply")
     vertices, faces = read_ply((tmp_path / "a" / "mesh.ply").read_bytes())
     mesh = load(glb)
     np.testing.assert_allclose(mesh.vertices * [1, -1, -1], vertices[:, :3], atol=1e-7)
@@ -109,7 +109,7 @@ def test_glb_structure_and_linear_colours(sphere, glb):
 
 
 def test_colours_of_glb_and_ply_agree(sphere, ply, tmp_path):
-    save_result(sphere, tmp_path / "b", mesh="glb")
+    write_result(sphere, tmp_path / "b", mesh="glb")
     tree, buffer = glb_parts((tmp_path / "b" / "mesh.glb").read_bytes())
     vertices, _ = read_ply(ply.read_bytes())
     linear = accessor(tree, buffer, 2)[:, :3] / 65535

@@ -29,7 +29,7 @@ import numpy as np
 
 from rakelight import folders
 from rakelight.cli.view import report_address
-from rakelight.export import load_result, save_result
+from rakelight.export import load_result, write_result
 from rakelight.model import Camera, Lights, Result
 
 FIXED_SEED = 28
@@ -80,7 +80,7 @@ OLD, NEW = small_result("old"), small_result("new")
 def save(result, out):
     """Save a result with a report; the warnings that this gives."""
     report = {"report.html": lambda result: result.method.encode()}
-    return save_result(result, out, overwrite=True, mesh="none", extra_files=report)
+    return write_result(result, out, overwrite=True, mesh="none", extra_files=report)
 
 
 def content(folder):
@@ -166,7 +166,7 @@ def complaint(case, out, old, new):
         return "the folder is missing"
     if case.overwrites or out.exists():
         report = Path(report_address(out).removeprefix("file://"))
-        if report.read_bytes().decode() != load_result(out).summary.method:
+        if report.read_bytes().decode() != load_result(out).method:
             return "view and eval see different results"
         if content(report.parent) not in (old, new):
             return "view and eval see half a result"

@@ -13,7 +13,7 @@ import tifffile
 from PIL import Image
 
 from rakelight.capture import load_capture, load_truth, write_capture
-from rakelight.export import load_result, save_result
+from rakelight.export import load_result, write_result
 from rakelight.model import Camera, Capture, Lights, Result, Truth
 from rakelight.synthetic.depth_file import shape_from_file
 
@@ -109,6 +109,12 @@ PHOTOGRAPH_KINDS: dict[str, Callable[[np.ndarray], bytes]] = {
 }
 
 
+RESULT_FILES = (
+    *("result.json", "lights.json", "albedo.png", "depth.tiff", "confidence.png"),
+    "depth_sigma.tiff",
+)
+
+
 def make_kinds(folder: Path) -> list[Kind]:
     """Write them all below the new `folder`; the same bytes each time."""
     folder.mkdir()
@@ -140,8 +146,8 @@ def make_kinds(folder: Path) -> list[Kind]:
     kinds.append(Kind("depth.tiff", floats / "depth" / "000.tiff", lambda: load_capture(floats)))
     kinds.append(Kind("depth-lzw", floats / "depth" / "001.tiff", lambda: load_capture(floats)))
 
-    save_result(_result(), folder / "result", mesh="none")
-    for name in ("result.json", "depth.tiff", "confidence.png", "depth_sigma.tiff"):
+    write_result(_result(), folder / "result", mesh="none")
+    for name in RESULT_FILES:
         path = folder / "result" / name
         kinds.append(Kind(f"result/{name}", path, lambda: load_result(folder / "result")))
 

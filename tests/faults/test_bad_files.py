@@ -76,6 +76,8 @@ READERS = {
     "result/depth.tiff": ("result", load_result),
     "result/confidence.png": ("result", load_result),
     "result/depth_sigma.tiff": ("result", load_result),
+    "result/lights.json": ("result", load_result),
+    "result/albedo.png": ("result", load_result),
     "result/result.json": ("result", load_result),
     "stored.npz": ("stored.npz", shape_from_file),
     "shape.tiff": ("shape.tiff", shape_from_file),
@@ -174,7 +176,9 @@ def test_wild_structure_in_capture_toml(sound, changed, text):
     assert "capture.toml: " in refusal(load_capture, sound / "capture")
 
 
-@pytest.mark.parametrize("name", ["result/result.json", "capture/truth/lights.json"])
+@pytest.mark.parametrize(
+    "name", ["result/result.json", "result/lights.json", "capture/truth/lights.json"]
+)
 @pytest.mark.parametrize("opening", ["[", '{"a":', '{"vector":[', '{"options":{"a":'])
 @pytest.mark.parametrize("depth", [900, 1000, 100_000])
 def test_json_nested_deep(sound, changed, name, opening, depth):
@@ -191,7 +195,11 @@ def test_json_nested_deep(sound, changed, name, opening, depth):
 @pytest.mark.parametrize("number", [NINES, POWER, "1e999", "NaN", "-0", '"x"'])
 @pytest.mark.parametrize(
     ("name", "key"),
-    [("result/result.json", "width"), ("capture/truth/lights.json", "middle_m")],
+    [
+        ("result/result.json", "width"),
+        ("result/lights.json", "middle_m"),
+        ("capture/truth/lights.json", "middle_m"),
+    ],
 )
 def test_wild_numbers_in_json(sound, changed, name, key, number):
     text = (sound / name).read_text()

@@ -11,10 +11,10 @@ import rakelight
 from rakelight.capture import load_capture, load_truth, write_capture
 from rakelight.errors import InputError, MethodError
 from rakelight.export import load_result
-from rakelight.methods import METHODS, choose_method, load_method, refine
-from rakelight.methods.estimate import photometric_confidence, scatter
+from rakelight.methods import METHODS, Method, choose_method, load_method, method_of, refine
+from rakelight.methods.estimate import Estimate, photometric_confidence, scatter
 from rakelight.methods.multi_light_alternating import Options
-from rakelight.model import Camera
+from rakelight.model import Camera, Lights
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
 
@@ -76,7 +76,80 @@ class OtherOptions:
 def test_options_of_another_method_are_refused(capture, options):
     with pytest.raises(MethodError, match="options are not for multi-light-alternating") as error:
         refine(capture, "multi-light-alternating", options=options)
-    assert error.value.needed == "rakelight.methods.multi_light_alternating.Options"
+    assert error.value.needed == "rakelight.MultiLightAlternating"
+
+
+def test_options_alone_choose_their_method(capture):
+    result = refine(capture, rakelight.MultiLightAlternating(max_iterations=2, depth_weight=3.0))
+    named = refine(
+        capture, "multi-light-alternating", options=Options(max_iterations=2, depth_weight=3.0)
+    )
+    assert (result.method, result.options) == (named.method, named.options)
+    assert result.method == "multi-light-alternating"
+    np.testing.assert_array_equal(result.depth, named.depth)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_the_method_of_options(name):
+    kind = load_method(name).options
+
+    class Finer(kind):
+        """Options of one's own class are still of that method."""
+
+    assert method_of(kind()) == method_of(Finer()) == name
+    assert method_of(kind) is None
+
+
+def test_the_class_of_options_is_not_its_value(capture):
+    with pytest.raises(MethodError, match=r"the class Options is no method .*Fix: give a name, or"):
+        refine(capture, rakelight.MultiLight)
+    with pytest.raises(MethodError, match=r"seen the class Options, needed rakelight\.MultiLight"):
+        refine(capture, options=rakelight.MultiLight)
+
+
+@pytest.mark.parametrize(
+    ("method", "options", "words"),
+    [
+        ("ldr-ps", rakelight.MultiLight(), "not for ldr-ps .*MultiLight, needed rakelight.LdrPs"),
+        ("auto", rakelight.LdrPs(), "not for multi-light .seen rakelight.LdrPs"),
+        # RGBD-Fusion's are a subclass of theirs
+        ("fusion-like", rakelight.RgbdFusion(), "seen rakelight.RgbdFusion, needed .*FusionLike"),
+        ("rgbd-fusion", rakelight.FusionLike(), "seen rakelight.FusionLike, needed .*RgbdFusion"),
+        (rakelight.LdrPs(), rakelight.LdrPs(), "options twice"),
+    ],
+)
+def test_method_and_options_that_disagree(capture, method, options, words):
+    with pytest.raises(MethodError, match=words) as refused:
+        refine(capture, method, options=options)
+    assert refused.value.remedy
+
+
+def test_a_method_of_ones_own(capture):
+    ours = Method("kept-depth", lambda prepared, options, progress: kept_depth(prepared), Kept)
+    result = refine(capture, ours, options=Kept(weight=2.0))
+    assert (result.method, result.options) == ("kept-depth", {"weight": 2.0})
+    assert refine(capture, ours).options == {"weight": 1.0}
+    np.testing.assert_allclose(
+        result.depth[result.mask], result.prepared_depth[result.mask], rtol=1e-6
+    )
+    with pytest.raises(MethodError, match=r"seen rakelight\.LdrPs, needed Kept"):
+        refine(capture, ours, options=rakelight.LdrPs())
+
+
+@dataclass(frozen=True)
+class Kept:
+    weight: float = 1.0
+
+
+def kept_depth(prepared):
+    count = len(prepared)
+    return Estimate(
+        log_depth=np.log(prepared.depth_m),
+        albedo=np.ones((*prepared.mask.shape, 3)),
+        confidence=np.zeros(prepared.mask.shape),
+        lights=Lights(np.zeros((count, 1, 3)), np.ones((count, 1))),
+        converged=True,
+    )
 
 
 def test_options_are_kept_with_the_result(capture):
@@ -208,8 +281,8 @@ def test_from_capture_folder_to_result_folder(scene, tmp_path):
     np.testing.assert_array_equal(loaded.normals, result.normals)
     np.testing.assert_array_equal(loaded.prepared_depth, result.prepared_depth)
     np.testing.assert_allclose(loaded.confidence, result.confidence, atol=0.5 / 255)
-    assert loaded.summary.method == result.method
-    assert loaded.summary.camera == result.camera
+    assert loaded.method == result.method
+    assert loaded.camera == result.camera
 
 
 def test_methods_run_on_one_blas_thread_and_leave_the_number_as_it_was(capture):

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from report_scenes import HOSTILE, hostile_result, vase_result
 
-from rakelight.export import load_result
+from rakelight.export import read_summary
 from rakelight.metrics import evaluate
 from rakelight.model import Finding, Lights
-from rakelight.report import report_html, save_with_report
+from rakelight.report import report_html, save_result
 
 
 @pytest.fixture(scope="module")
@@ -89,9 +89,9 @@ def test_errors_are_shown_where_the_truth_is_known(small):
 
 def test_a_truth_of_another_size_is_left_out(small, tmp_path):
     result, _ = small
-    save_with_report(result, tmp_path / "out", truth=vase_result(0.2)[1])
+    save_result(result, tmp_path / "out", truth=vase_result(0.2)[1])
     assert "Against the truth" not in (tmp_path / "out" / "report.html").read_text()
-    assert "report.html" in load_result(tmp_path / "out").summary.files
+    assert "report.html" in read_summary(tmp_path / "out").files
 
 
 def test_the_figures_of_the_capture(small):

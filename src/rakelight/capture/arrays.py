@@ -10,6 +10,7 @@ from typing import Any, get_args
 import numpy as np
 
 from rakelight.capture import validate
+from rakelight.capture.defaults import on_depth_grid
 from rakelight.errors import CaptureError, InputError
 from rakelight.model import (
     Array,
@@ -18,7 +19,6 @@ from rakelight.model import (
     Encoding,
     Finding,
     Lighting,
-    Mask,
     RigidTransform,
     SensorNoise,
     Truth,
@@ -28,6 +28,8 @@ from rakelight.model import (
 POSSIBLE_M = (1e-4, 1e6)
 # Tangent of the angle from the optical axis beyond which a pixel sees nothing: 84 degrees.
 STEEPEST_RAY = 10.0
+
+MAKE_A_CAMERA = "rakelight.Camera.from_matrix(K, (height, width)) makes one"
 
 
 def checked_arrays(capture: Capture) -> Capture:
@@ -43,9 +45,9 @@ def checked_arrays(capture: Capture) -> Capture:
     rakelight.errors.CaptureError: photographs: not 8 or 16 bit (seen float64, needed uint8 or
     uint16). Fix: for values of 0 to 1: np.rint(65535 * photographs).astype(np.uint16)
     """
-    _check_is(capture, Capture, "capture", "load one with rakelight.load_capture")
+    check_is(capture, Capture, "capture", "load one with rakelight.load_capture")
     camera = capture.camera
-    _check_is(camera, Camera, "camera")
+    check_is(camera, Camera, "camera", MAKE_A_CAMERA)
     photographs = _plain(capture.photographs, "photographs", ("N", "H", "W", 3))
     if photographs.dtype not in (np.uint8, np.uint16):
         raise CaptureError(
@@ -73,24 +75,15 @@ def checked_arrays(capture: Capture) -> Capture:
             remedy="mask > 0",
         )  # fmt: skip
     _check_camera(camera, "camera")
-    for name, array, needed in (
-        ("photographs", photographs, (len(photographs), *camera.shape, 3)),
-        ("mask", mask, camera.shape),
-    ):
-        if array.shape != needed:
-            raise CaptureError(
-                "this array does not fit the capture's camera",
-                source=name,
-                seen=str(array.shape),
-                needed=str(needed),
-            )
-    for field, kind in (
-        ("depth_camera", Camera),
-        ("depth_to_color", RigidTransform),
-        ("depth_noise", SensorNoise),
+    _check_fits("photographs", photographs, (len(photographs), *camera.shape, 3))
+    _check_fits("mask", mask, camera.shape)
+    for field, kind, remedy in (
+        ("depth_camera", Camera, MAKE_A_CAMERA),
+        ("depth_to_color", RigidTransform, "rakelight.RigidTransform(rotation, translation_m)"),
+        ("depth_noise", SensorNoise, "rakelight.SensorNoise(sigma_m, at_m, growth)"),
     ):
         if (value := getattr(capture, field)) is not None:
-            _check_is(value, kind, field)
+            check_is(value, kind, field, remedy)
     _check_words(capture, len(photographs))
     return replace(capture, photographs=photographs, depth_m=depth_m, mask=mask)
 
@@ -106,12 +99,44 @@ def checked_capture(capture: Capture) -> Capture:
     ...                         np.ones((6, 8), bool), camera))
     Traceback (most recent call last):
     rakelight.errors.CaptureError: depth_m: the depth unit looks wrong (seen median depth 600 m,
-    needed 0.05 to 20 m). Fix: the files look like millimetres: divide them by 1000
+    needed 0.05 to 20 m). Fix: the values look like millimetres: divide them by 1000
     """
     capture = checked_arrays(capture)
+    factor = check_sensor(capture)
+    check_object(capture, factor)
+    return capture
+
+
+def check_sensor(capture: Capture) -> int | None:
+    """How many colour pixels a depth pixel has along each side; None for another camera's depth.
+
+    capture : as `checked_arrays` returns it, its mask is not looked at
+
+    Raises CaptureError for an implausible depth camera, pose or noise, or sizes that do not fit.
+    """
     _check_depth_camera(capture)
+    if capture.depth_noise is not None:
+        validate.check_noise(capture.depth_noise, "depth_noise")
+    if capture.depth_camera is None:
+        h, w = capture.depth_m.shape[1:]
+        return validate.depth_factor((h, w), capture.camera.shape, "depth_m")
+    if capture.depth_to_color is not None:
+        validate.check_transform(capture.depth_to_color, "depth_to_color")
+    return None
+
+
+def check_object(
+    capture: Capture, factor: int | None, holes: Array | None = None
+) -> tuple[Finding, ...]:
+    """What a person should know of the mask and the depth on it.
+
+    factor : of `check_sensor`; holes : (K, h, w) indices into validate.HOLES, where known
+
+    Raises CaptureError for an empty mask, depth that is not positive, hardly measured on the object
+    or in another unit.
+    """
     depth_m, mask = capture.depth_m, capture.mask
-    validate.check_mask(mask, "mask")
+    findings = validate.check_mask(mask, "mask")
     known = np.isfinite(depth_m)
     impossible = ~(np.isnan(depth_m) | ((depth_m >= POSSIBLE_M[0]) & (depth_m <= POSSIBLE_M[1])))
     if impossible.any():
@@ -122,23 +147,15 @@ def checked_capture(capture: Capture) -> Capture:
             needed=f"{POSSIBLE_M[0]:g} to {POSSIBLE_M[1]:g} m, or NaN for no measurement",
             remedy="depth[~(depth > 0)] = np.nan",
         )
-    on_object: Mask | None = None
-    if capture.depth_camera is None:
-        h, w = depth_m.shape[1:]
-        factor = validate.depth_factor((h, w), capture.camera.shape, "depth_m")
-        on_object = np.asarray(mask.reshape(h, factor, w, factor).any(axis=(1, 3)))
-    elif capture.depth_to_color is not None:
-        validate.check_transform(capture.depth_to_color, "depth_to_color")
-    holes = np.where(known, 0, validate.HOLES.index("not finite")).astype(np.uint8)
-    validate.check_depth(depth_m, holes, on_object, "depth_m", None)
-    if capture.depth_noise is not None:
-        validate.check_noise(capture.depth_noise, "depth_noise")
-    return capture
+    on_object = on_depth_grid(mask, factor, depth_m.shape[1:])
+    if holes is None:
+        holes = np.where(known, 0, validate.HOLES.index("not finite")).astype(np.uint8)
+    return findings + validate.check_depth(depth_m, holes, on_object, "depth_m", None)
 
 
 def checked_truth(truth: Truth, shape: tuple[int, int]) -> None:
     """Raise CaptureError unless the maps of a truth are numbers of an image (height, width)."""
-    _check_is(truth, Truth, "truth")
+    check_is(truth, Truth, "truth")
     for name, channels in (("depth", ()), ("normals", (3,)), ("albedo", (3,))):
         source, needed = f"truth.{name}", (*shape, *channels)
         array = _plain(getattr(truth, name), source, ("H", "W", *channels))
@@ -174,14 +191,30 @@ def _plain(array: Array, name: str, axes: tuple[int | str, ...]) -> Array:
     return np.ascontiguousarray(array)
 
 
-def _check_is(value: Any, kind: type[Any], name: str, remedy: str = "") -> None:
+_OURS = (Camera, Capture, RigidTransform, SensorNoise, Truth)
+
+
+def check_is(value: Any, kind: type[Any], name: str, remedy: str = "") -> None:
+    """Raise InputError, with `remedy`, where the argument `name` is no `kind`."""
     if not isinstance(value, kind):
         raise InputError(
             f"this is no {kind.__name__}",
             source=name,
             seen=type(value).__name__,
-            needed=f"rakelight.model.{kind.__name__}",
+            needed=f"rakelight.{kind.__name__}" if kind in _OURS else kind.__name__,
             remedy=remedy,
+        )
+
+
+def _check_fits(name: str, array: Array, needed: tuple[int, ...]) -> None:
+    if array.shape != needed:
+        raise CaptureError(
+            "this array does not fit the capture's camera",
+            source=name,
+            seen=str(array.shape),
+            needed=str(needed),
+            remedy="give the camera of these photographs, camera.resized(width, height) where "
+            "they were resized",
         )
 
 
@@ -196,6 +229,7 @@ def _check_numbers(value: Any, source: str) -> None:
                 source=source,
                 seen=str(number),
                 needed="a whole number" if kind is Integral else "a finite number",
+                remedy="calibrate it, or read it from the camera",
             )
 
 
@@ -208,7 +242,8 @@ def _check_camera(camera: Camera, source: str) -> None:
                 f"{key} is not positive",
                 source=source,
                 seen=f"{getattr(camera, key):g}",
-                needed="pixels",
+                needed="pixels above 0",
+                remedy="give the sizes and focal lengths in pixels of this image",
             )
     rays = [
         max(abs(centre), abs(side - 1 - centre)) / length
@@ -224,6 +259,7 @@ def _check_camera(camera: Camera, source: str) -> None:
             seen=f"fx = {camera.fx:g}, fy = {camera.fy:g}, cx = {camera.cx:g}, "
             f"cy = {camera.cy:g} in {camera.width}x{camera.height}",
             needed="pixels of this image",
+            remedy="give pixels: not millimetres, not fractions of a side",
         )
 
 
@@ -237,8 +273,17 @@ def _check_depth_camera(capture: Capture) -> None:
                 source="depth_m",
                 seen=str(capture.depth_m.shape[1:]),
                 needed=str(camera.shape),
+                remedy="give the depth camera's own intrinsics and image size",
             )
     if pose is not None:
+        if camera is None:
+            raise CaptureError(
+                "depth_to_color without depth_camera",
+                source="depth_to_color",
+                seen="no depth_camera",
+                needed="both",
+                remedy="give both, or neither when the depth is aligned to the colour",
+            )
         for name, shape in (("rotation", (3, 3)), ("translation_m", (3,))):
             part = getattr(pose, name)
             numbers = isinstance(part, np.ndarray) and part.dtype.kind in "fiu"
@@ -248,6 +293,7 @@ def _check_depth_camera(capture: Capture) -> None:
                     source="depth_to_color",
                     seen=f"{type(part).__name__} {getattr(part, 'shape', '')}",
                     needed=f"a numpy.ndarray {shape}",
+                    remedy="X_color = rotation @ X_depth + translation_m, metres",
                 )
     if noise is not None:
         _check_numbers(noise, "depth_noise")
@@ -257,7 +303,11 @@ def _check_words(capture: Capture, photographs: int) -> None:
     for name, known in (("encoding", get_args(Encoding)), ("lighting", get_args(Lighting))):
         if not isinstance(value := getattr(capture, name), str) or value not in known:
             raise CaptureError(
-                f"an unknown {name}", source=name, seen=str(value)[:80], needed=", ".join(known)
+                f"an unknown {name}",
+                source=name,
+                seen=str(value)[:80],
+                needed=", ".join(known),
+                remedy=f'{name}="{known[0]}", say',
             )
     for name, values, kind, count in (
         ("names", capture.names, str, photographs),
@@ -271,6 +321,7 @@ def _check_words(capture: Capture, photographs: int) -> None:
                 source=name,
                 seen=f"{type(values).__name__} {str(values)[:80]}",
                 needed=f"a tuple of {kind.__name__}{many}",
+                remedy=f"give {name} as that, or leave it away",
             )
-    _check_is(capture.source, str, "source")
-    _check_is(capture.register, bool, "register")
+    check_is(capture.source, str, "source", "name where the capture came from, or nothing")
+    check_is(capture.register, bool, "register", "True or False")

@@ -23,6 +23,12 @@ import numpy as np
 from rakelight.capture import validate
 from rakelight.capture.arrays import checked_arrays, checked_truth
 from rakelight.capture.config import CONFIG, EXAMPLE, CaptureTable, format_config, parse_config
+from rakelight.capture.defaults import (
+    chosen_encoding,
+    chosen_lighting,
+    object_mask,
+    on_depth_grid,
+)
 from rakelight.capture.depth import check_depth_kind, depth_geometry, depth_values, read_depth
 from rakelight.capture.headers import read_header
 from rakelight.capture.images import as_rgb, decode_image, encode_png, encode_tiff
@@ -40,10 +46,8 @@ from rakelight.folders import file_list, staged_folder
 from rakelight.model import (
     Array,
     Capture,
-    Encoding,
     Finding,
     Floats,
-    Lighting,
     Mask,
     Truth,
 )
@@ -112,14 +116,18 @@ def load_capture(folder: str | PathLike[str], photographs: Sequence[int] | None 
     names = tuple(map(printable, rgb.names))
     validate.check_not_twice(images, names, rgb.source)
     depth_m, holes = read_depth(depth, table.depth_scale)
-    encoding, lighting, assumed = _defaults(table, images)
+    encoding, assumed = chosen_encoding(
+        table.encoding,
+        f"{8 * images.dtype.itemsize}-bit",
+        f'write encoding = "linear" or "srgb" into {CONFIG}',
+    )
     capture = Capture(
         photographs=images,
         depth_m=depth_m,
         mask=np.ones(rgb.shape, bool),
         camera=camera,
         encoding=encoding,
-        lighting=lighting,
+        lighting=chosen_lighting(table.lighting, len(images)),
         depth_camera=depth_camera,
         depth_to_color=depth_to_color,
         depth_noise=depth_noise,
@@ -127,8 +135,10 @@ def load_capture(folder: str | PathLike[str], photographs: Sequence[int] | None 
         names=names,
         source=root.shown(),
     )
-    mask, mask_findings = _read_mask(root, rgb.shape) or _cut_out(root, capture)
-    on_object = _coarse(mask, factor, depth.shape)
+    mask, mask_findings = _read_mask(root, rgb.shape) or object_mask(
+        capture, root.shown("depth"), "check [depth_intrinsics] and [depth_to_color]"
+    )
+    on_object = on_depth_grid(mask, factor, depth.shape)
     return replace(
         capture,
         mask=mask,
@@ -292,28 +302,6 @@ def _read_photographs(rgb: Images) -> Array:
     return photographs
 
 
-def _defaults(
-    table: CaptureTable, photographs: Array
-) -> tuple[Encoding, Lighting, tuple[Finding, ...]]:
-    """Encoding and lighting, with a note for what capture.toml leaves open."""
-    findings = []
-    encoding, lighting = table.encoding, table.lighting
-    if encoding is None:
-        bits = 8 * photographs.dtype.itemsize
-        encoding = "srgb" if bits == 8 else "linear"
-        findings.append(
-            Finding(
-                "note",
-                "encoding-assumed",
-                f"{bits}-bit photographs without a given encoding count as {encoding}",
-                f'write encoding = "linear" or "srgb" into {CONFIG}',
-            )
-        )
-    if lighting is None:
-        lighting = "ambient" if len(photographs) == 1 else "moving-lamp"
-    return encoding, lighting, tuple(findings)
-
-
 def _read_mask(root: Root, shape: tuple[int, int]) -> tuple[Mask, tuple[Finding, ...]] | None:
     """mask.png, (H, W) True = object, and what is to say of it; None when there is none."""
     path, source = root.path / "mask.png", root.shown("mask.png")
@@ -327,32 +315,6 @@ def _read_mask(root: Root, shape: tuple[int, int]) -> tuple[Mask, tuple[Finding,
     red, green, blue = np.moveaxis(as_rgb(decode_image(data, source)), 2, 0)
     mask = np.asarray((red | green | blue) != 0)
     return mask, validate.check_mask(mask, source)
-
-
-def _cut_out(root: Root, capture: Capture) -> tuple[Mask, tuple[Finding, ...]]:
-    """The nearest object, and a finding that says so."""
-    from rakelight.prepare.mask import cut_out
-
-    if not np.isfinite(capture.depth_m).any():
-        raise CaptureError(
-            "no depth at all", source=root.shown("depth"), seen="no positive finite value"
-        )
-    mask, findings = cut_out(capture)
-    if not mask.any():
-        raise CaptureError(
-            "the colour camera sees nothing of what has depth",
-            source=root.shown("depth"),
-            remedy="check [depth_intrinsics] and [depth_to_color]",
-        )
-    return mask, findings
-
-
-def _coarse(mask: Mask, factor: int | None, shape: tuple[int, int]) -> Mask | None:
-    """(h, w) True where a depth pixel sees the object; None for another camera's depth."""
-    if factor is None:
-        return None
-    h, w = shape
-    return np.asarray(mask.reshape(h, factor, w, factor).any(axis=(1, 3)))
 
 
 def _same_folder(first: Path, second: Path) -> bool:

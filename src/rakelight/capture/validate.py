@@ -192,6 +192,7 @@ def check_transform(transform: RigidTransform, source: str) -> None:
             seen=f"R Rᵀ differs from the identity by {off:.2g}, "
             f"determinant {np.linalg.det(rotation):.2g}",
             needed="three orthonormal rows, determinant 1",
+            remedy="give the rotation from the depth camera to the colour camera, rows first",
         )
     baseline_m = float(np.linalg.norm(translation_m))
     if baseline_m > LONGEST_BASELINE_M:
@@ -329,7 +330,11 @@ def check_mask(mask: Mask, source: str) -> tuple[Finding, ...]:
     """The mask marks something."""
     if not mask.any():
         raise CaptureError(
-            "the mask is empty", source=source, seen="only zeros", needed="non-zero = object"
+            "the mask is empty",
+            source=source,
+            seen="only zeros",
+            needed="non-zero = object",
+            remedy="mark the object in it, or leave it away: the nearest object is then cut out",
         )
     if mask.all():
         return (
@@ -361,8 +366,8 @@ def depth_factor(
             source=depth_source,
             seen=f"depth {w}x{h}, colour {width}x{height}",
             needed="colour 1, 2, 3 … times the depth along both sides",
-            remedy="give [depth_intrinsics] in capture.toml if they are two cameras, or export "
-            "the depth aligned to the colour",
+            remedy="if they are two cameras, give the depth camera ([depth_intrinsics] in "
+            "capture.toml, depth_camera= with arrays), or export the depth aligned to the colour",
         )
     return factor
 
@@ -444,5 +449,5 @@ def _unit_remedy(median_m: float, depth_scale: float | None) -> str:
         # Somebody may have given metres per value instead.
         return plausible_scales(median_m * depth_scale, also=(1 / depth_scale,))
     if PLAUSIBLE_M[0] <= median_m / 1000 <= PLAUSIBLE_M[1]:
-        return "the files look like millimetres: divide them by 1000"
-    return "float depth is in metres: convert the files"
+        return "the values look like millimetres: divide them by 1000"
+    return "float depth is in metres: convert it"

@@ -58,8 +58,8 @@ def command(
         require_free(maps, manifest=_MAPS, overwrite=overwrite)
     loaded, known = load_result(result), load_truth(truth)
     after = evaluate(loaded.depth, loaded.normals, known)
-    before = evaluate_depth(loaded.prepared_depth, loaded.summary.camera, known)
-    made_from, source = loaded.summary.capture.get("depth_checksum"), loaded.summary.source
+    before = evaluate_depth(loaded.prepared_depth, loaded.camera, known)
+    made_from, source = loaded.capture.get("depth_checksum"), loaded.source
     # Results of earlier versions have none.
     if made_from is not None and made_from != checksum(load_depth(truth)):
         raise InputError(

@@ -42,6 +42,13 @@ from rakelight.model import Progress, Result
     help=f"{', '.join(METHODS)}; auto is the best one that fits.",
 )
 @click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="An option of the method, as depth_weight=3 or lamps=white; none for None; repeatable.",
+)
+@click.option(
     "--scale",
     default="auto",
     show_default=True,
@@ -68,6 +75,7 @@ def command(
     capture: Path,
     output: Path,
     method: str,
+    settings: tuple[str, ...],
     scale: str,
     photographs: str | None,
     overwrite: bool,
@@ -79,11 +87,13 @@ def command(
 ) -> None:
     """Refine the depth of the capture folder CAPTURE by its photographs; write OUT."""
     from rakelight.capture import has_truth, load_capture, load_truth
+    from rakelight.cli.settings import options_with, parse_settings
     from rakelight.export import RESULT
     from rakelight.folders import require_free
-    from rakelight.methods import refine
+    from rakelight.methods import choose_method, load_method, refine
 
-    wanted = parse_scale(scale)
+    wanted, wishes = parse_scale(scale), parse_settings(settings)
+    options = options_with(load_method(method), wishes) if wishes and method != "auto" else None
     chosen = None if photographs is None else parse_photographs(photographs)
     refuse_input_as_output(capture, output)
     require_free(output, manifest=RESULT, overwrite=overwrite)
@@ -93,7 +103,9 @@ def command(
         loaded = load_capture(capture, chosen)
         truth = load_truth(capture) if has_truth(capture) else None
         read_s = perf_counter() - began
-        result = refine(loaded, method, scale=wanted, progress=progress)
+        if wishes and method == "auto":
+            options = options_with(load_method(choose_method(loaded)), wishes)
+        result = refine(loaded, method, scale=wanted, options=options, progress=progress)
         progress(Progress("write"))
         result = result.timed(read=read_s)
         kept = result.save(

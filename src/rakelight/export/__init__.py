@@ -5,9 +5,8 @@ What every file holds is in docs/conventions.md.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -15,18 +14,18 @@ from typing import TypeAlias
 
 import numpy as np
 
-from rakelight.capture.headers import read_header
-from rakelight.capture.images import decode_image
 from rakelight.errors import InputError
 from rakelight.export.albedo import albedo_png
 from rakelight.export.confidence import confidence_png
 from rakelight.export.depth import choose_values_per_metre, depth_png, float32_tiff
 from rakelight.export.finite import only_finite
 from rakelight.export.lights import lights_json
-from rakelight.export.mesh import mesh_glb, mesh_ply, result_mesh
+from rakelight.export.mesh import mesh_glb, mesh_ply, result_triangles
 from rakelight.export.normals import NormalMap, normals_png, normals_tiff
 from rakelight.export.pictures import preview_png
+from rakelight.export.reading import load_result, read_summary
 from rakelight.export.summary import (
+    MARKER,
     Conventions,
     MeshFormat,
     Summary,
@@ -34,13 +33,12 @@ from rakelight.export.summary import (
     summarise,
     summary_json,
 )
-from rakelight.files import MAX_TEXT_BYTES, in_threads, read_bytes, write_bytes
-from rakelight.folders import Manifest, put_back, staged_folder
-from rakelight.model import Array, Finding, Floats, Result
+from rakelight.files import in_threads, write_bytes
+from rakelight.folders import Manifest, staged_folder
+from rakelight.model import Finding, Result
 
-__all__ = ["RESULT", "LoadedResult", "Summary", "load_result", "save_result"]
+__all__ = ["RESULT", "Summary", "load_result", "read_summary", "write_result"]
 
-MARKER = "result.json"
 SIGMAS = ("depth_sigma", "normal_sigma")
 
 
@@ -54,7 +52,7 @@ RESULT = Manifest("result", MARKER, _listed)
 ExtraFiles: TypeAlias = Mapping[str, Callable[[Result], bytes]]
 
 
-def save_result(
+def write_result(
     result: Result,
     folder: str | PathLike[str],
     *,
@@ -63,7 +61,7 @@ def save_result(
     normal_map: NormalMap = "opengl",
     extra_files: ExtraFiles | None = None,
 ) -> tuple[Finding, ...]:
-    """Write the result folder of docs/conventions.md; it appears complete or not at all.
+    """Write the result folder of docs/conventions.md, whole or not at all, without its report.
 
     Parameters
     ----------
@@ -99,9 +97,9 @@ def save_result(
     ...                 camera=Camera(4, 4, 100.0, 100.0, 1.5, 1.5), prepared_depth=plane,
     ...                 method="none")
     >>> with TemporaryDirectory() as scratch:
-    ...     findings = save_result(result, Path(scratch) / "out")
-    ...     load_result(Path(scratch) / "out").summary.pixels
-    16
+    ...     findings = write_result(result, Path(scratch) / "out")
+    ...     load_result(Path(scratch) / "out").method
+    'none'
     """
     _check_option("mesh", mesh, ("ply", "glb", "none"))
     _check_option("normal_map", normal_map, ("opengl", "directx"))
@@ -119,7 +117,7 @@ def _write(
     extra_files: ExtraFiles,
 ) -> None:
     """Write every file of a finite result into the staging folder; result.json last."""
-    surface = result_mesh(result) if mesh != "none" else None
+    surface = result_triangles(result) if mesh != "none" else None
     if surface is not None and not len(surface.faces):
         surface, result = None, replace(result, findings=(*result.findings, _NO_MESH))
     values_per_metre = choose_values_per_metre(float(np.nanmax(result.depth)))
@@ -150,83 +148,6 @@ def _write(
 _NO_MESH = Finding(
     "warning", "no-mesh", "no mesh was written: no three neighbouring pixels form a surface"
 )
-
-
-@dataclass(frozen=True)
-class LoadedResult:
-    """A result folder read back.
-
-    depth : (H, W) float32 metres along the optical axis, NaN outside the object
-    normals : (H, W, 3) float32 unit vectors, camera frame, NaN outside
-    prepared_depth : (H, W) float32 metres, what the method started from
-    confidence : (H, W) float32 in 0..1, None when the folder has none
-    depth_sigma, normal_sigma : (H, W) float32 metres and degrees, the expected errors of depth and
-        normals, NaN outside; None when the folder has none
-    summary : the content of result.json
-    """
-
-    depth: Floats
-    normals: Floats
-    prepared_depth: Floats
-    confidence: Floats | None
-    depth_sigma: Floats | None
-    normal_sigma: Floats | None
-    summary: Summary
-
-
-def load_result(folder: str | PathLike[str]) -> LoadedResult:
-    """Read the result folder that `save_result` wrote.
-
-    An older one that a killed run had moved aside is put back first.
-
-    Raises InputError when `folder` is not one or one of its files is damaged, MachineError when
-    a file cannot be read.
-    """
-    folder = put_back(Path(folder))
-    if not (folder / MARKER).is_file():
-        raise InputError(
-            "not a result folder",
-            source=str(folder),
-            needed=f"a folder with {MARKER}",
-            remedy="name the folder that `rakelight refine` wrote",
-        )
-    summary = parse_summary(
-        read_bytes(folder / MARKER, max_bytes=MAX_TEXT_BYTES), source=str(folder / MARKER)
-    )
-    shape = summary.camera.shape
-    confidence: Floats | None = None
-    if os.path.lexists(folder / "confidence.png"):
-        values = _read_map(folder / "confidence.png", shape, np.dtype(np.uint8))
-        confidence = values.astype(np.float32) / summary.conventions.confidence_one
-    float32 = np.dtype(np.float32)
-    sigmas = {
-        name: _read_map(folder / f"{name}.tiff", shape, float32)
-        if os.path.lexists(folder / f"{name}.tiff")
-        else None
-        for name in SIGMAS
-    }
-    return LoadedResult(
-        depth=_read_map(folder / "depth.tiff", shape, float32),
-        normals=_read_map(folder / "normals.tiff", (*shape, 3), float32),
-        prepared_depth=_read_map(folder / "prepared_depth.tiff", shape, float32),
-        confidence=confidence,
-        **sigmas,
-        summary=summary,
-    )
-
-
-def _read_map(path: Path, shape: tuple[int, ...], dtype: np.dtype[np.generic]) -> Array:
-    """The image at `path`, which has to have this shape and type."""
-    data = read_bytes(path)
-    header = read_header(data, str(path))
-    if header.shape != shape or header.dtype != dtype:
-        raise InputError(
-            "this file does not belong to the result beside it",
-            source=str(path),
-            seen=f"{header.shape} {header.dtype}",
-            needed=f"{shape} {dtype}, as {MARKER} says",
-        )
-    return decode_image(data, str(path))
 
 
 def _check_option(name: str, value: str, allowed: tuple[str, ...]) -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import msgspec
 import numpy as np
 
+from rakelight.errors import InputError, parsing
 from rakelight.export.plain import json_bytes
-from rakelight.model import Floats, Lights
+from rakelight.model import FARTHEST_M, Floats, Lights
 
 SCHEMA = "rakelight-lights/1"
 
@@ -24,7 +26,7 @@ def lights_table(lights: Lights, names: tuple[str, ...] = ()) -> dict[str, Any]:
     >>> lights_table(lights, ("000.png",))["photographs"][0]["channels"]["white"]
     {'direction': [0.0, 0.0, -1.0], 'intensity': 2.0, 'ambient': 0.1, 'position_m': None}
     """
-    channels = ("white",) if lights.vector.shape[1] == 1 else ("red", "green", "blue")
+    channels = _CHANNELS[0] if lights.vector.shape[1] == 1 else _CHANNELS[1]
     photographs = [
         {
             "name": names[i] if i < len(names) else None,
@@ -42,6 +44,68 @@ def lights_table(lights: Lights, names: tuple[str, ...] = ()) -> dict[str, Any]:
         "middle_m": None if lights.middle_m is None else _numbers(lights.middle_m),
         "photographs": photographs,
     }
+
+
+def parse_lights(data: bytes, *, source: str) -> Lights:
+    """The lights in the bytes of a lights.json; `source` names the file in messages.
+
+    A distant lamp among near ones stands at `FARTHEST_M`.  Raises InputError when it is not one, is
+    of another version, or its photographs have different channels.
+
+    >>> lights = Lights(vector=np.array([[[0.0, 0.0, -2.0]]]), ambient=np.array([[0.1]]))
+    >>> parse_lights(lights_json(lights), source="lights.json").vector.tolist()
+    [[[0.0, 0.0, -2.0]]]
+    """
+    with parsing(source, "not a lights.json"):
+        stored = msgspec.json.decode(data, type=_LightsFile)
+    if stored.schema != SCHEMA:
+        raise InputError(
+            "a lights.json of another version", source=source, seen=stored.schema, needed=SCHEMA
+        )
+    kinds = {tuple(photograph.channels) for photograph in stored.photographs}
+    if len(kinds) != 1 or not kinds <= set(_CHANNELS):
+        raise InputError(
+            "the photographs' channels do not fit",
+            source=source,
+            seen=" and ".join(sorted("/".join(kind) for kind in kinds)) or "no photograph",
+            needed=" or ".join("/".join(kind) for kind in _CHANNELS),
+        )
+    lamps = [list(photograph.channels.values()) for photograph in stored.photographs]
+    direction = np.array([[lamp.direction for lamp in row] for row in lamps], float)
+    intensity = np.array([[lamp.intensity for lamp in row] for row in lamps], float)
+    ambient = np.array([[lamp.ambient for lamp in row] for row in lamps], float)
+    vector = intensity[..., None] * direction
+    if stored.middle_m is None:
+        return Lights(vector, ambient)
+    middle_m = np.array(stored.middle_m, float)
+    position_m = middle_m + FARTHEST_M * direction
+    for i, row in enumerate(lamps):
+        for channel, lamp in enumerate(row):
+            if lamp.position_m is not None:
+                position_m[i, channel] = lamp.position_m
+    return Lights(vector, ambient, position_m, middle_m)
+
+
+_CHANNELS = (("white",), ("red", "green", "blue"))
+# null is a number that was not finite.
+_Vector = tuple[float | None, float | None, float | None]
+
+
+class _Lamp(msgspec.Struct):
+    direction: _Vector
+    intensity: float | None
+    ambient: float | None
+    position_m: _Vector | None = None
+
+
+class _Photograph(msgspec.Struct):
+    channels: dict[str, _Lamp]
+
+
+class _LightsFile(msgspec.Struct):
+    schema: str
+    photographs: list[_Photograph]
+    middle_m: _Vector | None = None
 
 
 def _lamp(lights: Lights, i: int, channel: int) -> dict[str, Any]:

@@ -12,8 +12,9 @@ import msgspec
 import numpy as np
 
 from rakelight.export.pictures import object_window
-from rakelight.geometry.mesh import Mesh, triangulate
-from rakelight.model import Array, Floats, Result
+from rakelight.geometry.camera import back_project
+from rakelight.geometry.mesh import DepthMesh, triangulate
+from rakelight.model import Array, Floats, Mesh, PointCloud, Result
 from rakelight.prepare.linear import srgb
 
 # Camera frame (x right, y down, z forward) to glTF's (x right, y up, z to the viewer): a half
@@ -41,7 +42,7 @@ _PLY_VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("colour",
 _PLY_FACE = np.dtype([("count", "u1"), ("indices", "<i4", 3)])
 
 
-def result_mesh(result: Result) -> Mesh:
+def result_triangles(result: Result) -> DepthMesh:
     """The triangles of a result's depth map; empty when no pixel has neighbours."""
     window = object_window(result.mask, margin=0)
     mesh = triangulate(result.depth[window], result.mask[window], result.camera.cropped(*window))
@@ -49,7 +50,38 @@ def result_mesh(result: Result) -> Mesh:
     return mesh._replace(pixels=mesh.pixels + corner)
 
 
-def mesh_ply(mesh: Mesh, normals: Floats, albedo: Floats) -> bytes:
+def result_mesh(result: Result) -> Mesh:
+    """What mesh.ply holds, in memory: what `Result.mesh` returns."""
+    mesh = result_triangles(result)
+    rows, columns = mesh.pixels.T
+    return Mesh(
+        vertices_m=mesh.vertices_m.astype(np.float32),
+        faces=mesh.faces,
+        normals=result.normals[rows, columns].astype(np.float32),
+        colors=vertex_colors(result.albedo[rows, columns]),
+    )
+
+
+def result_points(result: Result) -> PointCloud:
+    """Every pixel of the object as a point: what `Result.point_cloud` returns."""
+    inside = result.mask
+    return PointCloud(
+        points_m=back_project(result.depth, result.camera)[inside].astype(np.float32),
+        normals=result.normals[inside].astype(np.float32),
+        colors=vertex_colors(result.albedo[inside]),
+    )
+
+
+def vertex_colors(albedo: Floats) -> Array:
+    """uint8 sRGB of linear albedo (V, 3); what is brighter than 1 is clipped.
+
+    >>> vertex_colors(np.array([[0.0, 0.2140, 1.3]])).tolist()
+    [[0, 127, 255]]
+    """
+    return np.rint(srgb(albedo) * 255).astype(np.uint8)
+
+
+def mesh_ply(mesh: DepthMesh, normals: Floats, albedo: Floats) -> bytes:
     """Binary PLY in metres and the camera frame, with vertex normals and sRGB colours.
 
     normals, albedo : (H, W, 3) maps that the mesh was made from, camera frame and linear
@@ -58,7 +90,7 @@ def mesh_ply(mesh: Mesh, normals: Floats, albedo: Floats) -> bytes:
     vertices = np.empty(len(mesh.vertices_m), _PLY_VERTEX)
     vertices["position"] = mesh.vertices_m
     vertices["normal"] = normals[rows, columns]
-    vertices["colour"] = np.rint(srgb(albedo[rows, columns]) * 255)
+    vertices["colour"] = vertex_colors(albedo[rows, columns])
     faces = np.empty(len(mesh.faces), _PLY_FACE)
     faces["count"] = 3
     faces["indices"] = mesh.faces
@@ -66,7 +98,7 @@ def mesh_ply(mesh: Mesh, normals: Floats, albedo: Floats) -> bytes:
     return header + vertices.tobytes() + faces.tobytes()
 
 
-def mesh_glb(mesh: Mesh, normals: Floats, albedo: Floats) -> bytes:
+def mesh_glb(mesh: DepthMesh, normals: Floats, albedo: Floats) -> bytes:
     """Binary glTF 2.0 in metres and glTF's frame, with vertex normals and linear colours.
 
     normals, albedo : (H, W, 3) maps that the mesh was made from, camera frame and linear.

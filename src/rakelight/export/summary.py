@@ -13,6 +13,9 @@ from rakelight.model import Camera, Finding, Result
 
 SCHEMA = "rakelight-result/1"
 
+MARKER = "result.json"
+"""By which a result folder is known."""
+
 MeshFormat = Literal["ply", "glb", "none"]
 
 

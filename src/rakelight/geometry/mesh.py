@@ -11,7 +11,7 @@ from rakelight.geometry.grid import STEEPEST
 from rakelight.model import Array, Camera, Floats, Mask
 
 
-class Mesh(NamedTuple):
+class DepthMesh(NamedTuple):
     """Triangles of a depth map.
 
     vertices_m : (V, 3) float64, metres, camera frame
@@ -25,7 +25,9 @@ class Mesh(NamedTuple):
     pixels: Array
 
 
-def triangulate(depth_m: Floats, mask: Mask, camera: Camera, *, jump: float = STEEPEST) -> Mesh:
+def triangulate(
+    depth_m: Floats, mask: Mask, camera: Camera, *, jump: float = STEEPEST
+) -> DepthMesh:
     """Two triangles for every square of four neighbouring pixels, none across a depth jump.
 
     The square is split along the diagonal with the smaller depth difference, and a square with
@@ -89,7 +91,7 @@ def triangulate(depth_m: Floats, mask: Mask, camera: Camera, *, jump: float = ST
         axis=1,
     )
     pixels = np.stack([rows, columns], axis=1).astype(np.int32)
-    return Mesh(vertices_m, vertex_of_pixel[corners].astype(np.int32, copy=False), pixels)
+    return DepthMesh(vertices_m, vertex_of_pixel[corners].astype(np.int32, copy=False), pixels)
 
 
 def _triangles(z: Floats, camera: Camera, jump: float) -> Array:

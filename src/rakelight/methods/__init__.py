@@ -6,6 +6,7 @@ beside it, in a file of its own.  To add one, write the file and its line in `ME
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
@@ -59,7 +60,11 @@ _BYTES_PER_PIXEL_OF_OTHERS = 500
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """A method's function and its options class."""
+    """A method's function and its options class; `refine` takes one of your own, too.
+
+    run : (Prepared, options, progress) -> Estimate
+    options : a frozen dataclass, every field with a default
+    """
 
     name: str
     run: Callable[[Prepared, Any, ProgressCallback], Estimate]
@@ -74,12 +79,41 @@ def load_method(name: str) -> Method:
     """
     if not isinstance(name, str) or name not in METHODS:
         raise MethodError(
-            f"method {name!r} is unknown",
+            f"the class {name.__qualname__} is no method"
+            if isinstance(name, type)
+            else f"method {name!r} is unknown",
             needed="one of " + ", ".join(METHODS),
-            remedy="choose one of these with --method",
+            remedy="choose one of these with --method"
+            if isinstance(name, str)
+            else "give a name, or options such as rakelight.MultiLight(depth_weight=3.0)",
         )
     module = import_module(f"rakelight.methods.{METHODS[name]}")
     return Method(name, getattr(module, METHODS[name]), module.Options)
+
+
+def method_of(options: object) -> str | None:
+    """The name of the method that these options are for; None for anything else.
+
+    >>> from rakelight.methods.rgbd_fusion import Options
+    >>> method_of(Options()), method_of(3)
+    ('rgbd-fusion', None)
+    """
+    # A method whose module is not loaded yet cannot be meant.
+    loaded = {name: sys.modules.get(f"rakelight.methods.{file}") for name, file in METHODS.items()}
+    for kind in type(options).__mro__:
+        for name, module in loaded.items():
+            if kind is getattr(module, "Options", None):
+                return name
+    return None
+
+
+def public_options(method: str) -> str:
+    """What the options of a method are called in public.
+
+    >>> public_options("multi-light")
+    'rakelight.MultiLight'
+    """
+    return "rakelight." + "".join(word.capitalize() for word in method.split("-"))
 
 
 def choose_method(capture: Capture) -> str:
@@ -91,7 +125,7 @@ def choose_method(capture: Capture) -> str:
 
 def refine(
     capture: Capture,
-    method: str = "auto",
+    method: str | Method | object = "auto",
     *,
     scale: Scale = "auto",
     options: Any = None,
@@ -99,28 +133,22 @@ def refine(
 ) -> Result:
     """Refine the depth of a capture by its photographs.
 
-    method : a name in `METHODS`, or "auto" for the one that fits the capture
+    method : "auto" for the method that fits the capture; a name in `METHODS`; the options of a
+        method, such as rakelight.MultiLight(depth_weight=3.0); or a `Method` of your own
     scale : output resolution over the depth's, or "auto" for the colour camera's resolution
-    options : the method's `Options`, its defaults when None
+    options : of the method, where `method` names it; its defaults when None
     progress : called with a `Progress` at every step
 
     Returns a `Result` at the output resolution: metres and unit vectors in the camera frame.
-    Raises MethodError when the method does not fit, InputError for a bad scale, CaptureError when
-    an array is of another type, shape or range than `Capture` says, or the depth is plainly that of
-    another place, MachineError when there is too little memory.  What `progress` raises comes
-    through.
+    Raises MethodError when the method does not fit the capture or the options, InputError for a bad
+    scale, CaptureError when an array is of another type, shape or range than `Capture` says, or the
+    depth is plainly that of another place, MachineError when there is too little memory.  What
+    `progress` raises comes through.
     """
     capture = checked_capture(capture)
     if not callable(progress):
         raise InputError("progress is no function", seen=type(progress).__name__)
-    chosen = load_method(choose_method(capture) if method == "auto" else method)
-    options = chosen.options() if options is None else options
-    if not isinstance(options, chosen.options):
-        raise MethodError(
-            f"these options are not for {chosen.name}",
-            seen=type(options).__qualname__,
-            needed=f"{chosen.options.__module__}.{chosen.options.__qualname__}",
-        )
+    chosen, options = _chosen(capture, method, options)
     try:
         # What overflows shows in the result.
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -133,6 +161,45 @@ def refine(
     if np.isinf(result.depth).any() or not all(np.isfinite(each).all() for each in found):
         raise _without_solution(capture, "values that are not finite")
     return result
+
+
+def _chosen(capture: Capture, method: Any, options: Any) -> tuple[Method, Any]:
+    """The method that is meant, and its options; raises MethodError."""
+    if isinstance(method, Method):
+        chosen = method
+    elif (named := method_of(method)) is not None:
+        if options is not None:
+            raise MethodError(
+                "options twice",
+                source="options",
+                seen=f"{public_options(named)}(...) and options={type(options).__qualname__}",
+                needed="one of them",
+                remedy=f"refine(capture, {public_options(named)}(...))",
+            )
+        return load_method(named), method
+    else:
+        is_auto = isinstance(method, str) and method == "auto"
+        chosen = load_method(choose_method(capture) if is_auto else method)
+    options = chosen.options() if options is None else options
+    own = chosen.name not in METHODS
+    if not isinstance(options, chosen.options) or not (own or method_of(options) == chosen.name):
+        raise MethodError(
+            f"these options are not for {chosen.name}",
+            seen=_shown(options),
+            needed=chosen.options.__qualname__ if own else public_options(chosen.name),
+            remedy="give the options alone, without a method: refine(capture, options)"
+            if method_of(options)
+            else "give a value of that class",
+        )
+    return chosen, options
+
+
+def _shown(options: Any) -> str:
+    """What kind of options these are, for a message."""
+    if isinstance(options, type):
+        return f"the class {options.__qualname__}"
+    name = method_of(options)
+    return type(options).__qualname__ if name is None else public_options(name)
 
 
 def _without_solution(capture: Capture, seen: str) -> CaptureError:
@@ -256,4 +323,12 @@ def _convergence(estimate: Estimate) -> tuple[Finding, ...]:
     return (Finding("warning", "not-converged", message, "look at the result before you use it"),)
 
 
-__all__ = ["METHODS", "Method", "choose_method", "load_method", "refine"]
+__all__ = [
+    "METHODS",
+    "Method",
+    "choose_method",
+    "load_method",
+    "method_of",
+    "public_options",
+    "refine",
+]

@@ -15,7 +15,10 @@ from rakelight.prepare.linear import to_linear
 from rakelight.prepare.sensor import SensorGrid, sensed
 from rakelight.prepare.surfaces import surfaces
 
-REMEDY = "draw the object white on black at the photographs' size and save it as mask.png"
+REMEDY = (
+    "draw the object white on black at the photographs' size and save it as mask.png, or give "
+    "mask=, (H, W) bool, with the arrays"
+)
 # The outer part of the image that background reaches; depth often ends a little before it.
 FRAME = 0.04
 # Tables and walls: so much of the depth, so much of the frame, as flat as this.
@@ -52,7 +55,7 @@ def cut_out(capture: Capture) -> tuple[Mask, tuple[Finding, ...]]:
     if found is None:
         mask = grid.spread(known)
         message = (
-            "no mask.png, and nothing stands out from what is around it: every pixel with depth "
+            "no mask, and nothing stands out from what is around it: every pixel with depth "
             f"counts as object ({mask.mean():.0%} of the image)"
         )
         return mask, (Finding("warning", "no-mask", message, REMEDY),)
@@ -65,7 +68,7 @@ def cut_out(capture: Capture) -> tuple[Mask, tuple[Finding, ...]]:
         doubts.append("it is very small")
     low_m, high_m = np.quantile(depth[found.mask & known], [0.02, 0.98])
     message = (
-        f"no mask.png: the nearest object was cut out, {mask.mean():.1%} of the image, "
+        f"no mask: the nearest object was cut out, {mask.mean():.1%} of the image, "
         f"{low_m:.2f} to {high_m:.2f} m away"
     )
     if doubts:

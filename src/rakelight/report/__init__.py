@@ -5,6 +5,6 @@ it, the maps and the pictures are written into the page.  See docs/report.md.
 """
 
 from rakelight.report.page import report_html
-from rakelight.report.saving import save_with_report
+from rakelight.report.saving import save_result
 
-__all__ = ["report_html", "save_with_report"]
+__all__ = ["report_html", "save_result"]

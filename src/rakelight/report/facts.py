@@ -89,7 +89,7 @@ def option_rows(options: Mapping[str, Any]) -> Rows:
     """Every parameter with its value.
 
     >>> option_rows({"depth_weight": None, "near": True})
-    [('depth trust', 'chosen from the data'), ('near', 'yes')]
+    [('depth weight', 'chosen from the data'), ('near', 'yes')]
     """
     words = {None: "chosen from the data", True: "yes", False: "no"}
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from functools import partial
 from os import PathLike
 
-from rakelight.export import save_result
+from rakelight.errors import InputError
+from rakelight.export import write_result
 from rakelight.export.normals import NormalMap
 from rakelight.export.summary import MeshFormat
 from rakelight.model import Finding, Result, Truth
@@ -14,7 +15,7 @@ from rakelight.report.page import report_html
 REPORT = "report.html"
 
 
-def save_with_report(
+def save_result(
     result: Result,
     folder: str | PathLike[str],
     *,
@@ -23,16 +24,54 @@ def save_with_report(
     normal_map: NormalMap = "opengl",
     truth: Truth | None = None,
 ) -> tuple[Finding, ...]:
-    """`export.save_result` with report.html among the files; what `Result.save` calls.
+    """Write the result folder of docs/conventions.md; it appears complete or not at all.
 
-    truth : of a synthetic capture, for the errors in the report; left out where it has another
+    Parameters
+    ----------
+    folder : where it is to appear; its parents are made
+    overwrite : replace an older result folder there if it holds nothing but what its result.json
+        lists; other folders and files are never replaced
+    mesh : format of the mesh file
+    normal_map : the axes of normals.png
+    truth : of a synthetic capture, for the errors in report.html; left out where it has another
         size than the result
 
-    Returns and raises what `save_result` does.
+    Returns
+    -------
+    a warning for each older folder that stays under a hidden name because it could not be deleted
+
+    Raises
+    ------
+    InputError
+        no Result, an option that does not exist, arrays of different sizes, nothing finite to write
+    OutputExistsError
+        something stands at `folder` and may not be replaced
+    MachineError
+        disk full, no permission, or another run is writing the same folder
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np, rakelight
+    >>> flat, facing = np.ones((4, 4)), np.tile([0.0, 0.0, -1.0], (4, 4, 1))
+    >>> result = Result(flat, facing, np.ones((4, 4, 3)), flat, rakelight.Lights(facing, flat),
+    ...                 rakelight.Camera(4, 4, 100.0, 100.0, 1.5, 1.5), flat, "none")
+    >>> with TemporaryDirectory() as scratch:
+    ...     findings = rakelight.save_result(result, f"{scratch}/out")
+    ...     rakelight.load_result(f"{scratch}/out").depth.shape
+    (4, 4)
     """
+    if not isinstance(result, Result):
+        raise InputError(
+            "this is no Result",
+            source="result",
+            seen=type(result).__name__,
+            needed="rakelight.Result",
+            remedy="give what rakelight.refine returned",
+        )
     if truth is not None and truth.depth.shape != result.depth.shape:
         truth = None
-    return save_result(
+    return write_result(
         result,
         folder,
         overwrite=overwrite,

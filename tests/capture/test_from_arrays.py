@@ -1,0 +1,282 @@
+"""Capture.from_arrays: the same capture as from a folder, and what is said of bad arrays."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from capture_builder import HEIGHT, WIDTH, small_capture
+
+from rakelight.capture import load_capture, write_capture
+from rakelight.errors import InputError
+from rakelight.model import Camera, Capture, RigidTransform, SensorNoise
+
+GOOD = small_capture()
+PHOTOGRAPHS, DEPTH, MASK, CAMERA = GOOD.photographs, GOOD.depth_m, GOOD.mask, GOOD.camera
+MAPS, DEPTH_HEIGHT, DEPTH_WIDTH = DEPTH.shape
+SIDE = Camera(DEPTH_WIDTH, DEPTH_HEIGHT, 20.0, 20.0, 7.5, 5.5)
+
+
+def made(photographs=PHOTOGRAPHS, depth=DEPTH, camera=CAMERA, **options):
+    return Capture.from_arrays(photographs, depth, camera, **{"mask": MASK, **options})
+
+
+def codes(capture):
+    return [finding.code for finding in capture.findings]
+
+
+def arrays_of(capture):
+    return capture.photographs, capture.depth_m, capture.mask
+
+
+# ---- what fits ----
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("masked", [True, False])
+def test_arrays_and_a_folder_of_them_are_the_same_capture(tmp_path, dtype, masked):
+    stored = small_capture(dtype=dtype, encoding="srgb", lighting="moving-lamp")
+    if not masked:  # an object before nothing
+        depth = np.where(stored.mask[::2, ::2], stored.depth_m, np.nan)
+        stored = replace(stored, depth_m=depth)
+    write_capture(stored, tmp_path / "capture")
+    if not masked:
+        (tmp_path / "capture" / "mask.png").unlink()
+    read = load_capture(tmp_path / "capture")
+    arrays = Capture.from_arrays(
+        stored.photographs,
+        stored.depth_m,
+        stored.camera,
+        mask=stored.mask if masked else None,
+        encoding="srgb",
+        names=[f"{i:03d}.png" for i in range(4)],
+    )
+    for ours, theirs in zip(arrays_of(arrays), arrays_of(read), strict=True):
+        assert ours.dtype == theirs.dtype
+        np.testing.assert_array_equal(ours, theirs)
+    assert replace(arrays, source=read.source, **kept(read)) == replace(read, **kept(read))
+    assert [finding.message for finding in arrays.findings] == [
+        finding.message for finding in read.findings
+    ]
+    assert ("no-mask" in codes(arrays)) is not masked
+
+
+def kept(capture):
+    """Arrays cannot be compared by `==`."""
+    return dict(zip(("photographs", "depth_m", "mask"), arrays_of(capture), strict=True))
+
+
+@pytest.mark.parametrize(
+    ("photographs", "given", "encoding", "noted"),
+    [
+        (PHOTOGRAPHS, None, "srgb", True),
+        (PHOTOGRAPHS, "linear", "linear", False),
+        (small_capture(dtype=np.uint16).photographs, None, "linear", True),
+        (PHOTOGRAPHS / 255, None, "linear", True),
+        ((PHOTOGRAPHS / 255).astype(np.float32), "srgb", "srgb", False),
+    ],
+)
+def test_encoding_by_the_kind_of_photograph(photographs, given, encoding, noted):
+    capture = made(photographs, encoding=given)
+    assert capture.encoding == encoding
+    assert ("encoding-assumed" in codes(capture)) is noted
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64, ">f4"])
+def test_floating_point_is_kept_with_16_bits(dtype):
+    values = np.random.default_rng(3).uniform(0.1, 0.9, PHOTOGRAPHS.shape)
+    values[0, 0, 0] = 0, 1, 0.5
+    capture = made(values.astype(dtype))
+    assert capture.photographs.dtype == np.uint16
+    assert capture.photographs[0, 0, 0].tolist() == [0, 65535, 32768]
+    np.testing.assert_allclose(capture.photographs / 65535, values, atol=0.501 / 65535)
+
+
+@pytest.mark.parametrize(
+    ("count", "given", "lighting"),
+    [(1, None, "ambient"), (4, None, "moving-lamp"), (1, "rgb-leds", "rgb-leds")],
+)
+def test_lighting_by_the_number_of_photographs(count, given, lighting):
+    photographs = PHOTOGRAPHS[0] if count == 1 else PHOTOGRAPHS[:count]
+    capture = made(photographs, lighting=given)
+    assert capture.lighting == lighting
+    assert capture.photographs.shape == (count, HEIGHT, WIDTH, 3)
+
+
+def test_one_map_or_several_and_what_is_no_measurement():
+    depth = DEPTH[0].astype(np.float64)
+    depth[1, 1:6] = 0, -0.5, np.nan, np.inf, 1e300
+    capture = made(depth=depth)
+    assert capture.depth_m.shape == (1, DEPTH_HEIGHT, DEPTH_WIDTH)
+    assert capture.depth_m.dtype == np.float32
+    expected = DEPTH[:1].copy()
+    expected[0, 1, 1:6] = np.nan
+    np.testing.assert_array_equal(capture.depth_m, expected)
+
+
+def test_holes_on_the_object_are_counted_by_reason():
+    depth = DEPTH.copy()
+    depth[:, 5, 6:10] = 0, 0, -1, np.nan
+    (holes,) = [f for f in made(depth=depth).findings if f.code == "depth-holes"]
+    assert "4 zero, 2 negative, 2 not finite" in holes.message
+
+
+@pytest.mark.parametrize(
+    "mask", [MASK, MASK.astype(np.uint8) * 255, MASK.astype(int) * -3, MASK * 0.5]
+)
+def test_masks_of_any_number(mask):
+    np.testing.assert_array_equal(made(mask=mask).mask, MASK)
+
+
+def test_the_capture_has_copies():
+    given = [np.array(array) for array in (PHOTOGRAPHS, DEPTH, MASK)]
+    for array in given:
+        array.setflags(write=False)
+    capture = Capture.from_arrays(*given[:2], CAMERA, mask=given[2])
+    for ours, theirs in zip(arrays_of(capture), given, strict=True):
+        assert not np.shares_memory(ours, theirs)
+        ours[:] = 0
+    for array, before in zip(given, (PHOTOGRAPHS, DEPTH, MASK), strict=True):
+        np.testing.assert_array_equal(array, before)
+
+
+def test_other_layouts_and_byte_orders_are_as_good():
+    turned = made(
+        np.asfortranarray(257 * PHOTOGRAPHS.astype(np.uint16)).astype(">u2")[:, ::-1][:, ::-1],
+        DEPTH.astype(">f8")[..., ::-1][..., ::-1],
+    )
+    np.testing.assert_array_equal(turned.photographs, PHOTOGRAPHS * np.uint16(257))
+    np.testing.assert_array_equal(turned.depth_m, DEPTH)
+    assert turned.photographs.dtype == np.uint16
+    assert turned.photographs.flags.c_contiguous
+
+
+def test_a_depth_camera_of_its_own():
+    pose = RigidTransform(np.eye(3), np.array([0.02, 0.0, 0.0]))
+    noise = SensorNoise(0.002)
+    capture = made(depth_camera=SIDE, depth_to_color=pose, depth_noise=noise, register=True)
+    assert (capture.depth_camera, capture.depth_to_color) == (SIDE, pose)
+    assert (capture.depth_noise, capture.register) == (noise, True)
+
+
+# ---- what does not ----
+
+
+def one(array, index, value):
+    changed = np.array(array)
+    changed[index] = value
+    return changed
+
+
+FLOATS = PHOTOGRAPHS / 255.0
+MILLIMETRES = np.nan_to_num(1000 * DEPTH)
+POSE = RigidTransform(np.eye(3), np.zeros(3))
+
+BAD = {
+    # photographs
+    "exchanged": ({"photographs": DEPTH, "depth": PHOTOGRAPHS}, "look exchanged"),
+    "exchanged, one": ({"photographs": DEPTH[0], "depth": PHOTOGRAPHS[0]}, "look exchanged"),
+    "a list": ({"photographs": list(PHOTOGRAPHS)}, r"seen list.*np\.stack\(photographs\)"),
+    "nothing": ({"photographs": None}, "seen NoneType"),
+    "masked": ({"photographs": np.ma.masked_less(PHOTOGRAPHS, 9)}, r"photographs\.filled"),
+    "objects": ({"photographs": PHOTOGRAPHS.astype(object)}, "array of objects"),
+    "strings": ({"photographs": PHOTOGRAPHS.astype(str)}, "seen <U3"),
+    "bools": ({"photographs": PHOTOGRAPHS > 9}, "seen bool"),
+    "int64": ({"photographs": PHOTOGRAPHS.astype(int)}, r"seen int64.*astype\(np\.uint16\)"),
+    "complex": ({"photographs": PHOTOGRAPHS.astype(complex)}, "seen complex128"),
+    "grey": ({"photographs": PHOTOGRAPHS[..., 0]}, r"np\.repeat\(photographs\[\.\.\., None\]"),
+    "grey channel": ({"photographs": PHOTOGRAPHS[..., :1]}, r"np\.repeat\(photographs, 3"),
+    "alpha": (
+        {"photographs": np.concatenate([PHOTOGRAPHS, PHOTOGRAPHS[..., :1]], -1)},
+        ":3. drops",
+    ),
+    "channels first": ({"photographs": np.moveaxis(PHOTOGRAPHS, -1, 1)}, "puts the channels last"),
+    "five axes": ({"photographs": PHOTOGRAPHS[None]}, r"needed \(N, H, W, 3\) or \(H, W, 3\)"),
+    "none": ({"photographs": PHOTOGRAPHS[:0]}, "none of them 0"),
+    "of another size": ({"photographs": PHOTOGRAPHS[:, 1:]}, r"camera\.resized\(width, height\)"),
+    "turned": ({"photographs": PHOTOGRAPHS.swapaxes(1, 2)}, "does not fit the capture's camera"),
+    "twice": ({"photographs": PHOTOGRAPHS[[0, 1, 0]]}, "seen photograph 0 and photograph 2"),
+    "NaN": ({"photographs": one(FLOATS, (0, 0, 0), np.nan)}, "seen 3 of them.*nan_to_num"),
+    "infinite": ({"photographs": one(FLOATS, (0, 0, 0, 0), np.inf)}, "seen 1 of them"),
+    "up to 255": ({"photographs": FLOATS * 255}, r"seen 51 to 203.*Fix: photographs / 255"),
+    "up to 4095": ({"photographs": FLOATS * 4095}, "white level"),
+    "a little bright": ({"photographs": one(FLOATS, (0, 0, 0), 1.01)}, r"np\.clip.*saturated"),
+    "a little dark": ({"photographs": one(FLOATS, (0, 0, 0), -0.01)}, r"np\.clip.*black level"),
+    "black": ({"photographs": FLOATS / 1000}, "fewer than 3 usable photographs.*expose longer"),
+    # depth
+    "millimetres": ({"depth": MILLIMETRES}, r"median depth 600 m.*divide them by 1000"),
+    "uint16": ({"depth": MILLIMETRES.astype(np.uint16)}, r"seen uint16.*depth / 1000\.0"),
+    "float16": ({"depth": DEPTH.astype(np.float16)}, "seen float16, needed metres as float32"),
+    "complex depth": ({"depth": DEPTH.astype(complex)}, "seen complex128"),
+    "object depth": ({"depth": DEPTH.astype(object)}, "array of objects"),
+    "masked depth": ({"depth": np.ma.masked_invalid(DEPTH)}, r"depth\.filled\(np\.nan\)"),
+    "list of depth": ({"depth": DEPTH.tolist()}, r"seen list.*np\.asarray\(depth\)"),
+    "no depth": ({"depth": None}, "seen NoneType"),
+    "one number": ({"depth": np.array(0.6)}, r"seen \(\), needed \(h, w\) or \(K, h, w\)"),
+    "depth axes": ({"depth": DEPTH[None]}, r"needed \(h, w\) or \(K, h, w\)"),
+    "depth channel": ({"depth": DEPTH[0][..., None]}, r"Fix: depth\[\.\.\., 0\]"),
+    "depth picture": ({"depth": np.repeat(DEPTH[0][..., None], 3, -1)}, "one channel"),
+    "no maps": ({"depth": DEPTH[:0]}, "none of them 0"),
+    "no measurement": ({"depth": np.zeros_like(DEPTH)}, "almost no depth on the object"),
+    "no measurement, no mask": ({"depth": 0 * DEPTH, "mask": None}, "no depth at all"),
+    "backwards": ({"depth": -DEPTH}, r"seen median -0\.599 m.*Fix: -depth"),
+    "sizes": ({"depth": DEPTH[:, :, 1:]}, "sizes do not fit.*give the depth camera"),
+    "far": ({"depth": one(DEPTH, (0, 5, 7), 1e9)}, "depth that none can be .seen 1e.09"),
+    # mask
+    "empty mask": ({"mask": np.zeros_like(MASK)}, "the mask is empty"),
+    "mask NaN": ({"mask": one(MASK * 1.0, (0, 0), np.nan)}, "seen 1 NaN"),
+    "mask size": ({"mask": MASK[::2, ::2]}, r"cv2\.resize\(mask, \(32, 24\)"),
+    "mask turned": ({"mask": MASK.T}, r"Fix: mask\.T"),
+    "mask picture": ({"mask": np.dstack([MASK] * 3)}, r"mask\.any\(axis=-1\)"),
+    "mask list": ({"mask": MASK.tolist()}, r"np\.asarray\(mask\)"),
+    "mask of text": ({"mask": MASK.astype(str)}, "not a mask"),
+    "masked mask": ({"mask": np.ma.array(MASK)}, r"mask\.filled"),
+    # the rest
+    "camera": ({"camera": CAMERA.matrix}, r"no Camera.*Camera\.from_matrix"),
+    "camera size": ({"camera": CAMERA.scaled(2)}, r"does not fit the capture's camera"),
+    "normalised": ({"camera": replace(CAMERA, fx=1.2, fy=1.2)}, "give pixels"),
+    "camera NaN": ({"camera": replace(CAMERA, cx=np.nan)}, "cx is not a number"),
+    "encoding": ({"encoding": "gamma"}, "unknown encoding.*linear, srgb"),
+    "lighting": ({"lighting": "lamp"}, "unknown lighting.*moving-lamp, rgb-leds, ambient"),
+    "names": ({"names": ["a"]}, "none or 4"),
+    "names text": ({"names": "abcd"}, "seen str"),
+    "depth camera": ({"depth_camera": SIDE.matrix}, r"no Camera.*Camera\.from_matrix"),
+    "depth camera size": ({"depth_camera": SIDE.scaled(2)}, "the capture's depth camera"),
+    "pose alone": ({"depth_to_color": POSE}, "without depth_camera"),
+    "pose": ({"depth_camera": SIDE, "depth_to_color": np.eye(4)}, "no RigidTransform"),
+    "pose scaled": (
+        {"depth_camera": SIDE, "depth_to_color": RigidTransform(2 * np.eye(3), np.zeros(3))},
+        "not a rotation",
+    ),
+    "pose in millimetres": (
+        {"depth_camera": SIDE, "depth_to_color": RigidTransform(np.eye(3), np.full(3, 25.0))},
+        "not millimetres",
+    ),
+    "elsewhere": (
+        {
+            "depth_camera": SIDE,
+            "depth_to_color": RigidTransform(np.diag([-1.0, 1.0, -1.0]), np.zeros(3)),
+            "mask": None,
+        },
+        "sees nothing of what has depth.*check depth_camera and depth_to_color",
+    ),
+    "noise": ({"depth_noise": 0.002}, "no SensorNoise"),
+    "noise in millimetres": ({"depth_noise": SensorNoise(1.4)}, "not millimetres"),
+    "register": ({"register": 1}, "no bool"),
+}
+ARGUMENTS = {
+    *("photographs", "depth", "camera", "mask", "encoding", "lighting", "names"),
+    *("depth_camera", "depth_to_color", "depth_noise", "register"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_each_fault_says_what_is_needed_and_what_to_do(name):
+    changes, words = BAD[name]
+    with pytest.raises(InputError, match=words) as refused:
+        made(**changes)
+    line = str(refused.value)
+    assert refused.value.source in ARGUMENTS
+    assert line.isprintable()
+    assert "seen " in line
+    assert "needed " in line
+    assert ". Fix: " in line

@@ -1,0 +1,88 @@
+"""Cameras from calibration matrices, and back."""
+
+import numpy as np
+import pytest
+
+from rakelight.errors import InputError
+from rakelight.model import Camera
+
+K = np.array([[525.5, 0.0, 318.25], [0.0, 520.0, 241.0], [0.0, 0.0, 1.0]])
+WIDE = np.array([[900.0, 0, 645], [0, 900.0, 362], [0, 0, 1]])
+WHOLE = np.array([[500, 0, 320], [0, 500, 240], [0, 0, 1]])
+
+
+def changed(row, column, value):
+    matrix = K.copy()
+    matrix[row, column] = value
+    return matrix
+
+
+@pytest.mark.parametrize("given", [K, K.tolist(), K.astype(np.float32), np.asfortranarray(K)])
+def test_a_matrix_and_its_camera(given):
+    camera = Camera.from_matrix(given, (480, 640))
+    assert camera == Camera(640, 480, 525.5, 520.0, 318.25, 241.0)
+    assert camera.matrix.dtype == np.float64
+    np.testing.assert_array_equal(camera.matrix, K)
+
+
+def test_the_matrix_projects_as_the_camera_does():
+    point = np.array([0.1, -0.2, 0.8])
+    u, v, w = Camera.from_matrix(K, (480, 640)).matrix @ point
+    assert (u / w, v / w) == pytest.approx((525.5 * 0.125 + 318.25, 520.0 * -0.25 + 241.0))
+
+
+def test_shapes_of_numpy_and_lists():
+    assert Camera.from_matrix(WHOLE, np.zeros((480, 640, 3)).shape[:2]).fx == 500.0
+    camera = Camera.from_matrix(WHOLE, [np.int64(480), 640])
+    assert (type(camera.height), type(camera.fx)) == (int, float)
+
+
+def test_what_the_caller_has_stays_as_it_is():
+    mine = K.copy()
+    camera = Camera.from_matrix(mine, (480, 640))
+    mine[:] = 0
+    camera.matrix[:] = 0
+    np.testing.assert_array_equal(camera.matrix, K)
+
+
+BAD = [
+    (None, (480, 640), "not a calibration matrix .seen NoneType"),
+    (K[:2], (480, 640), r"seen \(2, 3\) float64"),
+    ([[1, 2], [3]], (480, 640), "not a calibration matrix .seen list"),
+    (K.astype(object), (480, 640), "object"),
+    (K.astype(complex), (480, 640), "complex128"),
+    (np.ma.masked_equal(K, 0), (480, 640), "MaskedArray"),
+    (changed(0, 0, np.nan), (480, 640), "finite numbers"),
+    (changed(1, 2, np.inf), (480, 640), "finite numbers"),
+    (changed(0, 1, 0.5), (480, 640), "a camera with skew .seen 0.5 and 0, needed both 0"),
+    (changed(1, 0, 0.5), (480, 640), "a camera with skew"),
+    (K.T, (480, 640), "Fix: transpose K"),
+    (2 * K, (480, 640), r"Fix: divide K by K\[2, 2\]"),
+    (changed(0, 0, -525.5), (480, 640), "fx = -525.5, fy = 520, needed both above 0"),
+    (changed(1, 1, 0.0), (480, 640), "fy = 0"),
+    (K, (480, 640, 3), r"needed \(height, width\)"),
+    (K, 480, r"needed \(height, width\)"),
+    (K, None, "seen None"),
+    (K, (480.0, 640.0), "two whole numbers"),
+    (K, (0, 640), "above 0"),
+    (K, (True, 640), "two whole numbers"),
+    (WIDE, (1280, 720), r"exchanged .*Fix: give \(720, 1280\)"),
+]
+
+
+@pytest.mark.parametrize(("matrix", "shape", "words"), BAD)
+def test_what_is_no_camera(matrix, shape, words):
+    with pytest.raises(InputError, match=words) as refused:
+        Camera.from_matrix(matrix, shape)
+    assert refused.value.needed
+    assert refused.value.remedy
+
+
+def test_a_camera_on_its_side_is_no_exchange():
+    assert Camera.from_matrix(WIDE, (720, 1280)).shape == (720, 1280)
+    assert Camera.from_matrix(changed(0, 2, 359.5), (960, 720)).shape == (960, 720)
+
+
+def test_the_principal_point_of_a_cutout_may_lie_beside_it():
+    cut = Camera.from_matrix(K, (480, 640)).cropped(slice(300, 480), slice(400, 640))
+    assert Camera.from_matrix(cut.matrix, cut.shape) == cut
