@@ -48,12 +48,13 @@ MODULES = {
             "__init__", "model_selection", "steps", "energy", "joint_step", "noise",
             "equal_intensity", "initial_lights", "factored_start", "outliers", "normals",
         )),
-        "methods/levels.py", "methods/guarded.py", "methods/held_back.py",
-        "shading/highlights.py", "solve/levenberg_marquardt.py", "solve/robust.py",
+        "methods/levels.py", "pipeline/guarded.py", "pipeline/held_back.py",
+        "photometry/specular.py", "solve/levenberg_marquardt.py", "solve/robust.py",
     ),
     "rgb-ratio": (
-        "methods/rgb_ratio.py", "methods/levels.py", "methods/ratios.py", "methods/saturated.py",
-        "methods/prediction.py", "methods/rgb_findings.py", "solve/robust.py",
+        "methods/rgb_ratio/__init__.py", "methods/levels.py", "methods/rgb_ratio/ratios.py",
+        "pipeline/saturated_albedo.py", "pipeline/prediction.py",
+        "methods/rgb_ratio/findings.py", "solve/robust.py",
     ),
 }  # fmt: skip
 """Where a method's constants stand."""

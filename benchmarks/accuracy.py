@@ -35,7 +35,6 @@ from rakelight.capture.images import encode_png
 from rakelight.export.pictures import object_window, side_by_side
 from rakelight.geometry.camera import pixel_rays
 from rakelight.geometry.normals import surface_normals
-from rakelight.methods import refine
 from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light.bas_relief import nearest_bas_relief
 from rakelight.methods.multi_light.noise import estimate_equal_intensity_weight
@@ -48,8 +47,9 @@ from rakelight.metrics import (
 )
 from rakelight.model import Array, Camera, Capture, Floats, Lights, Mask, Result, Truth
 from rakelight.paper.scenes import PAPER_OPTIONS, paper_object
+from rakelight.photometry.images import Lamps
+from rakelight.pipeline import refine
 from rakelight.prepare import prepare
-from rakelight.shading.photographs import Lamps
 from rakelight.solve import assemble, solve
 from rakelight.synthetic import (
     DEMO_OPTIONS,

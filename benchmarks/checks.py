@@ -23,9 +23,9 @@ from rakelight.check.inside_out import inside_out
 from rakelight.check.odd_photograph import odd_photographs
 from rakelight.errors import RakelightError
 from rakelight.methods import load_method
-from rakelight.methods.guarded import surface
-from rakelight.methods.held_back import LEAST_GAIN, predict
 from rakelight.model import Capture, silent
+from rakelight.pipeline.guarded import surface
+from rakelight.pipeline.held_back import LEAST_GAIN, predict
 from rakelight.prepare import prepare
 from rakelight.synthetic import draw, render_draw
 

@@ -36,7 +36,7 @@ def full_frame(width: int, height: int, images: int) -> Any:
     """A capture whose wavy, painted object fills the image."""
     from rakelight.geometry.normals import normals_from_depth
     from rakelight.model import Camera, Capture, Lights
-    from rakelight.shading.render import render
+    from rakelight.photometry.forward import render
 
     camera = Camera(width, height, 1.2 * width, 1.2 * width, (width - 1) / 2, (height - 1) / 2)
     v, u = np.mgrid[:height, :width].astype(float)
@@ -63,12 +63,12 @@ def full_frame(width: int, height: int, images: int) -> Any:
 
 def growth(width: int, height: int, images: int) -> dict[str, Any]:
     """Time a fixed number of rounds on a full-frame capture in memory, everything compiled."""
-    from rakelight.methods import refine
-    from rakelight.methods.multi_light_alternating import Options
+    from rakelight.methods.multi_light_alternating import MultiLightAlternating
+    from rakelight.pipeline import refine
 
     capture = full_frame(width, height, images)
     # No gain is small enough to stop for: every capture gets as many rounds.
-    options = Options(max_iterations=ROUNDS, tolerance=-np.inf)
+    options = MultiLightAlternating(max_iterations=ROUNDS, tolerance=-np.inf)
     began = time.perf_counter()
     result = refine(capture, "multi-light-alternating", options=options)
     seconds = time.perf_counter() - began

@@ -19,8 +19,8 @@ from rakelight.capture import load_capture
 from rakelight.capture.images import encode_png
 from rakelight.export.pictures import RAKING, shaded, side_by_side
 from rakelight.geometry.normals import surface_normals
-from rakelight.methods import refine
 from rakelight.model import Array, Capture
+from rakelight.pipeline import refine
 from rakelight.prepare import prepare
 
 TIMES = 2

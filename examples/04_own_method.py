@@ -32,7 +32,7 @@ import rakelight
 from rakelight.geometry.grid import Links, has_gradient, mean_gradient, surface_links
 from rakelight.geometry.normals import normal_derivatives, normals_from_gradient
 from rakelight.methods import Method
-from rakelight.methods.estimate import Estimate, brightest, scatter
+from rakelight.methods.base import Estimate, brightest, scatter
 from rakelight.metrics import evaluate_depth
 from rakelight.model import Floats, Lights, Mask, Progress, ProgressCallback
 from rakelight.prepare import Prepared

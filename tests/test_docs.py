@@ -26,6 +26,7 @@ from rakelight.errors import InputError, MachineError, RakelightError
 from rakelight.export.summary import Conventions, Summary
 from rakelight.methods import METHODS, load_method
 from rakelight.model import Camera, Capture, Lights, Result
+from rakelight.report import save_result
 from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -257,7 +258,7 @@ def test_files_of_the_result_folder(tmp_path, mesh):
         normal_sigma=plane,
         method="none",
     )
-    result.save(tmp_path / "out", mesh=mesh)
+    save_result(result, tmp_path / "out", mesh=mesh)
     section = conventions().split("## Result folder")[1]
     listed = {
         name for row in table(section, "file") for name in re.findall(r"`([\w.]+\.\w+)`", row[0])

@@ -19,9 +19,13 @@ LAYERS = (
     ("model", "files", "jit"),
     ("folders",),
     ("geometry",),
-    ("capture", "prepare", "shading", "solve"),
+    ("solve",),
+    ("photometry",),
+    ("prepare",),
+    ("capture",),
     ("check",),
     ("methods",),
+    ("pipeline",),
     ("synthetic", "metrics", "export"),
     ("report", "paper", "batch"),
     ("cli",),
@@ -30,12 +34,8 @@ LAYERS = (
 HEIGHT = {room: height for height, rooms in enumerate(LAYERS) for room in rooms}
 
 ALLOWED = {
-    ("capture/defaults.py", "prepare"): "without a mask the object is cut out of depth and colour",
     ("model.py", "capture"): "Capture.from_arrays checks the arrays, when it is called",
     ("model.py", "export"): "Result.mesh and .point_cloud are what mesh.ply holds, when called",
-    ("model.py", "report"): "Result.save writes the result folder, when it is called",
-    ("prepare/inpaint.py", "solve"): "holes are filled by the solver of the depth steps",
-    ("shading/piecewise.py", "solve"): "the albedo between edges is one more system of links",
 }
 
 # These names may be imported by these files only.
@@ -211,9 +211,7 @@ def reached(names):
     while waiting:
         path = waiting.pop()
         files.add(path)
-        if (
-            name_of(path) == "model.py"
-        ):  # whoever calls Capture.from_arrays or Result.save: not they
+        if name_of(path) == "model.py":  # whoever calls Capture.from_arrays: not they
             continue
         for full in imported(path):
             parts = full.split(".")

@@ -45,7 +45,7 @@ WITHOUT_EXAMPLE = {
     "rakelight.export.reading.load_result": "rakelight.save_result's example reads back with it",
     "rakelight.export.reading.read_summary": "needs a result folder; tests/export read it",
     "rakelight.methods.choose_method": "needs a whole capture; tests/cli run it",
-    "rakelight.methods.refine": "needs a whole capture; rakelight's own docstring shows it",
+    "rakelight.pipeline.refine": "needs a whole capture; rakelight's own docstring shows it",
     "rakelight.prepare.prepare": "needs a whole capture; tests/prepare run it",
     "rakelight.report.page.report_html": "needs a result, as export.save_result's example makes",
     "rakelight.synthetic.albedo.texture_from_file": "needs a picture on the disk",

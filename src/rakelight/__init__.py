@@ -3,7 +3,7 @@
 >>> import rakelight
 >>> capture = rakelight.load_capture("captures/mitten")     # doctest: +SKIP
 >>> result = rakelight.refine(capture)                      # doctest: +SKIP
->>> result.save("out/mitten")                               # doctest: +SKIP
+>>> rakelight.save_result(result, "out/mitten")             # doctest: +SKIP
 """
 
 from __future__ import annotations
@@ -22,13 +22,12 @@ if TYPE_CHECKING:
         RakelightError,
     )
     from rakelight.export import load_result
-    from rakelight.methods import refine
-    from rakelight.methods.fusion_like import Options as FusionLike
-    from rakelight.methods.ldr_ps import Options as LdrPs
-    from rakelight.methods.multi_light import Options as MultiLight
-    from rakelight.methods.multi_light_alternating import Options as MultiLightAlternating
-    from rakelight.methods.rgb_ratio import Options as RgbRatio
-    from rakelight.methods.rgbd_fusion import Options as RgbdFusion
+    from rakelight.methods.ldr_ps import LdrPs
+    from rakelight.methods.multi_light import MultiLight
+    from rakelight.methods.multi_light_alternating import MultiLightAlternating
+    from rakelight.methods.rgb_ratio import RgbRatio
+    from rakelight.methods.single_image.fusion_like import FusionLike
+    from rakelight.methods.single_image.rgbd_fusion import RgbdFusion
     from rakelight.metrics import Evaluation
     from rakelight.metrics import evaluate_result as evaluate
     from rakelight.model import (
@@ -44,6 +43,7 @@ if TYPE_CHECKING:
         SensorNoise,
         Truth,
     )
+    from rakelight.pipeline import refine
     from rakelight.report import save_result
 
 __version__: str
@@ -55,22 +55,22 @@ _HOMES = {
     "CaptureError": "rakelight.errors",
     "Evaluation": "rakelight.metrics",
     "Finding": "rakelight.model",
-    "FusionLike": "rakelight.methods.fusion_like:Options",
+    "FusionLike": "rakelight.methods.single_image.fusion_like",
     "InputError": "rakelight.errors",
-    "LdrPs": "rakelight.methods.ldr_ps:Options",
+    "LdrPs": "rakelight.methods.ldr_ps",
     "Lights": "rakelight.model",
     "MachineError": "rakelight.errors",
     "Mesh": "rakelight.model",
     "MethodError": "rakelight.errors",
-    "MultiLight": "rakelight.methods.multi_light:Options",
-    "MultiLightAlternating": "rakelight.methods.multi_light_alternating:Options",
+    "MultiLight": "rakelight.methods.multi_light",
+    "MultiLightAlternating": "rakelight.methods.multi_light_alternating",
     "OutputExistsError": "rakelight.errors",
     "PointCloud": "rakelight.model",
     "Progress": "rakelight.model",
     "RakelightError": "rakelight.errors",
     "Result": "rakelight.model",
-    "RgbRatio": "rakelight.methods.rgb_ratio:Options",
-    "RgbdFusion": "rakelight.methods.rgbd_fusion:Options",
+    "RgbRatio": "rakelight.methods.rgb_ratio",
+    "RgbdFusion": "rakelight.methods.single_image.rgbd_fusion",
     "RigidTransform": "rakelight.model",
     "SensorNoise": "rakelight.model",
     "Truth": "rakelight.model",
@@ -78,7 +78,7 @@ _HOMES = {
     "load_capture": "rakelight.capture",
     "load_result": "rakelight.export",
     "load_truth": "rakelight.capture",
-    "refine": "rakelight.methods",
+    "refine": "rakelight.pipeline",
     "save_result": "rakelight.report",
     "write_capture": "rakelight.capture",
 }

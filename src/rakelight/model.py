@@ -11,7 +11,6 @@ import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Integral
-from os import PathLike
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -595,26 +594,3 @@ class Result:
     def timed(self, **seconds: float) -> Result:
         """This result with the seconds of further stages."""
         return replace(self, timings_s={**self.timings_s, **seconds})
-
-    def save(
-        self,
-        folder: str | PathLike[str],
-        *,
-        overwrite: bool = False,
-        mesh: Literal["ply", "glb", "none"] = "ply",
-        normal_map: Literal["opengl", "directx"] = "opengl",
-        truth: Truth | None = None,
-    ) -> tuple[Finding, ...]:
-        """Write the result folder of docs/conventions.md; it appears complete or not at all.
-
-        With the truth of a synthetic capture its report.html shows the errors.  Returns a warning
-        for each older folder that stays under a hidden name because it could not be deleted.
-
-        Raises OutputExistsError when `folder` exists, or with `overwrite` when it holds anything
-        but an older result, MachineError when the disk is full or may not be written to.
-        """
-        from rakelight.report import save_result
-
-        return save_result(
-            self, folder, overwrite=overwrite, mesh=mesh, normal_map=normal_map, truth=truth
-        )

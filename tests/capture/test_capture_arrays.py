@@ -11,8 +11,8 @@ from hypothesis.extra import numpy as arrays
 
 from rakelight.capture import write_capture
 from rakelight.errors import CaptureError, InputError, RakelightError
-from rakelight.methods import refine
 from rakelight.model import Camera, RigidTransform, SensorNoise, Truth
+from rakelight.pipeline import refine
 
 GOOD = small_capture()
 N, H, W, _ = GOOD.photographs.shape

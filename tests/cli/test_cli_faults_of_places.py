@@ -229,7 +229,7 @@ def test_25_a_full_disk_behind_stdout(capture, tmp_path):
 
 
 def test_25_too_little_memory(run, capture, tmp_path, monkeypatch):
-    monkeypatch.setattr("rakelight.methods.surface", failing(MemoryError()))
+    monkeypatch.setattr("rakelight.pipeline.surface", failing(MemoryError()))
     ran = run("refine", capture, "-o", tmp_path / "out")
     assert (ran.code, ran.out) == (3, "")
     assert ran.err.startswith("error: not enough memory. Fix: close other programs, use --scale 1")
@@ -242,7 +242,7 @@ def test_22_too_little_memory_is_told_before_the_start(
 ):
     # The photographs take 0.05 MB, the work on the object's window 0.9.
     monkeypatch.setattr("rakelight.memory.free_memory", lambda: free)
-    monkeypatch.setattr("rakelight.methods.surface", failing(AssertionError("started")))
+    monkeypatch.setattr("rakelight.pipeline.surface", failing(AssertionError("started")))
     refine_refused(about, "too little memory", f"needed {needed_mb} MB", "Fix: ", code=3)
 
 
@@ -259,7 +259,7 @@ def test_22_synth_tells_too_little_memory(refused, tmp_path, monkeypatch, option
 
 # --- 26, 27: interrupted, killed, twice at once ---
 
-WHILE_REFINING = "rakelight.methods.surface"
+WHILE_REFINING = "rakelight.pipeline.surface"
 WHILE_WRITING = "rakelight.export.lights_json"
 
 

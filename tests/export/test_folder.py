@@ -13,7 +13,8 @@ import pytest
 from rakelight.errors import InputError, MachineError, OutputExistsError
 from rakelight.export import load_result, read_summary, write_result
 from rakelight.model import Finding, Lights
-from rakelight.shading.photographs import Lamps
+from rakelight.photometry.images import Lamps
+from rakelight.report import save_result
 
 FILES = {
     "depth.tiff",
@@ -53,7 +54,7 @@ def test_the_folder_holds_what_result_json_lists(sphere, tmp_path, mesh, more):
 
 
 def test_result_save_is_save_result_with_a_report(sphere, tmp_path):
-    sphere.save(str(tmp_path / "a" / "b"), mesh="none", normal_map="directx")
+    save_result(sphere, str(tmp_path / "a" / "b"), mesh="none", normal_map="directx")
     assert content(tmp_path / "a" / "b").keys() == FILES | {"report.html"}
     conventions = strict_json(tmp_path / "a" / "b" / "result.json")["conventions"]
     assert conventions["normal_map"] == "directx"

@@ -10,7 +10,7 @@ import rakelight
 from rakelight.errors import InputError
 from rakelight.export import load_result
 from rakelight.model import FARTHEST_M, Lights, Result
-from rakelight.shading.photographs import Lamps
+from rakelight.photometry.images import Lamps
 
 MIDDLE_M = np.array([0.01, -0.012, 0.62])
 

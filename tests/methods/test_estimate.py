@@ -11,8 +11,7 @@ from scipy.stats import spearmanr
 from rakelight.errors import MethodError
 from rakelight.geometry.grid import Links, mean_gradient
 from rakelight.geometry.normals import normals_from_gradient, surface_normals
-from rakelight.methods import refine
-from rakelight.methods.estimate import (
+from rakelight.methods.base import (
     lamp_findings,
     photometric_confidence,
     require_photographs,
@@ -20,6 +19,7 @@ from rakelight.methods.estimate import (
 from rakelight.methods.multi_light import missed_bend
 from rakelight.metrics import normal_error_map_deg
 from rakelight.model import Camera, Lights
+from rakelight.pipeline import refine
 from rakelight.synthetic import DEMO_OPTIONS, make_albedo, make_shape, render_scene
 
 CAMERA = Camera(9, 9, 50.0, 50.0, 4.0, 4.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rakelight.geometry.grid import Links
-from rakelight.methods.fine_relief import (
+from rakelight.methods.single_image.texture import (
     believed,
     fine_relief,
     from_afar,

@@ -9,20 +9,20 @@ from rakelight.errors import InputError
 from rakelight.geometry.averaging import Averaging
 from rakelight.geometry.grid import has_gradient, mean_gradient
 from rakelight.geometry.normals import surface_normals
-from rakelight.methods import fusion_like as fusion
-from rakelight.methods import rgbd_fusion as rgbd
-from rakelight.methods.fine_relief import fine_relief
-from rakelight.methods.hollows import SKY
-from rakelight.methods.lagged_depth import Depth, View, laplacian
+from rakelight.methods.single_image import fusion_like as fusion
+from rakelight.methods.single_image import rgbd_fusion as rgbd
+from rakelight.methods.single_image.ambient_occlusion import SKY
+from rakelight.methods.single_image.depth_energy import Depth, View, laplacian
+from rakelight.methods.single_image.texture import fine_relief
 from rakelight.metrics import evaluate
 from rakelight.model import silent
 from rakelight.paper.scenes import paper_scene
+from rakelight.photometry.piecewise_albedo import edge_weights
 from rakelight.prepare import prepare
-from rakelight.shading.piecewise import edge_weights
 
 METHODS = {
-    "fusion-like": (fusion.fusion_like, fusion.Options),
-    "rgbd-fusion": (rgbd.rgbd_fusion, rgbd.Options),
+    "fusion-like": (fusion.fusion_like, fusion.FusionLike),
+    "rgbd-fusion": (rgbd.rgbd_fusion, rgbd.RgbdFusion),
 }
 
 
@@ -292,10 +292,10 @@ def test_what_hollows_explain_is_not_explained_by_slopes(prepared):
     height, wave = loops(prepared.mask.shape, 8.0)
     view = View.of(knitted(prepared, height, wave))
     light, rho = np.array([0.0, 0.0, 0.0, 1.0]), np.ones(view.mask.shape)
-    depth = fusion.depth_energy(view, light, rho, view.intensity, fusion.Options(), 0.1)
+    depth = fusion.depth_energy(view, light, rho, view.intensity, fusion.FusionLike(), 0.1)
     np.testing.assert_allclose(depth.aim, view.intensity - view.contrast())
     assert depth.aim[view.seen].std() < 0.4 * view.intensity[view.seen].std()
-    published = fusion.Options(smooth=False)
+    published = fusion.FusionLike(smooth=False)
     depth = fusion.depth_energy(view, light, rho, view.intensity, published, 0.1)
     np.testing.assert_array_equal(depth.aim, view.intensity)
     assert (depth.expected == 0).all()
@@ -338,7 +338,7 @@ def test_no_normal_is_taken_across_a_step(prepared):
 
 
 def test_ambient_is_the_minimiser(prepared):
-    view, options = View.of(prepared), rgbd.Options(lambda_beta1=0.7, lambda_beta2=0.4)
+    view, options = View.of(prepared), rgbd.RgbdFusion(lambda_beta1=0.7, lambda_beta2=0.4)
     edges = view.edges(0.1, 0.01, 0.05)
     rng = np.random.default_rng(0)
     left = np.where(view.mask, rng.normal(size=view.mask.shape), 0.0)

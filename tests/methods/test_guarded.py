@@ -9,11 +9,11 @@ import pytest
 
 from rakelight import CaptureError, Lights, load_capture, refine
 from rakelight.geometry.normals import surface_normals
-from rakelight.methods.estimate import require_photographs
-from rakelight.methods.guarded import guarded
-from rakelight.methods.held_back import Prediction, kept
+from rakelight.methods.base import require_photographs
 from rakelight.metrics import evaluate
 from rakelight.model import silent
+from rakelight.pipeline.guarded import guarded
+from rakelight.pipeline.held_back import Prediction, kept
 from rakelight.prepare import prepare
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "check"))
@@ -113,7 +113,7 @@ def test_a_suspect_is_left_out_only_where_that_helps_the_others(others, left):
         return replace(kept(prepared, lights), findings=())
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys.modules["rakelight.methods.guarded"], "predict", predict)
+        patch.setattr(sys.modules["rakelight.pipeline.guarded"], "predict", predict)
         used, estimate = guarded(run, prepared, None, silent)
     assert len(used) == left
     assert bool(estimate.findings) == (left == 7)
@@ -134,7 +134,7 @@ def test_a_suspect_stays_where_the_method_does_not_take_fewer():
         return replace(kept(prepared, lights), findings=())
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys.modules["rakelight.methods.guarded"], "predict", predict)
+        patch.setattr(sys.modules["rakelight.pipeline.guarded"], "predict", predict)
         used, _ = guarded(run, prepared, None, silent)
     assert len(used) == 8
 

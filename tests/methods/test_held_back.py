@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rakelight.geometry.normals import surface_normals
-from rakelight.methods.held_back import FEWEST, LEAST_GAIN, _left_out, _Sample, kept, predict
+from rakelight.pipeline.held_back import FEWEST, LEAST_GAIN, _left_out, _Sample, kept, predict
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 

@@ -5,8 +5,8 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 from rakelight.geometry.blur import blurred
-from rakelight.methods.fine_relief import AFAR_PX
-from rakelight.methods.hollows import hollows
+from rakelight.methods.single_image.ambient_occlusion import hollows
+from rakelight.methods.single_image.texture import AFAR_PX
 
 SIDE = 72
 ALL = np.ones((SIDE, SIDE), bool)

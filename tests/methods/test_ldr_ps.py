@@ -9,7 +9,7 @@ from rakelight.errors import InputError, MethodError
 from rakelight.geometry.normals import normals_from_depth, surface_normals
 from rakelight.methods.ldr_ps import (
     Factors,
-    Options,
+    LdrPs,
     bas_relief,
     factorise,
     grey_photographs,
@@ -45,7 +45,7 @@ def prepared(scene):
 
 @pytest.fixture(scope="module")
 def estimate(prepared):
-    return ldr_ps(prepared, Options(), silent)
+    return ldr_ps(prepared, LdrPs(), silent)
 
 
 def relief():
@@ -94,7 +94,7 @@ def test_albedo_and_lights_explain_the_photographs(estimate, scene):
 
 def test_only_the_distance_is_the_depth_sensors(estimate, prepared):
     bent = prepared.depth_m * (1 + 0.3 * np.linspace(-1, 1, prepared.mask.shape[1]) ** 2)
-    again = ldr_ps(replace(prepared, depth_m=bent), Options(), silent)
+    again = ldr_ps(replace(prepared, depth_m=bent), LdrPs(), silent)
     moved = (again.log_depth - estimate.log_depth)[prepared.mask]
     assert np.ptp(moved) < 1e-12
     assert np.median(np.log(bent) - again.log_depth, axis=None) == pytest.approx(0, abs=0.1)
@@ -109,11 +109,11 @@ def test_it_says_that_the_depth_is_not_used(estimate):
 
 def test_few_photographs_and_dark_ones_are_refused(prepared):
     with pytest.raises(MethodError, match="too few photographs"):
-        ldr_ps(replace(prepared, photographs=prepared.photographs[:3]), Options(), silent)
+        ldr_ps(replace(prepared, photographs=prepared.photographs[:3]), LdrPs(), silent)
     dark = prepared.photographs.copy()
     dark[2:] = 0
     with pytest.raises(MethodError, match="lit often enough"):
-        ldr_ps(replace(prepared, photographs=dark), Options(), silent)
+        ldr_ps(replace(prepared, photographs=dark), LdrPs(), silent)
 
 
 @pytest.mark.parametrize(
@@ -121,7 +121,7 @@ def test_few_photographs_and_dark_ones_are_refused(prepared):
 )
 def test_impossible_options_are_refused(wrong):
     with pytest.raises(InputError, match=next(iter(wrong))):
-        Options(**wrong)
+        LdrPs(**wrong)
 
 
 # ---- its steps
@@ -142,7 +142,7 @@ def test_factors_explain_the_values_that_are_missing():
     values = lamps @ normals.T
     lit = rng.random(values.shape) > 0.3
     lit[:, 0] = [True] * 2 + [False] * 7
-    options = Options(max_iterations=500, tolerance=1e-12)
+    options = LdrPs(max_iterations=500, tolerance=1e-12)
     found = factorise(np.where(lit, values, 0.0), lit, options)
     whole = lit.sum(axis=0) > 3
     np.testing.assert_allclose(

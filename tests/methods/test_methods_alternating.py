@@ -7,26 +7,26 @@ import pytest
 
 from rakelight.errors import InputError, MethodError
 from rakelight.geometry.normals import normals_from_gradient
-from rakelight.methods import refine
 from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light_alternating import (
     HORIZON_ROUNDS,
-    Options,
+    MultiLightAlternating,
     frontal_lamps,
     light_and_albedo,
     multi_light_alternating,
 )
 from rakelight.metrics import evaluate, evaluate_depth
 from rakelight.model import Camera, silent
+from rakelight.photometry.harmonics import lit, shading
+from rakelight.photometry.images import Lamps
+from rakelight.pipeline import refine
 from rakelight.prepare import prepare
-from rakelight.shading.harmonics import lit, shading
-from rakelight.shading.photographs import Lamps
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
 # Close to the object, as at full resolution, but only a small window of it.
 CAMERA = make_shape("cloth").camera.cropped(slice(140, 200), slice(200, 280))
 # More rounds than a good surface needs: the lights creep to their place.
-PATIENT = Options(max_iterations=40, tolerance=5e-3)
+PATIENT = MultiLightAlternating(max_iterations=40, tolerance=5e-3)
 
 
 def make_scene(**changes):
@@ -56,7 +56,7 @@ def moved_mm(result):
 def test_normals_are_three_times_better_than_the_prepared_ones(factor):
     noise = DepthNoise(rms_mm=2.5, correlation_length_px=6.0)
     capture, truth = make_scene(depth_factor=factor, depth_noise=noise, photographs=8)
-    result = run(capture, options=replace(Options(), max_iterations=40))
+    result = run(capture, options=replace(MultiLightAlternating(), max_iterations=40))
     first = evaluate_depth(result.prepared_depth, result.camera, truth)
     last = evaluate(result.depth, result.normals, truth)
     assert last.normals.mae_deg < first.normals.mae_deg / 3
@@ -267,7 +267,7 @@ def test_the_best_iterate_is_returned(capture):
     # Whatever the number of rounds, the answer is that of the round of least energy.
     estimates = [
         multi_light_alternating(
-            prepare(capture), Options(max_iterations=rounds, tolerance=-1.0), silent
+            prepare(capture), MultiLightAlternating(max_iterations=rounds, tolerance=-1.0), silent
         )
         for rounds in range(9)
     ]
@@ -295,9 +295,9 @@ def test_a_rising_energy_is_never_returned(capture, monkeypatch):
             return replace(solution, value=solution.value + noise)
         return solution
 
-    one = multi_light_alternating(prepare(capture), Options(max_iterations=1), silent)
+    one = multi_light_alternating(prepare(capture), MultiLightAlternating(max_iterations=1), silent)
     monkeypatch.setattr(module, "solve", astray)
-    estimate = multi_light_alternating(prepare(capture), Options(), silent)
+    estimate = multi_light_alternating(prepare(capture), MultiLightAlternating(), silent)
     assert len(calls) == 2
     assert estimate.energy[2] > estimate.energy[1]
     assert not estimate.converged
@@ -305,7 +305,7 @@ def test_a_rising_energy_is_never_returned(capture, monkeypatch):
 
 
 def test_no_rounds_leave_the_prepared_depth(capture):
-    result = run(capture, options=Options(max_iterations=0))
+    result = run(capture, options=MultiLightAlternating(max_iterations=0))
     np.testing.assert_allclose(result.depth, result.prepared_depth, rtol=1e-6)
     assert result.iterations == 0
     assert not result.converged
@@ -314,15 +314,15 @@ def test_no_rounds_leave_the_prepared_depth(capture):
 
 @pytest.mark.parametrize(("tolerance", "more"), [(1.0, 1), (1e-4, 4)])
 def test_tolerance_decides_when_it_rests(capture, tolerance, more):
-    result = run(capture, options=Options(tolerance=tolerance))
+    result = run(capture, options=MultiLightAlternating(tolerance=tolerance))
     gains = -np.diff(result.energy)
-    assert result.converged or result.iterations == Options().max_iterations
+    assert result.converged or result.iterations == MultiLightAlternating().max_iterations
     assert result.iterations >= more
     assert (gains[:-1] > tolerance).all()
 
 
 def test_depth_weight_keeps_the_surface(capture, result):
-    firm = run(capture, options=Options(depth_weight=1e9))
+    firm = run(capture, options=MultiLightAlternating(depth_weight=1e9))
     assert moved_mm(firm) < 1e-2
     assert moved_mm(result) > 1
 

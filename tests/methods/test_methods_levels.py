@@ -291,7 +291,7 @@ def test_pyramid_ends_where_a_thin_object_would_be_lost():
 
 def test_levels_of_a_pyramid_explain_alike():
     # A plane under distant light looks the same at every level.
-    from rakelight.shading.photographs import Lamps
+    from rakelight.photometry.images import Lamps
 
     prepared = make_prepared(48, 60)
     level = finest_level(replace(prepared, photographs=np.full((4, 48, 60, 3), 20000, np.uint16)))

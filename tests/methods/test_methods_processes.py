@@ -8,7 +8,7 @@ from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from rakelight.methods import refine
+from rakelight.pipeline import refine
 from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
 
 forks = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")

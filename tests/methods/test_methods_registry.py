@@ -11,10 +11,12 @@ import rakelight
 from rakelight.capture import load_capture, load_truth, write_capture
 from rakelight.errors import InputError, MethodError
 from rakelight.export import load_result
-from rakelight.methods import METHODS, Method, choose_method, load_method, method_of, refine
-from rakelight.methods.estimate import Estimate, photometric_confidence, scatter
-from rakelight.methods.multi_light_alternating import Options
+from rakelight.methods import METHODS, Method, choose_method, load_method, method_of
+from rakelight.methods.base import Estimate, photometric_confidence, scatter
+from rakelight.methods.multi_light_alternating import MultiLightAlternating
 from rakelight.model import Camera, Lights
+from rakelight.pipeline import refine
+from rakelight.report import save_result
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
 
@@ -72,7 +74,9 @@ class OtherOptions:
     max_iterations: int = 3
 
 
-@pytest.mark.parametrize("options", [OtherOptions(), {"max_iterations": 3}, 3, Options])
+@pytest.mark.parametrize(
+    "options", [OtherOptions(), {"max_iterations": 3}, 3, MultiLightAlternating]
+)
 def test_options_of_another_method_are_refused(capture, options):
     with pytest.raises(MethodError, match="options are not for multi-light-alternating") as error:
         refine(capture, "multi-light-alternating", options=options)
@@ -82,7 +86,9 @@ def test_options_of_another_method_are_refused(capture, options):
 def test_options_alone_choose_their_method(capture):
     result = refine(capture, rakelight.MultiLightAlternating(max_iterations=2, depth_weight=3.0))
     named = refine(
-        capture, "multi-light-alternating", options=Options(max_iterations=2, depth_weight=3.0)
+        capture,
+        "multi-light-alternating",
+        options=MultiLightAlternating(max_iterations=2, depth_weight=3.0),
     )
     assert (result.method, result.options) == (named.method, named.options)
     assert result.method == "multi-light-alternating"
@@ -101,9 +107,13 @@ def test_the_method_of_options(name):
 
 
 def test_the_class_of_options_is_not_its_value(capture):
-    with pytest.raises(MethodError, match=r"the class Options is no method .*Fix: give a name, or"):
+    with pytest.raises(
+        MethodError, match=r"the class MultiLight is no method .*Fix: give a name, or"
+    ):
         refine(capture, rakelight.MultiLight)
-    with pytest.raises(MethodError, match=r"seen the class Options, needed rakelight\.MultiLight"):
+    with pytest.raises(
+        MethodError, match=r"seen the class MultiLight, needed rakelight\.MultiLight"
+    ):
         refine(capture, options=rakelight.MultiLight)
 
 
@@ -153,11 +163,11 @@ def kept_depth(prepared):
 
 
 def test_options_are_kept_with_the_result(capture):
-    options = Options(max_iterations=2, depth_weight=3.0)
+    options = MultiLightAlternating(max_iterations=2, depth_weight=3.0)
     result = refine(capture, "multi-light-alternating", options=options)
     assert result.options == {
         "max_iterations": 2,
-        "tolerance": Options().tolerance,
+        "tolerance": MultiLightAlternating().tolerance,
         "depth_weight": 3.0,
         "min_photographs": 4,
     }
@@ -167,7 +177,7 @@ def test_options_are_kept_with_the_result(capture):
 @pytest.mark.parametrize("trust", [-1.0, np.nan])
 def test_impossible_options(trust):
     with pytest.raises(InputError):
-        Options(depth_weight=trust)
+        MultiLightAlternating(depth_weight=trust)
 
 
 def test_bad_scale(capture):
@@ -185,7 +195,7 @@ def test_progress_is_told_in_rising_steps(capture):
     rounds = told[1:]
     assert {p.stage for p in rounds} == {"refine"}
     assert [p.step for p in rounds] == list(range(1, result.iterations + 1))
-    assert {p.steps for p in rounds} == {Options().max_iterations}
+    assert {p.steps for p in rounds} == {MultiLightAlternating().max_iterations}
     assert tuple(p.energy for p in rounds) == result.energy[:-1]
 
 
@@ -275,7 +285,7 @@ def test_from_capture_folder_to_result_folder(scene, tmp_path):
 
     result, direct = rakelight.refine(again), rakelight.refine(capture)
     np.testing.assert_array_equal(result.depth, direct.depth)
-    result.save(tmp_path / "out")
+    save_result(result, tmp_path / "out")
     loaded = load_result(tmp_path / "out")
     np.testing.assert_array_equal(loaded.depth, result.depth)
     np.testing.assert_array_equal(loaded.normals, result.normals)

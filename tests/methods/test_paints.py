@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rakelight.methods.paints import brightness, paints
+from rakelight.methods.single_image.reflectance_regions import brightness, paints
 
 SHAPE = (60, 80)
 ALL = np.ones(SHAPE, bool)

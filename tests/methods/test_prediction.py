@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from rakelight.geometry.normals import surface_normals
-from rakelight.methods import refine
-from rakelight.methods.prediction import prediction_errors
+from rakelight.pipeline import refine
+from rakelight.pipeline.prediction import prediction_errors
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rakelight.geometry.normals import gradient_directions
-from rakelight.methods.ratios import Ratios
+from rakelight.methods.rgb_ratio.ratios import Ratios
 from rakelight.model import Camera
 
 CAMERA = Camera(7, 5, fx=50.0, fy=60.0, cx=2.0, cy=3.0)

@@ -7,10 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rakelight.geometry.camera import back_project
-from rakelight.methods import load_method, refine
-from rakelight.methods.registration import motion, registered, turned
+from rakelight.methods import load_method
 from rakelight.metrics import evaluate
 from rakelight.model import RigidTransform
+from rakelight.pipeline import refine
+from rakelight.pipeline.pose import motion, registered, turned
 from rakelight.prepare.register import project
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 

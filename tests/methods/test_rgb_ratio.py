@@ -9,13 +9,13 @@ from scipy.ndimage import gaussian_filter
 
 from rakelight.errors import InputError
 from rakelight.geometry.normals import surface_normals
-from rakelight.methods.ratios import Ratios
-from rakelight.methods.rgb_ratio import Options, deserved_trust, observed, rgb_ratio
+from rakelight.methods.rgb_ratio import RgbRatio, deserved_trust, observed, rgb_ratio
+from rakelight.methods.rgb_ratio.ratios import Ratios
 from rakelight.metrics import evaluate
 from rakelight.model import silent
 from rakelight.paper.scenes import paper_object, paper_scene
+from rakelight.photometry.color_modes import nearest_colors
 from rakelight.prepare import prepare
-from rakelight.shading.palette import nearest_colors
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
 BUST = paper_object()
@@ -34,7 +34,7 @@ def scene(paint="simple", **changes):
 
 @cache
 def refined(paint="simple", **changes):
-    return rgb_ratio(prepare(scene(paint, **changes)[0]), Options(), silent)
+    return rgb_ratio(prepare(scene(paint, **changes)[0]), RgbRatio(), silent)
 
 
 def scores(prepared, log_depth, truth):
@@ -45,7 +45,7 @@ def scores(prepared, log_depth, truth):
 
 
 def codes(capture):
-    options = Options(max_iterations=0)
+    options = RgbRatio(max_iterations=0)
     return [finding.code for finding in rgb_ratio(prepare(capture), options, silent).findings]
 
 
@@ -72,7 +72,7 @@ def test_the_bust_gains_normals_and_keeps_its_depth(paint, size, most):
     capture, truth = paper_scene(paint, "rgb-leds", size, BUST)
     prepared = prepare(capture)
     before = scores(prepared, np.log(prepared.depth_m), truth)
-    after = scores(prepared, rgb_ratio(prepared, Options(), silent).log_depth, truth)
+    after = scores(prepared, rgb_ratio(prepared, RgbRatio(), silent).log_depth, truth)
     assert (after <= before * most).all(), (before, after)
 
 
@@ -92,14 +92,14 @@ def test_the_truth_meets_the_ratio_equations():
 
 def test_no_round_leaves_the_prepared_depth_alone():
     prepared = prepare(scene()[0])
-    estimate = rgb_ratio(prepared, Options(max_iterations=0), silent)
+    estimate = rgb_ratio(prepared, RgbRatio(max_iterations=0), silent)
     np.testing.assert_array_equal(estimate.log_depth, np.log(prepared.depth_m))
     assert len(estimate.energy) == 1
 
 
 def test_much_trust_keeps_the_prepared_depth():
     prepared = prepare(scene()[0])
-    estimate = rgb_ratio(prepared, Options(depth_weight=1e9, max_iterations=1), silent)
+    estimate = rgb_ratio(prepared, RgbRatio(depth_weight=1e9, max_iterations=1), silent)
     moved = np.exp(estimate.log_depth) - prepared.depth_m
     assert np.abs(moved[prepared.mask]).max() < 1e-6
 
@@ -139,7 +139,7 @@ def test_a_dark_channel_keeps_the_depth_and_is_told():
     capture = scene()[0]
     dark = changed(capture, lambda light: light * [1.0, 1.0, 0.0])
     prepared = prepare(dark)
-    estimate = rgb_ratio(prepared, Options(), silent)
+    estimate = rgb_ratio(prepared, RgbRatio(), silent)
     assert [f.code for f in estimate.findings] == ["channel-dark"]
     assert "blue" in estimate.findings[0].message
     np.testing.assert_array_equal(estimate.log_depth, np.log(prepared.depth_m))
@@ -220,4 +220,4 @@ def test_further_photographs_are_noted():
 )
 def test_impossible_options_are_refused(wrong):
     with pytest.raises(InputError, match=next(iter(wrong))):
-        Options(**wrong)
+        RgbRatio(**wrong)

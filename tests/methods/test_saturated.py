@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rakelight.methods import refine
-from rakelight.methods.estimate import Estimate
-from rakelight.methods.saturated import bounded_albedo
+from rakelight.methods.base import Estimate
 from rakelight.model import SATURATED, Lights
+from rakelight.pipeline import refine
+from rakelight.pipeline.saturated_albedo import bounded_albedo
 from rakelight.prepare import prepare
 from rakelight.prepare.linear import usable
 from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene

@@ -18,7 +18,7 @@ from scipy.ndimage import binary_erosion
 from rakelight.capture import load_capture
 from rakelight.geometry.blur import blurred
 from rakelight.methods import load_method
-from rakelight.methods.lagged_depth import View
+from rakelight.methods.single_image.depth_energy import View
 from rakelight.model import MAD_TO_SIGMA, silent
 from rakelight.prepare import prepare
 

@@ -13,8 +13,9 @@ import json
 import sys
 from pathlib import Path
 
-from rakelight.methods import METHODS, refine
+from rakelight.methods import METHODS
 from rakelight.metrics import evaluate, evaluate_depth
+from rakelight.pipeline import refine
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 

@@ -8,7 +8,7 @@ from report_scenes import HOSTILE, enlarged, hostile_result, vase_result
 
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.normals import surface_normals
-from rakelight.methods import refine
+from rakelight.pipeline import refine
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from rakelight.geometry.camera import back_project
 from rakelight.model import Camera
-from rakelight.shading.cast_shadows import CLEARANCE_PX, in_sight
+from rakelight.photometry.cast_shadows import CLEARANCE_PX, in_sight
 
 CAMERA = Camera(200, 20, fx=400.0, fy=400.0, cx=99.5, cy=9.5)
 WALL_M, GROUND_M = 0.49, 0.50

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rakelight.shading.highlights import EXPONENTS, heights, lobes
+from rakelight.photometry.specular import EXPONENTS, heights, lobes
 
 PIXELS, LAMPS = 400, 12
 

@@ -10,10 +10,10 @@ import pytest
 from rakelight.geometry.grid import has_gradient
 from rakelight.jit import limited_threads
 from rakelight.model import MAD_TO_SIGMA, Camera
+from rakelight.photometry import _kernels
+from rakelight.photometry.images import Lamps, Photographs, Surface
+from rakelight.photometry.lighting import arriving
 from rakelight.prepare.linear import linear_table, usable
-from rakelight.shading import _kernels
-from rakelight.shading.lighting import arriving
-from rakelight.shading.photographs import Lamps, Photographs, Surface
 
 HEIGHT, WIDTH, COUNT = 11, 13, 5
 CAMERA = Camera(WIDTH, HEIGHT, fx=30.0, fy=34.0, cx=5.5, cy=4.2)

@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import spsolve
 
-from rakelight.shading.piecewise import edge_weights, piecewise_smooth
+from rakelight.photometry.piecewise_albedo import edge_weights, piecewise_smooth
 
 SHAPE = (17, 22)
 

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rakelight.model import Lights
-from rakelight.shading.harmonics import lit, shading
-from rakelight.shading.lighting import estimate_light, frontal_lights
-from rakelight.shading.render import render
+from rakelight.photometry.forward import render
+from rakelight.photometry.harmonics import lit, shading
+from rakelight.photometry.lighting import estimate_light, frontal_lights
 
 FRONTAL = np.array([0.0, 0.0, -1.0])
 

@@ -9,8 +9,8 @@ import pytest
 from rakelight.errors import InputError
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.normals import surface_normals
-from rakelight.methods import refine
 from rakelight.metrics import evaluate
+from rakelight.pipeline import refine
 from rakelight.synthetic import SHAPES
 from rakelight.synthetic.draws import OneOf, Range, distributions
 from rakelight.synthetic.random_capture import (

@@ -10,8 +10,8 @@ import pytest
 from rakelight.capture import load_capture
 from rakelight.capture.truth import load_truth
 from rakelight.cli import main
-from rakelight.methods import refine
 from rakelight.metrics import evaluate, evaluate_depth
+from rakelight.pipeline import refine
 from rakelight.synthetic import (
     DepthNoise,
     SceneOptions,

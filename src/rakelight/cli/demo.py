@@ -35,8 +35,9 @@ def command(output: Path, as_json: bool, quiet: bool, debug: bool) -> None:
     from rakelight.capture import SYNTHETIC, load_capture, write_capture
     from rakelight.export import RESULT
     from rakelight.folders import require_free
-    from rakelight.methods import refine
     from rakelight.metrics import evaluate, evaluate_depth
+    from rakelight.pipeline import refine
+    from rakelight.report import save_result
     from rakelight.synthetic import demo_scene
 
     folder, result_folder = output / "capture", output / "result"
@@ -48,7 +49,7 @@ def command(output: Path, as_json: bool, quiet: bool, debug: bool) -> None:
         kept = write_capture(scene, folder, truth=truth, overwrite=True)
         result = refine(load_capture(folder), progress=progress)
         progress(Progress("write"))
-        kept += result.save(result_folder, overwrite=True, truth=truth)
+        kept += save_result(result, result_folder, overwrite=True, truth=truth)
     if not quiet:
         print_findings(kept)
     before = evaluate_depth(result.prepared_depth, result.camera, truth)

@@ -51,7 +51,7 @@ def shown_progress(quiet: bool = False) -> Iterator[ProgressCallback]:
 def _compiled() -> bool:
     """Whether the kernels have been compiled by an earlier run."""
     from rakelight import jit
-    from rakelight.shading import _kernels as _photographs  # noqa: F401 - registers its kernels
+    from rakelight.photometry import _kernels as _photographs  # noqa: F401 - registers its kernels
     from rakelight.solve import _kernels as _solver  # noqa: F401
 
     return jit.compiled()

@@ -90,7 +90,9 @@ def command(
     from rakelight.cli.settings import options_with, parse_settings
     from rakelight.export import RESULT
     from rakelight.folders import require_free
-    from rakelight.methods import choose_method, load_method, refine
+    from rakelight.methods import choose_method, load_method
+    from rakelight.pipeline import refine
+    from rakelight.report import save_result
 
     wanted, wishes = parse_scale(scale), parse_settings(settings)
     options = options_with(load_method(method), wishes) if wishes and method != "auto" else None
@@ -108,8 +110,8 @@ def command(
         result = refine(loaded, method, scale=wanted, options=options, progress=progress)
         progress(Progress("write"))
         result = result.timed(read=read_s)
-        kept = result.save(
-            output, overwrite=overwrite, mesh=mesh, normal_map=normal_map, truth=truth
+        kept = save_result(
+            result, output, overwrite=overwrite, mesh=mesh, normal_map=normal_map, truth=truth
         )
         result = replace(result, findings=(*result.findings, *kept))
     if as_json or not quiet:

@@ -26,7 +26,7 @@ FLOAT32, UINT16, UINT8 = np.dtype(np.float32), np.dtype(np.uint16), np.dtype(np.
 def load_result(folder: str | PathLike[str]) -> Result:
     """Read a result folder; nothing in it is changed.
 
-    folder : as `rakelight refine`, `rakelight.save_result` or `Result.save` wrote it.  An older one
+    folder : as `rakelight refine` or `rakelight.save_result` wrote it.  An older one
         that a killed run had moved aside is put back first
 
     Returns the Result with every field.  Exact are depth, normals, prepared_depth, their expected

@@ -1,74 +1,28 @@
-"""The methods by name, and `refine`, which runs one of them on a capture.
+"""The methods by name.
 
-A method is a function (Prepared, Options, progress) -> Estimate with a frozen `Options` class
-beside it, in a file of its own.  To add one, write the file and its line in `METHODS`.
+A method is a function (Prepared, options, progress) -> Estimate, a frozen class of options beside
+it, and a value METHOD of the class `Method` that says both.  To add one, write its file or folder
+and its line in `METHODS`.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, replace
 from importlib import import_module
-from time import perf_counter
-from typing import Any
 
-import numpy as np
+from rakelight.errors import MethodError
+from rakelight.methods.base import Method
+from rakelight.model import Capture
 
-from rakelight.capture.arrays import checked_capture
-from rakelight.check.depth_orientation import depth_orientation
-from rakelight.check.inside_out import inside_out
-from rakelight.errors import CaptureError, InputError, MethodError
-from rakelight.jit import one_blas_thread
-from rakelight.memory import require_memory
-from rakelight.methods.estimate import Estimate
-from rakelight.methods.guarded import guarded, surface
-from rakelight.methods.prediction import prediction_errors
-from rakelight.methods.saturated import bounded_albedo
-from rakelight.methods.thin import too_thin
-from rakelight.model import (
-    Capture,
-    Finding,
-    Floats,
-    Progress,
-    ProgressCallback,
-    Result,
-    silent,
-)
-from rakelight.prepare import Prepared, Scale, prepare
-from rakelight.prepare.misaligned import misaligned
-from rakelight.prepare.motion import motion
-
-# Method name -> module; the module's function and class are `module` and `Options`.
+# Method name -> its module in this folder, which is loaded when the method is asked for.
 METHODS = {
     "multi-light": "multi_light",
     "multi-light-alternating": "multi_light_alternating",
     "rgb-ratio": "rgb_ratio",
-    "fusion-like": "fusion_like",
-    "rgbd-fusion": "rgbd_fusion",
+    "fusion-like": "single_image.fusion_like",
+    "rgbd-fusion": "single_image.rgbd_fusion",
     "ldr-ps": "ldr_ps",
 }
-
-# Methods that start from the depth and explain all photographs: `guarded` watches over them.
-_GUARDED = ("multi-light", "multi-light-alternating")
-
-# What a method needs at the least, bytes per pixel of the object's window: measured, rounded down.
-_BYTES_PER_PIXEL = {"multi-light": 1500}
-_BYTES_PER_PIXEL_OF_OTHERS = 500
-
-
-@dataclass(frozen=True, slots=True)
-class Method:
-    """A method's function and its options class; `refine` takes one of your own, too.
-
-    run : (Prepared, options, progress) -> Estimate
-    options : a frozen dataclass, every field with a default
-    """
-
-    name: str
-    run: Callable[[Prepared, Any, ProgressCallback], Estimate]
-    options: type[Any]
 
 
 def load_method(name: str) -> Method:
@@ -87,14 +41,14 @@ def load_method(name: str) -> Method:
             if isinstance(name, str)
             else "give a name, or options such as rakelight.MultiLight(depth_weight=3.0)",
         )
-    module = import_module(f"rakelight.methods.{METHODS[name]}")
-    return Method(name, getattr(module, METHODS[name]), module.Options)
+    found: Method = import_module(f"rakelight.methods.{METHODS[name]}").METHOD
+    return found
 
 
 def method_of(options: object) -> str | None:
     """The name of the method that these options are for; None for anything else.
 
-    >>> from rakelight.methods.rgbd_fusion import Options
+    >>> from rakelight.methods.single_image.rgbd_fusion import Options
     >>> method_of(Options()), method_of(3)
     ('rgbd-fusion', None)
     """
@@ -102,7 +56,7 @@ def method_of(options: object) -> str | None:
     loaded = {name: sys.modules.get(f"rakelight.methods.{file}") for name, file in METHODS.items()}
     for kind in type(options).__mro__:
         for name, module in loaded.items():
-            if kind is getattr(module, "Options", None):
+            if module is not None and kind is module.METHOD.options:
                 return name
     return None
 
@@ -113,7 +67,7 @@ def public_options(method: str) -> str:
     >>> public_options("multi-light")
     'rakelight.MultiLight'
     """
-    return "rakelight." + "".join(word.capitalize() for word in method.split("-"))
+    return f"rakelight.{load_method(method).options.__name__}"
 
 
 def choose_method(capture: Capture) -> str:
@@ -123,206 +77,6 @@ def choose_method(capture: Capture) -> str:
     return "rgb-ratio" if capture.lighting == "rgb-leds" else "fusion-like"
 
 
-def refine(
-    capture: Capture,
-    method: str | Method | object = "auto",
-    *,
-    scale: Scale = "auto",
-    options: Any = None,
-    progress: ProgressCallback = silent,
-) -> Result:
-    """Refine the depth of a capture by its photographs.
-
-    method : "auto" for the method that fits the capture; a name in `METHODS`; the options of a
-        method, such as rakelight.MultiLight(depth_weight=3.0); or a `Method` of your own
-    scale : output resolution over the depth's, or "auto" for the colour camera's resolution
-    options : of the method, where `method` names it; its defaults when None
-    progress : called with a `Progress` at every step
-
-    Returns a `Result` at the output resolution: metres and unit vectors in the camera frame.
-    Raises MethodError when the method does not fit the capture or the options, InputError for a bad
-    scale, CaptureError when an array is of another type, shape or range than `Capture` says, or the
-    depth is plainly that of another place, MachineError when there is too little memory.  What
-    `progress` raises comes through.
-    """
-    capture = checked_capture(capture)
-    if not callable(progress):
-        raise InputError("progress is no function", seen=type(progress).__name__)
-    chosen, options = _chosen(capture, method, options)
-    try:
-        # What overflows shows in the result.
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            result = _refined(capture, chosen, scale, options, progress)
-    except ValueError as error:
-        if isinstance(error, np.linalg.LinAlgError) or "infs or NaNs" in str(error):  # scipy's
-            raise _without_solution(capture, str(error)) from error
-        raise
-    found = (result.depth[result.mask], result.normals[result.mask], result.albedo)
-    if np.isinf(result.depth).any() or not all(np.isfinite(each).all() for each in found):
-        raise _without_solution(capture, "values that are not finite")
-    return result
-
-
-def _chosen(capture: Capture, method: Any, options: Any) -> tuple[Method, Any]:
-    """The method that is meant, and its options; raises MethodError."""
-    if isinstance(method, Method):
-        chosen = method
-    elif (named := method_of(method)) is not None:
-        if options is not None:
-            raise MethodError(
-                "options twice",
-                source="options",
-                seen=f"{public_options(named)}(...) and options={type(options).__qualname__}",
-                needed="one of them",
-                remedy=f"refine(capture, {public_options(named)}(...))",
-            )
-        return load_method(named), method
-    else:
-        is_auto = isinstance(method, str) and method == "auto"
-        chosen = load_method(choose_method(capture) if is_auto else method)
-    options = chosen.options() if options is None else options
-    own = chosen.name not in METHODS
-    if not isinstance(options, chosen.options) or not (own or method_of(options) == chosen.name):
-        raise MethodError(
-            f"these options are not for {chosen.name}",
-            seen=_shown(options),
-            needed=chosen.options.__qualname__ if own else public_options(chosen.name),
-            remedy="give the options alone, without a method: refine(capture, options)"
-            if method_of(options)
-            else "give a value of that class",
-        )
-    return chosen, options
-
-
-def _shown(options: Any) -> str:
-    """What kind of options these are, for a message."""
-    if isinstance(options, type):
-        return f"the class {options.__qualname__}"
-    name = method_of(options)
-    return type(options).__qualname__ if name is None else public_options(name)
-
-
-def _without_solution(capture: Capture, seen: str) -> CaptureError:
-    return CaptureError(
-        "no surface explains this capture",
-        source=capture.source,
-        seen=seen,
-        needed="depth and photographs of one object",
-        remedy="look for outliers in the depth on the object, and check the mask",
-    )
-
-
-def _refined(
-    capture: Capture, chosen: Method, scale: Scale, options: Any, progress: ProgressCallback
-) -> Result:
-    began = perf_counter()
-    if capture.register:
-        with one_blas_thread():
-            capture = _registered(capture, chosen, options, progress)
-    registered_at = perf_counter()
-    progress(Progress("prepare"))
-    # Beside the preparation, most of which runs on one core.
-    with ThreadPoolExecutor(1) as beside:
-        checks = beside.submit(
-            lambda: (
-                *motion(capture),
-                *misaligned(capture),
-                *depth_orientation(capture),
-                *inside_out(capture),
-            )
-        )
-        prepared = prepare(capture, scale)
-        require_memory(
-            prepared.mask.size * _BYTES_PER_PIXEL.get(chosen.name, _BYTES_PER_PIXEL_OF_OTHERS),
-            source=capture.source,
-            remedy="close other programs, choose a smaller --scale, or crop to the object",
-        )
-        checked = checks.result()
-    prepared_at = perf_counter()
-    with one_blas_thread():
-        thin = too_thin(prepared)
-        if thin is not None:
-            estimate = thin
-        elif chosen.name in _GUARDED:
-            prepared, estimate = guarded(chosen.run, prepared, options, progress)
-        else:
-            estimate = chosen.run(prepared, options, progress)
-    refined_at = perf_counter()
-
-    depth_m, normals = surface(prepared, estimate)
-    albedo, bounded = bounded_albedo(prepared, depth_m, normals, estimate)
-    return Result(
-        depth=prepared.embed(depth_m, np.nan),
-        normals=prepared.embed(normals, np.nan),
-        albedo=prepared.embed(np.maximum(albedo, 0), 0.0),
-        confidence=prepared.embed(prepared.marked(estimate.confidence), 0.0),
-        lights=estimate.lights,
-        camera=prepared.full_camera,
-        prepared_depth=prepared.embed(prepared.depth_m, np.nan),
-        method=chosen.name,
-        options=asdict(options),
-        iterations=estimate.iterations,
-        energy=estimate.energy,
-        converged=estimate.converged,
-        timings_s={
-            **({"register": registered_at - began} if capture.register else {}),
-            "prepare": prepared_at - registered_at,
-            "refine": refined_at - prepared_at,
-            **estimate.timings_s,
-        },
-        findings=prepared.findings + checked + estimate.findings + bounded + _convergence(estimate),
-        source=capture.source,
-        photograph_names=prepared.names,
-        capture=_figures(capture),
-        prediction_errors=prediction_errors(prepared, depth_m, normals, estimate.lights),
-        depth_sigma=_embedded(prepared, estimate.depth_sigma),
-        normal_sigma=_embedded(prepared, estimate.normal_sigma),
-    )
-
-
-def _embedded(prepared: Prepared, sigma: Floats | None) -> Floats | None:
-    """An expected error (h, w) in the full image, NaN outside; None where it is not known."""
-    return None if sigma is None else prepared.embed(sigma, np.nan)
-
-
-def _registered(
-    capture: Capture, method: Method, options: Any, progress: ProgressCallback
-) -> Capture:
-    """The capture with its depth camera's pose corrected, where the method is the one for that."""
-    if method.name != "multi-light":
-        message = f"depth not registered: {method.name} does not correct the depth camera's pose"
-        note = Finding("warning", "not-registered", message, "use --method multi-light")
-        return replace(capture, findings=(*capture.findings, note), register=False)
-    from rakelight.methods.registration import registered
-
-    return registered(capture, options, progress)
-
-
-def _figures(capture: Capture) -> dict[str, Any]:
-    """What was read, for the result's records."""
-    figures: dict[str, Any] = {
-        "photographs": len(capture.photographs),
-        "photograph_size": [capture.camera.width, capture.camera.height],
-        "bits": 8 * capture.photographs.dtype.itemsize,
-        "encoding": capture.encoding,
-        "lighting": capture.lighting,
-        "depth_maps": len(capture.depth_m),
-        "depth_size": [capture.depth_m.shape[2], capture.depth_m.shape[1]],
-        "depth_checksum": capture.depth_checksum,
-    }
-    if capture.register and (pose := capture.depth_to_color) is not None:
-        rotation, translation = pose.rotation.tolist(), pose.translation_m.tolist()
-        figures["depth_to_color"] = {"rotation": rotation, "translation": translation}
-    return figures
-
-
-def _convergence(estimate: Estimate) -> tuple[Finding, ...]:
-    if estimate.converged:
-        return ()
-    message = f"not converged after {estimate.iterations} iterations"
-    return (Finding("warning", "not-converged", message, "look at the result before you use it"),)
-
-
 __all__ = [
     "METHODS",
     "Method",
@@ -330,5 +84,4 @@ __all__ = [
     "load_method",
     "method_of",
     "public_options",
-    "refine",
 ]

@@ -28,8 +28,9 @@ from rakelight.errors import MethodError
 from rakelight.geometry.camera import pixel_rays
 from rakelight.geometry.grid import has_gradient, mean_gradient
 from rakelight.geometry.normals import normal_derivatives
-from rakelight.methods.estimate import (
+from rakelight.methods.base import (
     Estimate,
+    Method,
     photometric_confidence,
     require_options,
     require_photographs,
@@ -57,7 +58,7 @@ UNKNOWN = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class LdrPs:
     """What can be set; a good result needs none of it.
 
     max_iterations : rounds of lamps and scaled normals in turn, where values are missing
@@ -94,7 +95,7 @@ class Factors:
         return Factors(self.lamps @ np.linalg.inv(A), self.normals @ A.T, self.energy)
 
 
-def ldr_ps(prepared: Prepared, options: Options, progress: ProgressCallback) -> Estimate:
+def ldr_ps(prepared: Prepared, options: LdrPs, progress: ProgressCallback) -> Estimate:
     """Uncalibrated photometric stereo by local diffuse reflectance maxima.
 
     Raises MethodError for fewer photographs than `options.min_photographs`.
@@ -148,7 +149,7 @@ def grey_photographs(prepared: Prepared, shadow: float) -> tuple[Floats, Mask]:
     return values, usable & (values > shadow * brightest)
 
 
-def factorise(values: Floats, lit: Mask, options: Options) -> Factors:
+def factorise(values: Floats, lit: Mask, options: LdrPs) -> Factors:
     """Lamps and scaled normals that explain the lit values by least squares, each in turn.
 
     The start is the best rank-three approximation of all the values, missing or not.
@@ -417,3 +418,6 @@ def _finding(maxima: int, agreeing: int) -> Finding:
         f"{agreeing} of {maxima} diffuse maxima",
         "use multi-light for a metric shape",
     )
+
+
+METHOD = Method("ldr-ps", ldr_ps, LdrPs)

@@ -22,10 +22,10 @@ from rakelight.geometry.grid import (
     surface_links,
 )
 from rakelight.model import BLACK, SATURATED, Array, Floats, Mask
+from rakelight.photometry.images import Photographs, Surface
 from rakelight.prepare import Prepared
 from rakelight.prepare.inpaint import nearest_fill
 from rakelight.prepare.linear import linear_table
-from rakelight.shading.photographs import Photographs, Surface
 from rakelight.solve.direct import factorised
 
 # Depth that was filled in is worth this fraction of what the sensor measured.

@@ -16,8 +16,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rakelight.geometry.normals import normals_from_gradient
-from rakelight.methods.estimate import (
+from rakelight.methods.base import (
     Estimate,
+    Method,
     brightest,
     photometric_confidence,
     require_options,
@@ -25,9 +26,9 @@ from rakelight.methods.estimate import (
 )
 from rakelight.methods.levels import Level, finest_level
 from rakelight.model import Floats, Progress, ProgressCallback
+from rakelight.photometry.images import Explanation, Lamps, Surface
+from rakelight.photometry.lighting import frontal_lights
 from rakelight.prepare import Prepared
-from rakelight.shading.lighting import frontal_lights
-from rakelight.shading.photographs import Explanation, Lamps, Surface
 from rakelight.solve import Solution, assemble, solve
 
 # No photograph is better than this (white is 1), even if the model explains it exactly.
@@ -39,7 +40,7 @@ HORIZON_ROUNDS = 2
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class MultiLightAlternating:
     """What can be set; a good result needs none of it.
 
     max_iterations : rounds of light, albedo and depth.  More rounds sharpen the detail and let
@@ -79,7 +80,7 @@ class Fit:
 
 
 def multi_light_alternating(
-    prepared: Prepared, options: Options, progress: ProgressCallback
+    prepared: Prepared, options: MultiLightAlternating, progress: ProgressCallback
 ) -> Estimate:
     """Refine the prepared depth by the paper's robust multi-light model (3.4).
 
@@ -182,3 +183,11 @@ def finished(level: Level, fit: Fit, energies: list[float], converged: bool) -> 
         energy=tuple(energies),
         converged=converged,
     )
+
+
+METHOD = Method(
+    "multi-light-alternating",
+    multi_light_alternating,
+    MultiLightAlternating,
+    starts_from_depth=True,
+)

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from rakelight.methods import load_method, refine
+from rakelight.methods import load_method
 from rakelight.model import Capture, Lighting, ProgressCallback, Result
+from rakelight.pipeline import refine
 
 
 @dataclass(frozen=True)

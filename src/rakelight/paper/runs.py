@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from rakelight.methods import refine
 from rakelight.model import Capture, Lighting, Progress, ProgressCallback, Result, Truth, silent
 from rakelight.paper.rows import ROWS, Row
 from rakelight.paper.scenes import paper_object, paper_scene
+from rakelight.pipeline import refine
 from rakelight.synthetic import Shape
 
 MAIN = "pattern"

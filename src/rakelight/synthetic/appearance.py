@@ -13,7 +13,7 @@ import numpy as np
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.grid import area_mean
 from rakelight.model import Camera, Floats, Lights, Mask
-from rakelight.shading.cast_shadows import in_sight
+from rakelight.photometry.cast_shadows import in_sight
 from rakelight.synthetic.implicit import Surface
 
 DISTANT_M = 100.0

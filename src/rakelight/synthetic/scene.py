@@ -375,7 +375,7 @@ def _photograph(
             s = lamps.at(points, i, c)
             lit = np.maximum((normals * s).sum(axis=1), 0)
             if options.cast_shadows:
-                from rakelight.shading.cast_shadows import in_sight
+                from rakelight.photometry.cast_shadows import in_sight
 
                 lit *= in_sight(fine.depth, camera, points, lamps.way(points, i, c))
             seen_by = slice(None) if len(channels) == 1 else slice(c, c + 1)

@@ -9,8 +9,8 @@ from rakelight.geometry.camera import back_project
 from rakelight.geometry.normals import normals_from_gradient
 from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light.bas_relief import nearest_bas_relief, relief_scaling
+from rakelight.photometry.images import Lamps
 from rakelight.prepare import prepare
-from rakelight.shading.photographs import Lamps
 from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
 
 TURN = np.linalg.inv(0.9 * np.eye(3) + np.outer([0.0, 0.0, 1.0], [0.1, -0.05, 0.15]))

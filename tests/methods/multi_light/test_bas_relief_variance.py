@@ -14,8 +14,8 @@ from rakelight.methods.multi_light.bas_relief_variance import (
     lamps_moment,
     sensor_moment,
 )
+from rakelight.photometry.images import Lamps
 from rakelight.prepare import prepare
-from rakelight.shading.photographs import Lamps
 from rakelight.synthetic import DepthNoise
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "check"))

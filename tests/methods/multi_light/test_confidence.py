@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter
 
 from rakelight import refine
 from rakelight.geometry.normals import normal_lengths, squared_turn
-from rakelight.methods.estimate import NO_IDEA_RAD
+from rakelight.methods.base import NO_IDEA_RAD
 from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light.bas_relief_variance import sensor_moment
 from rakelight.methods.multi_light.confidence import (

@@ -35,8 +35,8 @@ from rakelight.methods.multi_light.steps import (
     project_bas_relief,
     refine_lights,
 )
+from rakelight.photometry.images import Lamps
 from rakelight.prepare import prepare
-from rakelight.shading.photographs import Lamps
 from rakelight.solve.levenberg_marquardt import FACTOR, LARGEST, Damping
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 

@@ -7,7 +7,7 @@ from rakelight.methods.multi_light.equal_intensity import (
     equal_intensity_derivatives,
     equal_intensity_energy,
 )
-from rakelight.shading.photographs import Lamps
+from rakelight.photometry.images import Lamps
 
 
 def lamps(count=9, channels=1, spread=0.1, seed=0):

@@ -8,12 +8,12 @@ import pytest
 from scipy.ndimage import binary_dilation, binary_erosion
 
 from rakelight.geometry.normals import normals_from_depth
-from rakelight.methods import refine
 from rakelight.methods.levels import finest_level, pyramid
 from rakelight.methods.multi_light.factored_start import factored_start
 from rakelight.methods.multi_light.initial_lights import lamps_of_prior
 from rakelight.metrics import evaluate_depth
 from rakelight.model import Camera, Capture, Truth
+from rakelight.pipeline import refine
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, add_depth_noise
 

@@ -6,16 +6,16 @@ from functools import cache
 import numpy as np
 import pytest
 
-from rakelight.methods import refine
 from rakelight.methods.levels import finest_level, pyramid
-from rakelight.methods.multi_light import FIRST_DEPTH_WEIGHT, Options
+from rakelight.methods.multi_light import FIRST_DEPTH_WEIGHT, MultiLight
 from rakelight.methods.multi_light.energy import first_fit, lamps_after, parameter_map
 from rakelight.methods.multi_light.initial_lights import lamps_of_prior
 from rakelight.methods.multi_light.model_selection import penalised_noise, select_model
 from rakelight.metrics import evaluate
 from rakelight.model import silent
+from rakelight.photometry.images import Lamps
+from rakelight.pipeline import refine
 from rakelight.prepare import prepare
-from rakelight.shading.photographs import Lamps
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
 TOGETHER = DepthNoise(rms_mm=3.3, correlation_length_px=14.0)
@@ -35,7 +35,7 @@ def coarsest(noise, size=1.0):
 
 @cache
 def looked(noise, **options):
-    return select_model(coarsest(noise), Options(**options), silent, "look")
+    return select_model(coarsest(noise), MultiLight(**options), silent, "look")
 
 
 def test_depth_whose_errors_hang_together_is_trusted_less():

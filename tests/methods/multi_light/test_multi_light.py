@@ -9,14 +9,15 @@ import rakelight.synthetic.scene as scenes
 from rakelight.errors import InputError, MethodError
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.normals import surface_normals
-from rakelight.methods import multi_light, refine
+from rakelight.methods import multi_light
 from rakelight.methods.levels import finest_level
-from rakelight.methods.multi_light import Options, steps
+from rakelight.methods.multi_light import MultiLight, steps
 from rakelight.methods.multi_light.model_selection import plausible
 from rakelight.metrics import evaluate, evaluate_depth
 from rakelight.model import Camera
+from rakelight.photometry.images import Lamps
+from rakelight.pipeline import refine
 from rakelight.prepare import prepare
-from rakelight.shading.photographs import Lamps
 from rakelight.synthetic import (
     DepthNoise,
     SceneOptions,
@@ -39,7 +40,7 @@ def make_scene(albedo="pattern", **changes):
 
 
 def run(capture, **options):
-    return refine(capture, "multi-light", options=Options(**options))
+    return refine(capture, "multi-light", options=MultiLight(**options))
 
 
 def scores(result, truth):
@@ -201,7 +202,7 @@ def test_lights_and_depth_move_together_but_for_the_first_steps_of_the_finest_le
         "joint_step",
         lambda level, *rest: together.append((stages[-1], level.mask.sum())) or step(level, *rest),
     )
-    options = Options(coarse_pixels=1000)
+    options = MultiLight(coarse_pixels=1000)
     refine(capture, "multi-light", options=options, progress=lambda now: stages.append(now.stage))
     sizes = {size for stage, size in together if stage.startswith("refine")}
     assert len(sizes) == 3
@@ -293,7 +294,7 @@ def test_a_black_photograph_is_named(capture, with_a_black_one):
 )
 def test_impossible_options_are_refused(name, value):
     with pytest.raises(InputError, match=name):
-        Options(**{name: value})
+        MultiLight(**{name: value})
 
 
 # ---- whether distances are those of lamps

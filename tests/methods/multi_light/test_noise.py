@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from rakelight.methods import refine
 from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light.energy import first_fit
 from rakelight.methods.multi_light.initial_lights import lamps_of_prior
@@ -16,6 +15,7 @@ from rakelight.methods.multi_light.noise import (
     estimate_equal_intensity_weight,
 )
 from rakelight.metrics import evaluate
+from rakelight.pipeline import refine
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from rakelight.geometry.normals import surface_normals
-from rakelight.methods import refine
 from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light.energy import first_fit, update_scale
 from rakelight.methods.multi_light.initial_lights import lamps_of_prior
@@ -14,6 +13,7 @@ from rakelight.methods.multi_light.joint_step import joint_step
 from rakelight.methods.multi_light.normals import gradient_step
 from rakelight.methods.multi_light.steps import depth_step
 from rakelight.metrics import evaluate
+from rakelight.pipeline import refine
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 

@@ -10,8 +10,8 @@ from rakelight.geometry.camera import back_project
 from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light.outliers import all_shadows, dimmed, in_shadow, remove_outliers
 from rakelight.model import Lights
+from rakelight.photometry.images import Lamps
 from rakelight.prepare import prepare
-from rakelight.shading.photographs import Lamps
 from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
 
 EXPOSED = {"photographs": 10, "tilt_deg": (30.0, 60.0), "exposure": 0.6, "image_noise": 0.003}

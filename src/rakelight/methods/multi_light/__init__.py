@@ -20,7 +20,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rakelight.methods.estimate import Estimate, brightest, lamp_findings, require_photographs
+from rakelight.methods.base import Estimate, Method, brightest, lamp_findings, require_photographs
 from rakelight.methods.levels import Level, finest_level, pyramid
 from rakelight.methods.multi_light.bas_relief_variance import bas_relief_variance, sensor_moment
 from rakelight.methods.multi_light.confidence import (
@@ -37,7 +37,7 @@ from rakelight.methods.multi_light.noise import (
     estimate_equal_intensity_weight,
 )
 from rakelight.methods.multi_light.normals import fine_normals
-from rakelight.methods.multi_light.options import Options
+from rakelight.methods.multi_light.options import MultiLight
 from rakelight.methods.multi_light.outliers import dimmed, remove_outliers
 from rakelight.methods.multi_light.steps import Descent, descend
 from rakelight.model import Finding, Floats, ProgressCallback
@@ -54,7 +54,7 @@ COARSER_WEIGHT = 2.0
 STEPS_ON_THE_WAY = 3
 
 
-def multi_light(prepared: Prepared, options: Options, progress: ProgressCallback) -> Estimate:
+def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallback) -> Estimate:
     """Refine the prepared depth by all photographs at once.
 
     Raises MethodError for fewer than 3 photographs.
@@ -113,7 +113,7 @@ def without_outliers(level: Level, fit: Fit) -> tuple[Level, Fit, Floats]:
 
 
 def refit_without_brightest(
-    level: Level, fit: Fit, options: Options, progress: ProgressCallback
+    level: Level, fit: Fit, options: MultiLight, progress: ProgressCallback
 ) -> Fit:
     """The fit to all values after steps without each pixel's brightest.
 
@@ -124,7 +124,7 @@ def refit_without_brightest(
     return reset_scale(level, found.fit)
 
 
-def briefly(options: Options) -> Options:
+def briefly(options: MultiLight) -> MultiLight:
     """The options with no more steps than a level on the way takes."""
     return replace(options, max_iterations=min(options.max_iterations, STEPS_ON_THE_WAY))
 
@@ -169,4 +169,9 @@ def finished(
     )
 
 
-__all__ = ["Options", "multi_light"]
+METHOD = Method(
+    "multi-light", multi_light, MultiLight,
+    starts_from_depth=True, corrects_pose=True, bytes_per_pixel=1500,
+)  # fmt: skip
+
+__all__ = ["METHOD", "MultiLight"]

@@ -12,7 +12,7 @@ from rakelight.geometry.camera import back_project
 from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.model import Floats
-from rakelight.shading.photographs import Lamps
+from rakelight.photometry.images import Lamps
 
 
 def nearest_bas_relief(

@@ -11,11 +11,11 @@ import numpy as np
 
 from rakelight.geometry.derivatives import gradient_image
 from rakelight.geometry.normals import normal_derivatives, normals_from_gradient
-from rakelight.methods.estimate import DARK
+from rakelight.methods.base import DARK
 from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.bas_relief import rays_of
 from rakelight.model import Floats, Mask
-from rakelight.shading.photographs import Lamps
+from rakelight.photometry.images import Lamps
 
 # Blocks of sensor pixels that share an error grow as long as there are so many; the variance of a
 # sum over fewer would be chance.

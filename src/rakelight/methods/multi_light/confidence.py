@@ -19,7 +19,7 @@ import numpy as np
 
 from rakelight.geometry.grid import Grid, differences, neighbours
 from rakelight.geometry.normals import normal_lengths, squared_turn
-from rakelight.methods.estimate import NO_IDEA_RAD, photometric_confidence
+from rakelight.methods.base import NO_IDEA_RAD, photometric_confidence
 from rakelight.methods.levels import Level, sensor_error
 from rakelight.methods.multi_light.bas_relief import rays_of
 from rakelight.methods.multi_light.energy import Fit

@@ -26,7 +26,7 @@ from rakelight.methods.multi_light.equal_intensity import (
     equal_intensity_energy,
 )
 from rakelight.model import Floats
-from rakelight.shading.photographs import Explanation, Lamps, Surface
+from rakelight.photometry.images import Explanation, Lamps, Surface
 from rakelight.solve import DepthSystem, assemble
 from rakelight.solve.levenberg_marquardt import Damping
 from rakelight.solve.robust import cauchy_scales

@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from rakelight.methods.estimate import DARK
+from rakelight.methods.base import DARK
 from rakelight.model import Floats, Mask
-from rakelight.shading.photographs import Lamps
+from rakelight.photometry.images import Lamps
 
 # The mean, and what a bas-relief transform makes of the others.
 FREE = 4

@@ -27,13 +27,13 @@ import numpy as np
 from scipy.sparse import diags_array, eye_array
 
 from rakelight.geometry.grid import Links, has_gradient
-from rakelight.methods.estimate import scatter
-from rakelight.methods.ldr_ps import Factors, Options, factorise, integrable_basis
+from rakelight.methods.base import scatter
+from rakelight.methods.ldr_ps import Factors, LdrPs, factorise, integrable_basis
 from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.bas_relief import rays_of
 from rakelight.methods.multi_light.initial_lights import prior_normals, relief_of_slopes
 from rakelight.model import Floats, Mask
-from rakelight.shading.photographs import Lamps
+from rakelight.photometry.images import Lamps
 from rakelight.solve.direct import factorised
 
 # A value below this part of its pixel's brightest is in shadow, which rank three does not hold.
@@ -177,7 +177,7 @@ def factored_start(level: Level) -> tuple[Floats, Lamps] | None:
     if not has_gradient(known).any():
         return None
     try:
-        factors = factorise(values, lit, Options())
+        factors = factorise(values, lit, LdrPs())
         problem = Problem.of(level, scatter(factors.normals, mask), known)
         found = [descended(problem, A) for A in matrices(level, factors, known)]
         best = min((each for each in found if np.isfinite(each.cost)), key=lambda each: each.cost)

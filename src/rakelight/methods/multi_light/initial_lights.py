@@ -11,8 +11,8 @@ import numpy as np
 from rakelight.geometry.normals import normals_from_gradient
 from rakelight.methods.levels import Level
 from rakelight.model import Floats
-from rakelight.shading.lighting import estimate_light
-from rakelight.shading.photographs import Lamps
+from rakelight.photometry.images import Lamps
+from rakelight.photometry.lighting import estimate_light
 from rakelight.solve.robust import CAUCHY
 
 # Pixels with normals nearer to the picture plane than this say nothing of their slope.

@@ -29,7 +29,7 @@ from rakelight.methods.multi_light.energy import (
     light_slope,
 )
 from rakelight.model import Floats, Mask
-from rakelight.shading.photographs import applied
+from rakelight.photometry.images import applied
 from rakelight.solve import assemble
 from rakelight.solve.gauss_newton import border
 from rakelight.solve.levenberg_marquardt import lowered

@@ -11,10 +11,10 @@ from rakelight.methods.multi_light.energy import Fit, evaluated, first_fit, rese
 from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.methods.multi_light.factored_start import factored_start
 from rakelight.methods.multi_light.initial_lights import lamps_of_prior
-from rakelight.methods.multi_light.options import Options
+from rakelight.methods.multi_light.options import MultiLight
 from rakelight.methods.multi_light.steps import Descent, descend, refine_lights
 from rakelight.model import ProgressCallback
-from rakelight.shading.photographs import Lamps
+from rakelight.photometry.images import Lamps
 
 # Factors of the first depth weight that are tried at the coarsest level.  The sensor's errors are
 # correlated over an unknown area, and count as that many times fewer.
@@ -36,7 +36,7 @@ MOST_VARIED_DISTANCES = 0.5
 
 
 def select_model(
-    level: Level, options: Options, progress: ProgressCallback, stage: str
+    level: Level, options: MultiLight, progress: ProgressCallback, stage: str
 ) -> tuple[float, Descent]:
     """The factor of the level's depth weight that fits best, and the descent with it.
 
@@ -62,7 +62,7 @@ def select_model(
 def search_depth_weight(
     level: Level,
     descent: Descent,
-    options: Options,
+    options: MultiLight,
     progress: ProgressCallback,
     factored: Fit | None = None,
 ) -> tuple[float, Descent]:
@@ -128,7 +128,7 @@ def second_start(
     level: Level,
     descent: Descent,
     factored: Fit | None,
-    options: Options,
+    options: MultiLight,
     progress: ProgressCallback,
 ) -> Descent:
     """The descent, or the one from another fit, if that ends lower."""
@@ -140,7 +140,7 @@ def second_start(
 
 
 def select_lights(
-    level: Level, descent: Descent, options: Options, progress: ProgressCallback
+    level: Level, descent: Descent, options: MultiLight, progress: ProgressCallback
 ) -> Descent:
     """The descent with coloured or near lamps, where these explain the photographs much better."""
     for wanted, free, already in (
@@ -162,7 +162,7 @@ def select_lights(
     return descent
 
 
-def acceptable(level: Level, lamps: Lamps, options: Options) -> bool:
+def acceptable(level: Level, lamps: Lamps, options: MultiLight) -> bool:
     """Whether near lights are asked for or, if there are any, plausible."""
     return options.distance == "near" or plausible(level, lamps)
 

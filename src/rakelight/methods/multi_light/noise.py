@@ -49,7 +49,7 @@ def estimate_depth_weight(fit: Fit, prepared: Prepared) -> float:
 
 
 def estimate_equal_intensity_weight(level: Level, log_depth: Floats, prepared: Prepared) -> float:
-    """The weight of lights of equal intensity beside the sensor's depth, whose weight is the level's.
+    """The weight of lights of equal intensity beside the sensor's depth, which has the level's.
 
     The sensor's error of the whole shape is that of independent pixels of a larger variance: the
     largest, over blocks of all sizes, of  (sum of a block)^2 / pixels.

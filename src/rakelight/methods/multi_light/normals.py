@@ -23,7 +23,7 @@ from rakelight.geometry.normals import normal_lengths, normals_from_gradient, sq
 from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.energy import Fit
 from rakelight.model import Floats
-from rakelight.shading.photographs import Explanation
+from rakelight.photometry.images import Explanation
 from rakelight.solve.robust import variance_beyond
 
 # Over so many pixels the depth map's error is told from noise.

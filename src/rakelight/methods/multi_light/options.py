@@ -7,11 +7,11 @@ from typing import Literal
 
 import numpy as np
 
-from rakelight.methods.estimate import require_options
+from rakelight.methods.base import require_options
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class MultiLight:
     """What can be set; a good result needs none of it.
 
     depth_weight : weight of the sensor's depth, as a multiple of what white noise of the sensor's

@@ -15,11 +15,11 @@ from rakelight.geometry.camera import back_project
 from rakelight.geometry.normals import normals_from_gradient
 from rakelight.methods.levels import Level
 from rakelight.model import Floats, Lights, Mask
+from rakelight.photometry.cast_shadows import in_sight
+from rakelight.photometry.images import Lamps
+from rakelight.photometry.lighting import arriving
+from rakelight.photometry.specular import heights, lobes
 from rakelight.prepare.inpaint import nearest_fill
-from rakelight.shading.cast_shadows import in_sight
-from rakelight.shading.highlights import heights, lobes
-from rakelight.shading.lighting import arriving
-from rakelight.shading.photographs import Lamps
 
 # Pixels that are enough to know whether there are highlights and shadows.
 SAMPLE = 500

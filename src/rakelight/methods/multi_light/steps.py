@@ -19,9 +19,9 @@ from rakelight.methods.multi_light.energy import (
     update_scale,
 )
 from rakelight.methods.multi_light.joint_step import damped_tensor, joint_step
-from rakelight.methods.multi_light.options import Options
+from rakelight.methods.multi_light.options import MultiLight
 from rakelight.model import Floats, Progress, ProgressCallback
-from rakelight.shading.photographs import Lamps
+from rakelight.photometry.images import Lamps
 from rakelight.solve import solve
 from rakelight.solve.gauss_newton import damped_solution
 from rakelight.solve.levenberg_marquardt import lowered
@@ -57,7 +57,7 @@ class Descent:
 def descend(
     level: Level,
     fit: Fit,
-    options: Options,
+    options: MultiLight,
     progress: ProgressCallback,
     stage: str,
     noisiest: float = LARGEST_NOISE,

@@ -25,8 +25,7 @@ import numpy as np
 from rakelight.errors import CaptureError
 from rakelight.geometry.camera import back_project, pixel_rays
 from rakelight.geometry.grid import mean_gradient, surface_links
-from rakelight.methods.multi_light import Options, multi_light
-from rakelight.methods.thin import too_thin
+from rakelight.methods.multi_light import MultiLight, multi_light
 from rakelight.model import (
     MAD_TO_SIGMA,
     Camera,
@@ -39,6 +38,7 @@ from rakelight.model import (
     RigidTransform,
     silent,
 )
+from rakelight.pipeline.degenerate import too_thin
 from rakelight.prepare import Prepared, coarsest_scale, prepare
 from rakelight.solve.robust import CAUCHY
 
@@ -74,7 +74,9 @@ class Knowledge:
     spread: Floats
 
 
-def registered(capture: Capture, options: Options, progress: ProgressCallback = silent) -> Capture:
+def registered(
+    capture: Capture, options: MultiLight, progress: ProgressCallback = silent
+) -> Capture:
     """The capture with the pose of its depth camera corrected, and a finding that says by what.
 
     Depth that covers the colour image's view gets a camera of its own.  A capture that is right

@@ -1,16 +1,17 @@
-"""What every method gives back, and the checks and measures that methods share."""
+"""What a method is, what it gives back, and the checks and measures that methods share."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import ceil
+from typing import Any
 
 import numpy as np
 
 from rakelight.errors import InputError, MethodError, listed, printable
 from rakelight.geometry.normals import squared_turn
-from rakelight.model import Camera, Finding, Floats, Lights, Mask
+from rakelight.model import Camera, Finding, Floats, Lights, Mask, ProgressCallback
 from rakelight.prepare import Prepared
 
 # Confidence is one half where the photographs leave this doubt in a normal.
@@ -55,6 +56,28 @@ class Estimate:
     def iterations(self) -> int:
         """How many times the depth was moved."""
         return max(self.steps, len(self.energy) - 1, 0)
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """A method: what it is called and what runs it; `refine` takes one of your own, too.
+
+    run : (Prepared, options, progress) -> Estimate
+    options : a frozen dataclass, every field with a default
+    starts_from_depth : whether it explains all photographs from the depth on, so that the pipeline
+        looks for photographs that do not fit the others, and for a result that predicts them worse
+        than the prepared depth does
+    corrects_pose : whether it can correct the depth camera's pose first
+    bytes_per_pixel : memory that it needs at the least for each pixel of the object's window;
+        measured, rounded down
+    """
+
+    name: str
+    run: Callable[[Prepared, Any, ProgressCallback], Estimate]
+    options: type[Any]
+    starts_from_depth: bool = False
+    corrects_pose: bool = False
+    bytes_per_pixel: int = 500
 
 
 def require_options(options: object, **conditions: tuple[bool, str]) -> None:

@@ -16,9 +16,9 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight.geometry.blur import blurred
-from rakelight.methods.fine_relief import DARKEST
+from rakelight.methods.single_image.texture import DARKEST
 from rakelight.model import Floats, Mask
-from rakelight.shading.palette import commonest_colors
+from rakelight.photometry.color_modes import commonest_colors
 
 # The paint around a pixel has the mean colour of so many pixels, and is so much of the object.
 PAINT_PX, LEAST_AREA = 3.0, 0.05

@@ -1,5 +1,5 @@
 # mypy: disable-error-code="no-untyped-def"
-"""The loops over pixels and photographs behind shading/photographs.py, compiled on first use.
+"""The loops over pixels and photographs behind photometry/images.py, compiled on first use.
 
 Photographs stay integers and are decoded by a table, pixel by pixel; rows are shared
 among the cores and every sum is kept per row, so that results do not depend on the split.

@@ -48,7 +48,7 @@ class Ratios:
 
         NaN where a channel of the pair does not see its lamp.
         """
-        from rakelight.methods import _kernels
+        from rakelight.methods.rgb_ratio import _kernels
 
         out = np.empty(self.image.shape)
         given = (*self._arrays, np.ascontiguousarray(normals, np.float64), out)
@@ -70,7 +70,7 @@ class Ratios:
         doubt : whether equations that this surface does not meet count less: one by one (Cauchy),
             and all where those around disagree
         """
-        from rakelight.methods import _kernels
+        from rakelight.methods.rgb_ratio import _kernels
 
         worse = np.ones(length.shape)
         if doubt:

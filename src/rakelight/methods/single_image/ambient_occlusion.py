@@ -26,7 +26,7 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight.geometry.blur import blurred
-from rakelight.methods.fine_relief import AFAR_PX
+from rakelight.methods.single_image.texture import AFAR_PX
 from rakelight.model import Floats, Mask
 
 # The relative change of the light from all sides per unit slope: c.

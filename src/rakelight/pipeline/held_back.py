@@ -25,11 +25,11 @@ import numpy as np
 
 from rakelight.geometry.camera import back_project, pixel_rays
 from rakelight.geometry.normals import normal_derivatives, squared_turn, surface_normals
-from rakelight.methods.estimate import Estimate, brightest
-from rakelight.methods.prediction import shadings
+from rakelight.methods.base import Estimate, brightest
 from rakelight.model import MAD_TO_SIGMA, Array, Camera, Finding, Floats, Lights, Mask
+from rakelight.photometry.lighting import arriving, estimate_light
+from rakelight.pipeline.prediction import shadings
 from rakelight.prepare import Prepared
-from rakelight.shading.lighting import arriving, estimate_light
 
 # Refining has to predict held-back photographs by at least this much better: where they say nothing
 # the two errors are alike to 1 %, else the refined surface's is half or less.

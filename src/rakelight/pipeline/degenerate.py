@@ -6,7 +6,7 @@ import numpy as np
 
 from rakelight.errors import CaptureError
 from rakelight.geometry.grid import has_gradient
-from rakelight.methods.estimate import Estimate
+from rakelight.methods.base import Estimate
 from rakelight.model import Finding, Lights
 from rakelight.prepare import Prepared
 

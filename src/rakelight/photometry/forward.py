@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight.model import Floats, Lights
-from rakelight.shading.harmonics import shading
+from rakelight.photometry.harmonics import shading
 
 
 def render(normals: Floats, albedo: Floats, lights: Lights, photograph: int) -> Floats:

@@ -11,9 +11,9 @@ import numpy as np
 from rakelight.check.odd_photograph import odd_finding, odd_photographs
 from rakelight.errors import MethodError
 from rakelight.geometry.normals import surface_normals
-from rakelight.methods.estimate import Estimate
-from rakelight.methods.held_back import LEAST_GAIN, Prediction, kept, predict
+from rakelight.methods.base import Estimate
 from rakelight.model import Floats, ProgressCallback
+from rakelight.pipeline.held_back import LEAST_GAIN, Prediction, kept, predict
 from rakelight.prepare import Prepared
 
 Options = TypeVar("Options")

@@ -16,8 +16,8 @@ import numpy as np
 
 from rakelight.geometry.camera import back_project
 from rakelight.model import Floats, Lights, Mask
+from rakelight.photometry.lighting import arriving
 from rakelight.prepare import Prepared
-from rakelight.shading.lighting import arriving
 
 # So many pixels say it within a few per cent.
 MOST_PIXELS = 20_000

@@ -23,8 +23,9 @@ import numpy as np
 from rakelight.geometry.averaging import Averaging, data_terms
 from rakelight.geometry.grid import Links, has_gradient, mean_gradient, surface_links
 from rakelight.geometry.normals import normals_from_gradient
-from rakelight.methods.estimate import (
+from rakelight.methods.base import (
     Estimate,
+    Method,
     brightest,
     first_only,
     photometric_confidence,
@@ -33,13 +34,13 @@ from rakelight.methods.estimate import (
     scatter,
 )
 from rakelight.methods.levels import NEARLY_ONE, depth_precision
-from rakelight.methods.ratios import Ratios
-from rakelight.methods.rgb_findings import dark_channels, rgb_findings
+from rakelight.methods.rgb_ratio.findings import dark_channels, rgb_findings
+from rakelight.methods.rgb_ratio.ratios import Ratios
 from rakelight.model import MAD_TO_SIGMA, Floats, Lights, Mask, Progress, ProgressCallback
+from rakelight.photometry.color_modes import nearest_colors
+from rakelight.photometry.lighting import estimate_light
+from rakelight.photometry.piecewise_albedo import edge_weights, piecewise_smooth
 from rakelight.prepare import Prepared
-from rakelight.shading.lighting import estimate_light
-from rakelight.shading.palette import nearest_colors
-from rakelight.shading.piecewise import edge_weights, piecewise_smooth
 from rakelight.solve import assemble, solve
 
 # No photograph is better than this (white is 1), the ratios' weights would be absurd.
@@ -59,7 +60,7 @@ FIRST_ROUNDS = 2
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class RgbRatio:
     """What can be set; a good result needs none of it.
 
     lambda_rho : smoothness of the albedo within an area of paint, relative to the photograph.
@@ -126,7 +127,7 @@ class Scene:
         return normals_from_gradient(*mean_gradient(log_depth, self.links), self.prepared.camera)
 
 
-def rgb_ratio(prepared: Prepared, options: Options, progress: ProgressCallback) -> Estimate:
+def rgb_ratio(prepared: Prepared, options: RgbRatio, progress: ProgressCallback) -> Estimate:
     """Refine the prepared depth by the RGB ratio model (3.3), from the first photograph."""
     scene = observed(prepared)
     trust = options.depth_weight or LEAST_TRUST
@@ -217,7 +218,7 @@ def lights(scene: Scene, normals: Floats, albedo: Floats, before: Floats) -> Flo
 
 def paint(
     scene: Scene, normals: Floats, depth_m: Floats, albedo: Floats, light: Floats,
-    options: Options, first: bool,
+    options: RgbRatio, first: bool,
 ) -> tuple[Floats, Floats]:  # fmt: skip
     """2. The albedo (h, w, 3), light and n fixed; scaled so that every 99th percentile is 1.
 
@@ -306,3 +307,6 @@ def _median(values: Floats) -> float:
     """Of those that are numbers; 0 where there are none, as of bends where nothing is wide."""
     known = values[np.isfinite(values)]
     return float(np.median(known)) if known.size else 0.0
+
+
+METHOD = Method("rgb-ratio", rgb_ratio, RgbRatio)

@@ -252,7 +252,7 @@ class Photographs:
         follows the depth (variable projection) instead of being held; turning : with the first
         derivatives of the lights, for half as much time again
         """
-        from rakelight.shading import _kernels
+        from rakelight.photometry import _kernels
 
         height, width = self.mask.shape
         albedo = np.full((height, width, 3), -1.0) if start is None else start.copy()
@@ -305,7 +305,7 @@ class Photographs:
         """
         from scipy.linalg import block_diag
 
-        from rakelight.shading import _kernels
+        from rakelight.photometry import _kernels
 
         parameters = 5 if near else 4
         count, channels = lamps.ambient.shape
@@ -344,7 +344,7 @@ class Photographs:
 
     def halved(self) -> Photographs:
         """The photographs at half the resolution, averaged in linear light."""
-        from rakelight.shading import _kernels
+        from rakelight.photometry import _kernels
 
         height, width = (-(-side // 2) for side in self.mask.shape)
         small = np.empty((len(self), height, width, 3), dtype=np.uint16)

@@ -1,5 +1,5 @@
 # mypy: disable-error-code="no-untyped-def"
-"""The loops over pixels behind methods/ratios.py, compiled on first use."""
+"""The loops over pixels behind methods/rgb_ratio/ratios.py, compiled on first use."""
 
 from __future__ import annotations
 

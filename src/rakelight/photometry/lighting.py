@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight.model import Floats, Lights, Mask
-from rakelight.shading.harmonics import lit
+from rakelight.photometry.harmonics import lit
 
 # The set of lit pixels depends on the light; it settles after a few solves.
 HORIZON_ROUNDS = 3

@@ -21,21 +21,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rakelight.methods import fusion_like
-from rakelight.methods.estimate import Estimate, require_options, require_ranges
-from rakelight.methods.fusion_like import albedo, depth_energy, finished, harmonics, shading
-from rakelight.methods.lagged_depth import View
+from rakelight.methods.base import Estimate, Method, require_options, require_ranges
+from rakelight.methods.single_image.depth_energy import View
+from rakelight.methods.single_image.fusion_like import (
+    FusionLike,
+    albedo,
+    depth_energy,
+    finished,
+    harmonics,
+    shading,
+)
 from rakelight.model import Floats, ProgressCallback
+from rakelight.photometry.piecewise_albedo import EdgeWeights, piecewise_smooth
 from rakelight.prepare import Prepared
-from rakelight.shading.piecewise import EdgeWeights, piecewise_smooth
 
 # The published method solves its systems to the end; this is as good.
 ACCURACY = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
-class Options(fusion_like.Options):
-    """The eight parameters of the paper: the five of `fusion_like.Options`, and
+class RgbdFusion(FusionLike):
+    """The eight parameters of the paper: the five of `FusionLike`, and
 
     lambda_beta1 : smoothness of the ambient light.  Raised, fine change is left to the depth;
         lowered, the ambient light explains it and the depth stays.
@@ -51,12 +57,12 @@ class Options(fusion_like.Options):
     tau: float = 0.1
 
     def __post_init__(self) -> None:
-        fusion_like.Options.__post_init__(self)
+        FusionLike.__post_init__(self)
         require_ranges(self, from_0=("lambda_beta1", "lambda_beta2"))
         require_options(self, tau=(self.tau >= 0, "at least 0"))
 
 
-def rgbd_fusion(prepared: Prepared, options: Options, progress: ProgressCallback) -> Estimate:
+def rgbd_fusion(prepared: Prepared, options: RgbdFusion, progress: ProgressCallback) -> Estimate:
     """Refine the prepared depth by the shading of the first photograph."""
     view = View.of(prepared)
     edges = view.edges(options.sigma_c, options.sigma_d, options.tau)
@@ -69,9 +75,12 @@ def rgbd_fusion(prepared: Prepared, options: Options, progress: ProgressCallback
     return finished(prepared, depth, edges, options.lambda_rho, ACCURACY, fit, "rgbd-fusion")
 
 
-def ambient(view: View, left: Floats, edges: EdgeWeights, options: Options) -> Floats:
+def ambient(view: View, left: Floats, edges: EdgeWeights, options: RgbdFusion) -> Floats:
     """The ambient light beta (h, w) from what light and albedo `left` (h, w) of the intensity."""
     # (beta - t)^2 + b beta^2 is, but for a constant, (1 + b) (beta - t / (1 + b))^2.
     pull = view.seen + options.lambda_beta2
     target = np.where(view.seen, left, 0.0) / np.maximum(pull, np.finfo(float).tiny)
     return piecewise_smooth(target, pull, edges, options.lambda_beta1, view.mask)
+
+
+METHOD = Method("rgbd-fusion", rgbd_fusion, RgbdFusion)

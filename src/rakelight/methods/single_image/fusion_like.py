@@ -28,13 +28,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rakelight.methods.estimate import Estimate, brightest, first_only, require_ranges
-from rakelight.methods.hollows import hollows
-from rakelight.methods.lagged_depth import Depth, Fit, View
+from rakelight.methods.base import Estimate, Method, brightest, first_only, require_ranges
+from rakelight.methods.single_image.ambient_occlusion import hollows
+from rakelight.methods.single_image.depth_energy import Depth, Fit, View
 from rakelight.model import MAD_TO_SIGMA, Finding, Floats, Lights, ProgressCallback
+from rakelight.photometry.lighting import estimate_light
+from rakelight.photometry.piecewise_albedo import EdgeWeights, piecewise_smooth
 from rakelight.prepare import Prepared
-from rakelight.shading.lighting import estimate_light
-from rakelight.shading.piecewise import EdgeWeights, piecewise_smooth
 
 # Shading below this part of its mean says nothing about the albedo under it.
 DIM = 0.05
@@ -51,7 +51,7 @@ AMBIGUOUS = Finding(
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class FusionLike:
     """The five parameters of the paper, and when to stop.
 
     lambda_rho : smoothness of the albedo, relative to the squared shading.  Raised, patches of
@@ -93,7 +93,7 @@ class Options:
         )
 
 
-def fusion_like(prepared: Prepared, options: Options, progress: ProgressCallback) -> Estimate:
+def fusion_like(prepared: Prepared, options: FusionLike, progress: ProgressCallback) -> Estimate:
     """Refine the prepared depth by the shading of the first photograph."""
     view = View.of(prepared)
     edges = view.edges(options.sigma_c, options.sigma_d, tau=options.sigma_c)
@@ -105,7 +105,7 @@ def fusion_like(prepared: Prepared, options: Options, progress: ProgressCallback
 
 
 def depth_energy(
-    view: View, light: Floats, rho: Floats, aim: Floats, options: Options, accuracy: float
+    view: View, light: Floats, rho: Floats, aim: Floats, options: FusionLike, accuracy: float
 ) -> Depth:
     """The energy of the depth; without smoothness, it is as published: no doubt, no hollows."""
     strength, doubt = (options.lambda_z2, options.doubt) if options.smooth else (0.0, 0.0)
@@ -181,3 +181,6 @@ def finished(
         findings=(AMBIGUOUS, *first_only(prepared, method)),
         timings_s={"solve": fit.solve_s},
     )
+
+
+METHOD = Method("fusion-like", fusion_like, FusionLike)

@@ -24,19 +24,19 @@ from rakelight.geometry.grid import (
     surface_links,
 )
 from rakelight.geometry.normals import gradient_directions, normals_from_gradient
-from rakelight.methods.estimate import scatter
-from rakelight.methods.fine_relief import (
+from rakelight.methods.base import scatter
+from rakelight.methods.levels import NEARLY_ONE
+from rakelight.methods.single_image.reflectance_regions import brightness, paints
+from rakelight.methods.single_image.texture import (
     DARKEST,
     believed,
     fine_relief,
     from_afar,
     without_relief,
 )
-from rakelight.methods.levels import NEARLY_ONE
-from rakelight.methods.paints import brightness, paints
 from rakelight.model import MAD_TO_SIGMA, Camera, Floats, Mask, Progress, ProgressCallback
+from rakelight.photometry.piecewise_albedo import EdgeWeights, edge_weights
 from rakelight.prepare import Prepared
-from rakelight.shading.piecewise import EdgeWeights, edge_weights
 from rakelight.solve import Solution, assemble, solve
 
 # A step with lagged |m| can overshoot; then a part of it is taken.

@@ -1,0 +1,1 @@
+"""Methods for one photograph: shape from shading, held by the depth camera."""

@@ -1,0 +1,245 @@
+"""From a capture to a result: checks, preparation, a method, and what watches over it."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from rakelight.capture.arrays import checked_capture
+from rakelight.check.depth_orientation import depth_orientation
+from rakelight.check.inside_out import inside_out
+from rakelight.errors import CaptureError, InputError, MethodError
+from rakelight.jit import one_blas_thread
+from rakelight.memory import require_memory
+from rakelight.methods import (
+    METHODS,
+    Method,
+    choose_method,
+    load_method,
+    method_of,
+    public_options,
+)
+from rakelight.methods.base import Estimate
+from rakelight.model import (
+    Capture,
+    Finding,
+    Floats,
+    Progress,
+    ProgressCallback,
+    Result,
+    silent,
+)
+from rakelight.pipeline.degenerate import too_thin
+from rakelight.pipeline.guarded import guarded, surface
+from rakelight.pipeline.prediction import prediction_errors
+from rakelight.pipeline.saturated_albedo import bounded_albedo
+from rakelight.prepare import Prepared, Scale, prepare
+from rakelight.prepare.misaligned import misaligned
+from rakelight.prepare.motion import motion
+
+
+def refine(
+    capture: Capture,
+    method: str | Method | object = "auto",
+    *,
+    scale: Scale = "auto",
+    options: Any = None,
+    progress: ProgressCallback = silent,
+) -> Result:
+    """Refine the depth of a capture by its photographs.
+
+    method : "auto" for the method that fits the capture; a name in `METHODS`; the options of a
+        method, such as rakelight.MultiLight(depth_weight=3.0); or a `Method` of your own
+    scale : output resolution over the depth's, or "auto" for the colour camera's resolution
+    options : of the method, where `method` names it; its defaults when None
+    progress : called with a `Progress` at every step
+
+    Returns a `Result` at the output resolution: metres and unit vectors in the camera frame.
+    Raises MethodError when the method does not fit the capture or the options, InputError for a bad
+    scale, CaptureError when an array is of another type, shape or range than `Capture` says, or the
+    depth is plainly that of another place, MachineError when there is too little memory.  What
+    `progress` raises comes through.
+    """
+    capture = checked_capture(capture)
+    if not callable(progress):
+        raise InputError("progress is no function", seen=type(progress).__name__)
+    chosen, options = _chosen(capture, method, options)
+    try:
+        # What overflows shows in the result.
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            result = _refined(capture, chosen, scale, options, progress)
+    except ValueError as error:
+        if isinstance(error, np.linalg.LinAlgError) or "infs or NaNs" in str(error):  # scipy's
+            raise _without_solution(capture, str(error)) from error
+        raise
+    found = (result.depth[result.mask], result.normals[result.mask], result.albedo)
+    if np.isinf(result.depth).any() or not all(np.isfinite(each).all() for each in found):
+        raise _without_solution(capture, "values that are not finite")
+    return result
+
+
+def _chosen(capture: Capture, method: Any, options: Any) -> tuple[Method, Any]:
+    """The method that is meant, and its options; raises MethodError."""
+    if isinstance(method, Method):
+        chosen = method
+    elif (named := method_of(method)) is not None:
+        if options is not None:
+            raise MethodError(
+                "options twice",
+                source="options",
+                seen=f"{public_options(named)}(...) and options={type(options).__qualname__}",
+                needed="one of them",
+                remedy=f"refine(capture, {public_options(named)}(...))",
+            )
+        return load_method(named), method
+    else:
+        is_auto = isinstance(method, str) and method == "auto"
+        chosen = load_method(choose_method(capture) if is_auto else method)
+    options = chosen.options() if options is None else options
+    own = chosen.name not in METHODS
+    if not isinstance(options, chosen.options) or not (own or method_of(options) == chosen.name):
+        raise MethodError(
+            f"these options are not for {chosen.name}",
+            seen=_shown(options),
+            needed=chosen.options.__qualname__ if own else public_options(chosen.name),
+            remedy="give the options alone, without a method: refine(capture, options)"
+            if method_of(options)
+            else "give a value of that class",
+        )
+    return chosen, options
+
+
+def _shown(options: Any) -> str:
+    """What kind of options these are, for a message."""
+    if isinstance(options, type):
+        return f"the class {options.__qualname__}"
+    name = method_of(options)
+    return type(options).__qualname__ if name is None else public_options(name)
+
+
+def _without_solution(capture: Capture, seen: str) -> CaptureError:
+    return CaptureError(
+        "no surface explains this capture",
+        source=capture.source,
+        seen=seen,
+        needed="depth and photographs of one object",
+        remedy="look for outliers in the depth on the object, and check the mask",
+    )
+
+
+def _refined(
+    capture: Capture, chosen: Method, scale: Scale, options: Any, progress: ProgressCallback
+) -> Result:
+    began = perf_counter()
+    if capture.register:
+        with one_blas_thread():
+            capture = _registered(capture, chosen, options, progress)
+    registered_at = perf_counter()
+    progress(Progress("prepare"))
+    # Beside the preparation, most of which runs on one core.
+    with ThreadPoolExecutor(1) as beside:
+        checks = beside.submit(
+            lambda: (
+                *motion(capture),
+                *misaligned(capture),
+                *depth_orientation(capture),
+                *inside_out(capture),
+            )
+        )
+        prepared = prepare(capture, scale)
+        require_memory(
+            prepared.mask.size * chosen.bytes_per_pixel,
+            source=capture.source,
+            remedy="close other programs, choose a smaller --scale, or crop to the object",
+        )
+        checked = checks.result()
+    prepared_at = perf_counter()
+    with one_blas_thread():
+        thin = too_thin(prepared)
+        if thin is not None:
+            estimate = thin
+        elif chosen.starts_from_depth:
+            prepared, estimate = guarded(chosen.run, prepared, options, progress)
+        else:
+            estimate = chosen.run(prepared, options, progress)
+    refined_at = perf_counter()
+
+    depth_m, normals = surface(prepared, estimate)
+    albedo, bounded = bounded_albedo(prepared, depth_m, normals, estimate)
+    return Result(
+        depth=prepared.embed(depth_m, np.nan),
+        normals=prepared.embed(normals, np.nan),
+        albedo=prepared.embed(np.maximum(albedo, 0), 0.0),
+        confidence=prepared.embed(prepared.marked(estimate.confidence), 0.0),
+        lights=estimate.lights,
+        camera=prepared.full_camera,
+        prepared_depth=prepared.embed(prepared.depth_m, np.nan),
+        method=chosen.name,
+        options=asdict(options),
+        iterations=estimate.iterations,
+        energy=estimate.energy,
+        converged=estimate.converged,
+        timings_s={
+            **({"register": registered_at - began} if capture.register else {}),
+            "prepare": prepared_at - registered_at,
+            "refine": refined_at - prepared_at,
+            **estimate.timings_s,
+        },
+        findings=prepared.findings + checked + estimate.findings + bounded + _convergence(estimate),
+        source=capture.source,
+        photograph_names=prepared.names,
+        capture=_figures(capture),
+        prediction_errors=prediction_errors(prepared, depth_m, normals, estimate.lights),
+        depth_sigma=_embedded(prepared, estimate.depth_sigma),
+        normal_sigma=_embedded(prepared, estimate.normal_sigma),
+    )
+
+
+def _embedded(prepared: Prepared, sigma: Floats | None) -> Floats | None:
+    """An expected error (h, w) in the full image, NaN outside; None where it is not known."""
+    return None if sigma is None else prepared.embed(sigma, np.nan)
+
+
+def _registered(
+    capture: Capture, method: Method, options: Any, progress: ProgressCallback
+) -> Capture:
+    """The capture with its depth camera's pose corrected, where the method is the one for that."""
+    if not method.corrects_pose:
+        message = f"depth not registered: {method.name} does not correct the depth camera's pose"
+        note = Finding("warning", "not-registered", message, "use --method multi-light")
+        return replace(capture, findings=(*capture.findings, note), register=False)
+    from rakelight.pipeline.pose import registered
+
+    return registered(capture, options, progress)
+
+
+def _figures(capture: Capture) -> dict[str, Any]:
+    """What was read, for the result's records."""
+    figures: dict[str, Any] = {
+        "photographs": len(capture.photographs),
+        "photograph_size": [capture.camera.width, capture.camera.height],
+        "bits": 8 * capture.photographs.dtype.itemsize,
+        "encoding": capture.encoding,
+        "lighting": capture.lighting,
+        "depth_maps": len(capture.depth_m),
+        "depth_size": [capture.depth_m.shape[2], capture.depth_m.shape[1]],
+        "depth_checksum": capture.depth_checksum,
+    }
+    if capture.register and (pose := capture.depth_to_color) is not None:
+        rotation, translation = pose.rotation.tolist(), pose.translation_m.tolist()
+        figures["depth_to_color"] = {"rotation": rotation, "translation": translation}
+    return figures
+
+
+def _convergence(estimate: Estimate) -> tuple[Finding, ...]:
+    if estimate.converged:
+        return ()
+    message = f"not converged after {estimate.iterations} iterations"
+    return (Finding("warning", "not-converged", message, "look at the result before you use it"),)
+
+
+__all__ = ["refine"]
