@@ -152,7 +152,7 @@ def test_the_python_of_the_readme_uses_names_that_exist():
     assert called == {"rakelight.MultiLight"}
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/arrays.md"])
+@pytest.mark.parametrize("page", ["README.md", "docs/reference/python.md"])
 def test_the_arrays_of_the_pages_are_refined(page):
     vase = make_shape("vase")
     scene = SceneOptions(camera=vase.camera.scaled(0.15), photographs=5, depth_frames=2, bits=8)
@@ -170,7 +170,7 @@ def test_the_arrays_of_the_pages_are_refined(page):
 
 
 def test_the_page_about_arrays_lists_arguments_and_options():
-    text = text_of("docs/arrays.md")
+    text = text_of("docs/reference/python.md")
     listed = re.findall(r"`(\w+)`", " ".join(row[0] for row in table(text, "argument")))
     assert listed == list(signature(Capture.from_arrays).parameters)
     for name, options in table(text, "method"):
@@ -180,7 +180,8 @@ def test_the_page_about_arrays_lists_arguments_and_options():
 
 
 def test_the_error_that_the_page_about_arrays_shows():
-    shown = next(line for line in text_of("docs/arrays.md").splitlines() if "unit looks" in line)
+    page = text_of("docs/reference/python.md")
+    shown = next(line for line in page.splitlines() if "unit looks" in line)
     photographs = np.random.default_rng(0).integers(50, 200, (3, 6, 8, 3), np.uint8)
     camera = Camera(8, 6, 10.0, 10.0, 3.5, 2.5)
     with pytest.raises(InputError) as refused:
@@ -200,11 +201,11 @@ def test_links_and_make_targets_exist(page):
         assert not found or found[1] in targets, piece
 
 
-# --- docs/conventions.md ---
+# --- docs/reference/ ---
 
 
-def conventions():
-    return text_of("docs/conventions.md")
+def files():
+    return text_of("docs/reference/files.md")
 
 
 def classes_below(root):
@@ -212,7 +213,9 @@ def classes_below(root):
 
 
 def test_exit_codes():
-    meaning = {int(code): what for code, what in table(conventions(), "code")}
+    meaning = {
+        int(code): what for code, what in table(text_of("docs/reference/commands.md"), "code")
+    }
     assert set(meaning) == {0, 1, 2, 3, 4, 130}
     assert RakelightError.exit_code == 1
     for error in (InputError, MachineError):
@@ -224,17 +227,17 @@ def test_exit_codes():
 
 
 def test_keys_of_capture_toml():
-    listed = " ".join(row[0] for row in table(conventions(), "key of `capture.toml`"))
+    listed = " ".join(row[0] for row in table(files(), "key of `capture.toml`"))
     keys = {key.strip("[]") for key in re.findall(r"`([^`]+)`", listed)}
     assert keys == {field.name for field in msgspec.structs.fields(CaptureTable)}
-    section = conventions().split("key of `capture.toml`")[1].split("\n\n")[0]
+    section = files().split("key of `capture.toml`")[1].split("\n\n")[0]
     for struct in (IntrinsicsTable, NoiseTable, TransformTable):
         for field in msgspec.structs.fields(struct):
             assert f"`{field.name}`" in section
 
 
 def test_keys_of_result_json():
-    section = conventions().split("### result.json")[1]
+    section = files().split("### result.json")[1]
     for heading, struct in (("key", Summary), ("key of `conventions`", Conventions)):
         first_cells = " ".join(row[0] for row in table(section, heading))
         listed = set(re.findall(r"`([a-z_]+)`", first_cells))
@@ -258,7 +261,7 @@ def test_files_of_the_result_folder(tmp_path, mesh):
         method="none",
     )
     result.save(tmp_path / "out", mesh=mesh)
-    section = conventions().split("## Result folder")[1]
+    section = files().split("## Result folder")[1]
     listed = {
         name for row in table(section, "file") for name in re.findall(r"`([\w.]+\.\w+)`", row[0])
     }

@@ -2,7 +2,7 @@
 
 Frames and units, everywhere: metres; camera frame with x right, y down, z forward; unit normals
 that face the camera (n_z < 0); pixel (u, v) = (column, row) with pixel centres at integers from
-0; images indexed [row, column] with channels red, green, blue.  See docs/conventions.md.
+0; images indexed [row, column] with channels red, green, blue.  See docs/reference/conventions.md.
 """
 
 from __future__ import annotations
@@ -605,7 +605,7 @@ class Result:
         normal_map: Literal["opengl", "directx"] = "opengl",
         truth: Truth | None = None,
     ) -> tuple[Finding, ...]:
-        """Write the result folder of docs/conventions.md; it appears complete or not at all.
+        """Write the result folder of docs/reference/files.md; it appears complete or not at all.
 
         With the truth of a synthetic capture its report.html shows the errors.  Returns a warning
         for each older folder that stays under a hidden name because it could not be deleted.
