@@ -29,7 +29,9 @@ from rakelight.model import Camera, Capture, Lights, Result
 from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("**/*.md")])
+DOCS = ROOT / "docs"
+PAGES = sorted([*ROOT.glob("*.md"), *DOCS.glob("**/*.md"), ROOT / "benchmarks/README.md"])
+IDS = [str(page.relative_to(ROOT)) for page in PAGES]
 FENCED = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 CALL = re.compile(r"^(?:\$ )?rakelight (.+)$")
 
@@ -88,7 +90,7 @@ def test_the_readme_names_every_command():
     assert set(COMMANDS) <= named
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=IDS)
 def test_commands_that_are_named_exist(page):
     for words in calls(page.read_text(encoding="utf-8")):
         assert words[0] in COMMANDS or words[0].startswith("-"), words
@@ -96,7 +98,7 @@ def test_commands_that_are_named_exist(page):
             command(words[0]).make_context(words[0], words[1:])  # raises where it cannot be
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=IDS)
 def test_options_that_are_named_exist(page):
     everywhere = {"--help", "--version"}.union(*map(options_of, COMMANDS))
     for line in page.read_text(encoding="utf-8").splitlines():
@@ -189,16 +191,128 @@ def test_the_error_that_the_page_about_arrays_shows():
     assert str(refused.value) == shown.strip()
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_links_and_make_targets_exist(page):
-    text = page.read_text(encoding="utf-8")
-    for target in re.findall(r"\]\(([^)#]+)[^)]*\)", text):
+# --- links, pages, words ---
+
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+# Words that code and docs of this project once used for the field's own (docs/glossary.md).
+NOT_THE_FIELDS = (
+    r"hang(s|ing)? together", r"hung together", r"steadiness", r"unlikeness", r"hollows",
+    r"dark is deep", r"depth[ _-]trust", r"less[ _]trust", r"deserved[ _]trust", r"\btrust\w*",
+    r"goes[ _]down", r"begun[ _]anew", r"squared[ _]turn", r"relief[ _]step", r"weakest[ _]hold",
+    r"matted", r"most[ _]shine", r"freer[ _]lamps", r"first[ _]look", r"lamps[ _]of[ _]factors",
+    r"brought[ _]near", r"fine[ _]relief\(", r"\bdimmed\b", r"\bdoubts\b",
+)  # fmt: skip
+
+
+def prose(text):
+    """A page without code: names of constants and files are those of the commit that is quoted."""
+    return re.sub(r"`[^`\n]+`|\]\([^)]*\)", " ", FENCED.sub("", text))
+
+
+def anchors(text):
+    """The anchors of a page's headings, as GitHub makes them."""
+    found = []
+    for heading in re.findall(r"^#+ (.+)$", FENCED.sub("", text), re.MULTILINE):
+        anchor = re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
+        again = sum(each == anchor for each in found)
+        found.append(f"{anchor}-{again}" if again else anchor)
+    return set(found)
+
+
+def links(page):
+    """The (file, anchor) of every link to a file; anchor is empty where none is named."""
+    for target in LINK.findall(page.read_text(encoding="utf-8")):
         if "://" not in target:
-            assert (page.parent / target).exists(), target
+            path, _, anchor = target.partition("#")
+            yield ((page.parent / path).resolve() if path else page), anchor
+
+
+@pytest.mark.parametrize("page", PAGES, ids=IDS)
+def test_links_lead_to_files_and_headings(page):
+    for path, anchor in links(page):
+        assert path.exists(), path
+        if anchor:
+            assert anchor in anchors(path.read_text(encoding="utf-8")), (path, anchor)
+
+
+def test_every_page_is_reachable_from_the_index():
+    reached, ahead = set(), [DOCS / "index.md"]
+    while ahead:
+        page = ahead.pop()
+        if page not in reached:
+            reached.add(page)
+            ahead += [path for path, _ in links(page) if path.suffix == ".md"]
+    assert set(DOCS.glob("**/*.md")) <= reached
+
+
+def test_every_picture_is_shown():
+    shown = {path for page in PAGES for path, _ in links(page)}
+    pictures = {path for kind in ("png", "jpg") for path in DOCS.glob(f"**/*.{kind}")}
+    assert pictures <= shown
+
+
+@pytest.mark.parametrize("page", PAGES, ids=IDS)
+def test_words_are_the_fields(page):
+    if page.name == "CHANGELOG.md":  # tells what was called otherwise
+        return
+    text = prose(page.read_text(encoding="utf-8"))
+    for word in NOT_THE_FIELDS:
+        found = re.search(word, text, re.IGNORECASE)
+        assert not found, text[max(found.start() - 60, 0) : found.end() + 60]
+
+
+def test_the_glossary_is_alphabetical():
+    terms = [term.lower() for term, *_ in table(text_of("docs/glossary.md"), "term")]
+    assert len(terms) > 20
+    assert terms == sorted(terms)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=IDS)
+def test_make_targets_exist(page):
     targets = set(re.findall(r"^([a-z]+):", text_of("Makefile"), re.MULTILINE))
-    for piece in code(text):
+    for piece in code(page.read_text(encoding="utf-8")):
         found = re.match(r"make ([a-z]+)", piece)
         assert not found or found[1] in targets, piece
+
+
+def test_make_writes_where_the_docs_show():
+    written = re.findall(r"docs/[\w/.-]+", text_of("Makefile"))
+    assert {"docs/pictures/mitten.png", "docs/results/paper", "docs/results/paper.md"} <= {*written}
+    for path in written:
+        assert (ROOT / path).exists(), path
+
+
+def test_functions_of_multi_light_are_where_the_page_says():
+    rows = table(text_of("docs/explanation/multi-light.md"), "what")
+    assert len(rows) > 10
+    for _, where in rows:
+        for path, names in re.findall(r"\]\(([^)]+)\): ([^\[]+)", where):
+            file = (DOCS / "explanation" / path).resolve()
+            defined = set(
+                re.findall(r"^(?:def|class) (\w+)", file.read_text("utf-8"), re.MULTILINE)
+            )
+            assert set(re.findall(r"`(\w+)`", names)) <= defined, path
+
+
+@pytest.mark.parametrize("page", PAGES, ids=IDS)
+def test_capture_toml_is_read(page):
+    (whole,) = blocks(text_of("README.md"), "toml")
+    for example in blocks(page.read_text(encoding="utf-8"), "toml"):
+        text = example if "depth_scale" in example else f"{example}\n"
+        if "depth_scale" not in example:
+            text = whole + text if text.lstrip().startswith("[") else text + whole
+        assert parse_config(text.encode()).depth_scale == 1000.0
+
+
+def test_the_tutorial_about_arrays_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    for example in blocks(text_of("docs/tutorials/arrays.md"), "python"):
+        exec(example, names)
+    assert names["photographs"].shape == (8, 90, 120, 3)
+    assert names["depth"].shape == (1, 45, 60)
+    assert names["result"].depth.shape == names["again"].depth.shape == (90, 120)
+    assert names["scores"].normals.mae_deg < 10
 
 
 # --- docs/reference/ ---
