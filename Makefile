@@ -45,18 +45,18 @@ kills: $(VENV)/dev.stamp
 MITTEN ?= ../shared/captures/mitten
 picture: $(VENV)/dev.stamp
 	$(BIN)/rakelight refine $(MITTEN) -o out/mitten --overwrite
-	cp out/mitten/preview.png docs/mitten.png
+	cp out/mitten/preview.png docs/pictures/mitten.png
 
 # The report's picture: the same mitten under raking light, in its page.
 screenshot: $(VENV)/dev.stamp
 	$(BIN)/rakelight refine $(MITTEN) -o out/mitten --overwrite
-	$(BIN)/python benchmarks/report_picture.py out/mitten docs/report.png
+	$(BIN)/python benchmarks/report_picture.py out/mitten docs/pictures/report.png
 
-# docs/paper.md and its pictures; ten minutes on two cores.
+# docs/results/paper.md and its pictures; ten minutes on two cores.
 paper: $(VENV)/dev.stamp
 	$(BIN)/rakelight paper all -o out/paper --overwrite
-	rm -rf docs/paper
-	cp -r out/paper/paper out/paper/paper.md docs/
+	rm -rf docs/results/paper
+	cp -r out/paper/paper out/paper/paper.md docs/results/
 
 clean:
 	rm -rf $(VENV) out .pytest_cache .mypy_cache .ruff_cache .hypothesis

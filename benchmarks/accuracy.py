@@ -1,4 +1,4 @@
-"""Where the errors of a method lie, on the paper's bust (docs/accuracy.md quotes these tables).
+"""Where the errors of a method lie, on the paper's bust: the tables of docs/results/accuracy.md.
 
     python benchmarks/accuracy.py photographs          against the number of photographs
     python benchmarks/accuracy.py causes               with one difficulty at a time taken away

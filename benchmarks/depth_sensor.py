@@ -1,4 +1,4 @@
-"""The figures of docs/depth-sensor.md: python benchmarks/depth_sensor.py [CAPTURES]
+"""The figures of docs/explanation/depth-sensor.md: python benchmarks/depth_sensor.py [CAPTURES]
 
 CAPTURES is the folder with the real captures mitten, android and monkey; those that are missing are
 left out.

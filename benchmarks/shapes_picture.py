@@ -1,6 +1,6 @@
-"""docs/synthetic.png: every built-in shape under each of the paper's paints, and as bare clay.
+"""docs/pictures/synthetic.png: the built-in shapes in each of the paper's paints, and as clay.
 
-python benchmarks/shapes_picture.py docs/synthetic.png
+python benchmarks/shapes_picture.py docs/pictures/synthetic.png
 """
 
 from __future__ import annotations

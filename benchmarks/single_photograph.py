@@ -1,7 +1,7 @@
-"""Pictures of what one photograph adds to a depth map (docs/single-photograph.md shows them).
+"""Pictures of docs/results/single-photograph.md: what one photograph adds to a depth map.
 
-    python benchmarks/single_photograph.py ../shared/captures/android -o docs/android.png
-    python benchmarks/single_photograph.py ../shared/captures/monkey -o docs/monkey.png
+    python benchmarks/single_photograph.py ../shared/captures/android -o docs/pictures/android.png
+    python benchmarks/single_photograph.py ../shared/captures/monkey -o docs/pictures/monkey.png
 
 From left to right: the photograph, the prepared depth and fusion-like as it comes, as clay under a
 raking lamp at the upper left, and fusion-like under one at the upper right, where copied shading

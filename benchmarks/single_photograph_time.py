@@ -22,7 +22,7 @@ SHAPE = (480, 640)
 
 
 def main() -> None:
-    """Print the table of docs/single-photograph.md."""
+    """Print the table of docs/results/single-photograph.md."""
     shape = make_shape("cloth")
     camera = shape.camera.scaled(SHAPE[0] / shape.camera.height)
     camera = replace(camera, fx=NEARER * camera.fx, fy=NEARER * camera.fy)

@@ -2,7 +2,7 @@
 
     python examples/01_folder.py
 
-A capture of your own has rgb/, depth/ and capture.toml; docs/conventions.md says what they hold.
+A capture of your own has rgb/, depth/ and capture.toml; what they hold: docs/reference/files.md.
 Here a small synthetic one stands in.
 """
 

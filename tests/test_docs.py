@@ -30,7 +30,9 @@ from rakelight.report import save_result
 from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("**/*.md")])
+DOCS = ROOT / "docs"
+PAGES = sorted([*ROOT.glob("*.md"), *DOCS.glob("**/*.md"), ROOT / "benchmarks/README.md"])
+IDS = [str(page.relative_to(ROOT)) for page in PAGES]
 FENCED = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 CALL = re.compile(r"^(?:\$ )?rakelight (.+)$")
 
@@ -89,7 +91,7 @@ def test_the_readme_names_every_command():
     assert set(COMMANDS) <= named
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=IDS)
 def test_commands_that_are_named_exist(page):
     for words in calls(page.read_text(encoding="utf-8")):
         assert words[0] in COMMANDS or words[0].startswith("-"), words
@@ -97,7 +99,7 @@ def test_commands_that_are_named_exist(page):
             command(words[0]).make_context(words[0], words[1:])  # raises where it cannot be
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=IDS)
 def test_options_that_are_named_exist(page):
     everywhere = {"--help", "--version"}.union(*map(options_of, COMMANDS))
     for line in page.read_text(encoding="utf-8").splitlines():
@@ -153,7 +155,7 @@ def test_the_python_of_the_readme_uses_names_that_exist():
     assert called == {"rakelight.MultiLight"}
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/arrays.md"])
+@pytest.mark.parametrize("page", ["README.md", "docs/reference/python.md"])
 def test_the_arrays_of_the_pages_are_refined(page):
     vase = make_shape("vase")
     scene = SceneOptions(camera=vase.camera.scaled(0.15), photographs=5, depth_frames=2, bits=8)
@@ -171,7 +173,7 @@ def test_the_arrays_of_the_pages_are_refined(page):
 
 
 def test_the_page_about_arrays_lists_arguments_and_options():
-    text = text_of("docs/arrays.md")
+    text = text_of("docs/reference/python.md")
     listed = re.findall(r"`(\w+)`", " ".join(row[0] for row in table(text, "argument")))
     assert listed == list(signature(Capture.from_arrays).parameters)
     for name, options in table(text, "method"):
@@ -181,7 +183,8 @@ def test_the_page_about_arrays_lists_arguments_and_options():
 
 
 def test_the_error_that_the_page_about_arrays_shows():
-    shown = next(line for line in text_of("docs/arrays.md").splitlines() if "unit looks" in line)
+    page = text_of("docs/reference/python.md")
+    shown = next(line for line in page.splitlines() if "unit looks" in line)
     photographs = np.random.default_rng(0).integers(50, 200, (3, 6, 8, 3), np.uint8)
     camera = Camera(8, 6, 10.0, 10.0, 3.5, 2.5)
     with pytest.raises(InputError) as refused:
@@ -189,23 +192,139 @@ def test_the_error_that_the_page_about_arrays_shows():
     assert str(refused.value) == shown.strip()
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_links_and_make_targets_exist(page):
-    text = page.read_text(encoding="utf-8")
-    for target in re.findall(r"\]\(([^)#]+)[^)]*\)", text):
+# --- links, pages, words ---
+
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+# Words that code and docs of this project once used for the field's own (docs/glossary.md).
+NOT_THE_FIELDS = (
+    r"hang(s|ing)? together", r"hung together", r"steadiness", r"unlikeness", r"hollows",
+    r"dark is deep", r"depth[ _-]trust", r"less[ _]trust", r"deserved[ _]trust", r"\btrust\w*",
+    r"goes[ _]down", r"begun[ _]anew", r"squared[ _]turn", r"relief[ _]step", r"weakest[ _]hold",
+    r"matted", r"most[ _]shine", r"freer[ _]lamps", r"first[ _]look", r"lamps[ _]of[ _]factors",
+    r"brought[ _]near", r"fine[ _]relief\(", r"\bdimmed\b", r"\bdoubts\b",
+)  # fmt: skip
+
+
+def prose(text):
+    """A page without code: names of constants and files are those of the commit that is quoted."""
+    return re.sub(r"`[^`\n]+`|\]\([^)]*\)", " ", FENCED.sub("", text))
+
+
+def anchors(text):
+    """The anchors of a page's headings, as GitHub makes them."""
+    found = []
+    for heading in re.findall(r"^#+ (.+)$", FENCED.sub("", text), re.MULTILINE):
+        anchor = re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
+        again = sum(each == anchor for each in found)
+        found.append(f"{anchor}-{again}" if again else anchor)
+    return set(found)
+
+
+def links(page):
+    """The (file, anchor) of every link to a file; anchor is empty where none is named."""
+    for target in LINK.findall(page.read_text(encoding="utf-8")):
         if "://" not in target:
-            assert (page.parent / target).exists(), target
+            path, _, anchor = target.partition("#")
+            yield ((page.parent / path).resolve() if path else page), anchor
+
+
+@pytest.mark.parametrize("page", PAGES, ids=IDS)
+def test_links_lead_to_files_and_headings(page):
+    for path, anchor in links(page):
+        assert path.exists(), path
+        if anchor:
+            assert anchor in anchors(path.read_text(encoding="utf-8")), (path, anchor)
+
+
+def test_every_page_is_reachable_from_the_index():
+    reached, ahead = set(), [DOCS / "index.md"]
+    while ahead:
+        page = ahead.pop()
+        if page not in reached:
+            reached.add(page)
+            ahead += [path for path, _ in links(page) if path.suffix == ".md"]
+    assert set(DOCS.glob("**/*.md")) <= reached
+
+
+def test_every_picture_is_shown():
+    shown = {path for page in PAGES for path, _ in links(page)}
+    pictures = {path for kind in ("png", "jpg") for path in DOCS.glob(f"**/*.{kind}")}
+    assert pictures <= shown
+
+
+@pytest.mark.parametrize("page", PAGES, ids=IDS)
+def test_words_are_the_fields(page):
+    if page.name == "CHANGELOG.md":  # tells what was called otherwise
+        return
+    text = prose(page.read_text(encoding="utf-8"))
+    for word in NOT_THE_FIELDS:
+        found = re.search(word, text, re.IGNORECASE)
+        assert not found, text[max(found.start() - 60, 0) : found.end() + 60]
+
+
+def test_the_glossary_is_alphabetical():
+    terms = [term.lower() for term, *_ in table(text_of("docs/glossary.md"), "term")]
+    assert len(terms) > 20
+    assert terms == sorted(terms)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=IDS)
+def test_make_targets_exist(page):
     targets = set(re.findall(r"^([a-z]+):", text_of("Makefile"), re.MULTILINE))
-    for piece in code(text):
+    for piece in code(page.read_text(encoding="utf-8")):
         found = re.match(r"make ([a-z]+)", piece)
         assert not found or found[1] in targets, piece
 
 
-# --- docs/conventions.md ---
+def test_make_writes_where_the_docs_show():
+    written = set(re.findall(r"docs/[\w/.-]+", text_of("Makefile")))
+    ((*copied, folder),) = (
+        words.split() for words in re.findall(r"cp -r (out/paper.*)", text_of("Makefile"))
+    )
+    written |= {folder + Path(each).name for each in copied}
+    assert {"docs/pictures/mitten.png", "docs/results/paper", "docs/results/paper.md"} <= written
+    for path in written:
+        assert (ROOT / path).exists(), path
 
 
-def conventions():
-    return text_of("docs/conventions.md")
+def test_functions_of_multi_light_are_where_the_page_says():
+    rows = table(text_of("docs/explanation/multi-light.md"), "what")
+    assert len(rows) > 10
+    for _, where in rows:
+        for path, names in re.findall(r"\]\(([^)]+)\): ([^\[]+)", where):
+            file = (DOCS / "explanation" / path).resolve()
+            defined = set(
+                re.findall(r"^(?:def|class) (\w+)", file.read_text("utf-8"), re.MULTILINE)
+            )
+            assert set(re.findall(r"`(\w+)`", names)) <= defined, path
+
+
+@pytest.mark.parametrize("page", PAGES, ids=IDS)
+def test_capture_toml_is_read(page):
+    (whole,) = blocks(text_of("README.md"), "toml")
+    for example in blocks(page.read_text(encoding="utf-8"), "toml"):
+        text = example if "depth_scale" in example else f"{example}\n"
+        if "depth_scale" not in example:
+            text = whole + text if text.lstrip().startswith("[") else text + whole
+        assert parse_config(text.encode()).depth_scale == 1000.0
+
+
+def test_the_tutorial_about_arrays_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    for example in blocks(text_of("docs/tutorials/arrays.md"), "python"):
+        exec(example, names)
+    assert names["photographs"].shape == (8, 90, 120, 3)
+    assert names["depth"].shape == (1, 45, 60)
+    assert names["result"].depth.shape == names["again"].depth.shape == (90, 120)
+    assert names["scores"].normals.mae_deg < 10
+
+
+# --- docs/reference/ ---
+
+
+def files():
+    return text_of("docs/reference/files.md")
 
 
 def classes_below(root):
@@ -213,7 +332,9 @@ def classes_below(root):
 
 
 def test_exit_codes():
-    meaning = {int(code): what for code, what in table(conventions(), "code")}
+    meaning = {
+        int(code): what for code, what in table(text_of("docs/reference/commands.md"), "code")
+    }
     assert set(meaning) == {0, 1, 2, 3, 4, 130}
     assert RakelightError.exit_code == 1
     for error in (InputError, MachineError):
@@ -225,17 +346,17 @@ def test_exit_codes():
 
 
 def test_keys_of_capture_toml():
-    listed = " ".join(row[0] for row in table(conventions(), "key of `capture.toml`"))
+    listed = " ".join(row[0] for row in table(files(), "key of `capture.toml`"))
     keys = {key.strip("[]") for key in re.findall(r"`([^`]+)`", listed)}
     assert keys == {field.name for field in msgspec.structs.fields(CaptureTable)}
-    section = conventions().split("key of `capture.toml`")[1].split("\n\n")[0]
+    section = files().split("key of `capture.toml`")[1].split("\n\n")[0]
     for struct in (IntrinsicsTable, NoiseTable, TransformTable):
         for field in msgspec.structs.fields(struct):
             assert f"`{field.name}`" in section
 
 
 def test_keys_of_result_json():
-    section = conventions().split("### result.json")[1]
+    section = files().split("### result.json")[1]
     for heading, struct in (("key", Summary), ("key of `conventions`", Conventions)):
         first_cells = " ".join(row[0] for row in table(section, heading))
         listed = set(re.findall(r"`([a-z_]+)`", first_cells))
@@ -259,7 +380,7 @@ def test_files_of_the_result_folder(tmp_path, mesh):
         method="none",
     )
     save_result(result, tmp_path / "out", mesh=mesh)
-    section = conventions().split("## Result folder")[1]
+    section = files().split("## Result folder")[1]
     listed = {
         name for row in table(section, "file") for name in re.findall(r"`([\w.]+\.\w+)`", row[0])
     }

@@ -2,7 +2,7 @@
 
 Frames and units, everywhere: metres; camera frame with x right, y down, z forward; unit normals
 that face the camera (n_z < 0); pixel (u, v) = (column, row) with pixel centres at integers from
-0; images indexed [row, column] with channels red, green, blue.  See docs/conventions.md.
+0; images indexed [row, column] with channels red, green, blue.  See docs/reference/conventions.md.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What one photograph shows of a knitted monkey's loops, part by part (docs/single-photograph.md).
+"""A knitted monkey's loops in one photograph, part by part (docs/results/single-photograph.md).
 
     python tests/quality/loops.py
 

@@ -141,7 +141,7 @@ BEYOND = [
 
 
 def main():
-    """Print the table of docs/single-photograph.md."""
+    """Print the table of docs/results/single-photograph.md."""
     print("| object, paint, noise | input |", " | ".join(LIGHTING), "|")  # noqa: T201
     print("| --- | --- |" + " --- |" * len(LIGHTING))  # noqa: T201
     for case in CASES + BEYOND:

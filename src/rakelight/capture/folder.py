@@ -1,6 +1,6 @@
 """The capture folder: capture.toml, rgb/, depth/, mask.png; and truth/ beside them.
 
-The format is in docs/conventions.md.  What a file may be:
+The format is in docs/reference/files.md.  What a file may be:
 
 - photographs: PNG or TIFF, 8 or 16 bit; JPEG with a warning.  Grey is repeated to three
   channels, alpha is dropped, each with a note.  EXIF orientation is ignored, with a warning.

@@ -27,7 +27,7 @@ PATIENCE_S = 5.0
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the program and leave with its exit code (docs/conventions.md).
+    """Run the program and leave with its exit code (docs/reference/commands.md).
 
     arguments : None for those of the process, whose signals and streams are then ours, too
     """

@@ -46,7 +46,7 @@ def command(
     """Compare the result folder OUT with the truth of the capture it was made from.
 
     RMSE and quantiles of depth in mm, mean and quantiles of the normals' angle in degrees, over
-    the truth's mask; docs/conventions.md says how missing pixels count.
+    the truth's mask; docs/reference/conventions.md says how missing pixels count.
     """
     from rakelight.capture import load_depth, load_truth
     from rakelight.export import load_result

@@ -1,6 +1,6 @@
 """Result folders: written whole or not at all, and read back.
 
-What every file holds is in docs/conventions.md.
+What every file holds is in docs/reference/files.md.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def write_result(
     normal_map: NormalMap = "opengl",
     extra_files: ExtraFiles | None = None,
 ) -> tuple[Finding, ...]:
-    """Write the result folder of docs/conventions.md, whole or not at all, without its report.
+    """Write the result folder of docs/reference/files.md, whole or not at all, without its report.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ def save_result(
     normal_map: NormalMap = "opengl",
     truth: Truth | None = None,
 ) -> tuple[Finding, ...]:
-    """Write the result folder of docs/conventions.md; it appears complete or not at all.
+    """Write the result folder of docs/reference/files.md; it appears complete or not at all.
 
     Parameters
     ----------

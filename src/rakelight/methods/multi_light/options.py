@@ -19,9 +19,9 @@ class MultiLight:
         sensor's shape, its faults included; lowered, it follows the photographs and may slide
         along the bas-relief valley.
     lamps : "white" for one light in all channels, "coloured" for one per channel, "auto"
-    distance : "distant" for parallel light, "near" for lamps at a place, "auto"
-    max_iterations : most Gauss-Newton steps at the coarsest level and, twice, at the finest; the
-        others take at most three
+    distance : "distant" for parallel light, "near" for lights at a place, "auto"
+    max_iterations : most Gauss-Newton steps of a descent at the coarsest level, and of the last one
+        at the finest; those between take at most three
     tolerance : a level ends when a step lowers the energy by less than this fraction
     coarse_pixels : size of the coarsest level, where lights and depth move together exactly
     """
