@@ -33,7 +33,7 @@ MOMENTS = {
     "  try: signal.raise_signal(SIGNAL)\n"
     "  except KeyboardInterrupt: raise ImportError('no numpy')\n"
     "e.lights_json = at\n",
-    "in a finalizer": "import rakelight.methods as m, time\n"
+    "in a finalizer": "import rakelight.pipeline as m, time\n"
     "class At:\n"
     "  def __del__(self): signal.raise_signal(SIGNAL)\n"
     "def at(*_):\n"

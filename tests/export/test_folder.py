@@ -103,7 +103,7 @@ def test_result_json_says_everything(sphere, tmp_path):
 def test_every_key_of_result_json_is_documented(sphere, tmp_path):
     write_result(sphere, tmp_path / "out")
     summary = strict_json(tmp_path / "out" / "result.json")
-    page = Path(__file__).parents[2] / "docs" / "conventions.md"
+    page = Path(__file__).parents[2] / "docs" / "reference" / "files.md"
     words = page.read_text(encoding="utf-8")
     keys = [*summary, *summary["conventions"], *summary["units"], *summary["files"]]
     assert [key for key in keys if f"`{key}`" not in words] == []
