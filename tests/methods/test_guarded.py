@@ -135,8 +135,13 @@ def test_a_suspect_stays_where_the_method_does_not_take_fewer():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys.modules["rakelight.pipeline.guarded"], "predict", predict)
-        used, _ = guarded(run, prepared, None, silent)
+        used, estimate = guarded(run, prepared, None, silent)
     assert len(used) == 8
+    (finding,) = estimate.findings
+    assert finding.code == "odd-photographs"
+    assert finding.severity == "warning"
+    assert finding.message.startswith("used, as the method takes no fewer")
+    assert finding.message.endswith(f": {prepared.names[3]}")
 
 
 @pytest.mark.parametrize("name", ["uw-cat", "uw-owl"])

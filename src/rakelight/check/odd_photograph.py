@@ -71,12 +71,20 @@ def odd_photographs(errors: Floats, brightness: Floats, variation: Floats) -> Od
     return found if found.either.sum() <= MOST * len(errors) else Oddity(none, none)
 
 
-def odd_finding(names: tuple[str, ...], odd: Mask) -> Finding:
-    """What is said of photographs that were left out; names of all, odd (N,) which."""
+def odd_finding(names: tuple[str, ...], odd: Mask, kept: bool = False) -> Finding:
+    """The warning about photographs that do not fit the others.
+
+    names : of all; odd : (N,) which; kept : whether they were used, not left out
+    """
     named = names or tuple(f"photograph {i}" for i in range(len(odd)))
     return Finding(
         "warning",
         "odd-photographs",
-        f"left out, as the others do not explain them: {listed(named, odd)}",
+        (
+            "used, as the method takes no fewer, but not explained by the others: "
+            if kept
+            else "left out, as the others do not explain them: "
+        )
+        + listed(named, odd),
         "take these again: sharp, with the camera and the object still, under the one lamp alone",
     )

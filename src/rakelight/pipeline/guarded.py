@@ -46,8 +46,9 @@ def guarded(
         rest = prepared.select(fit)
         try:
             without, then = _predicted(run, rest, options, progress)
-        except MethodError:
-            break  # the method does not take so few
+        except MethodError:  # the method does not take so few
+            findings.append(odd_finding(prepared.names, oddity.either, kept=True))
+            break
         if then is None:
             break
         helped = float(np.exp(np.nanmean(np.log(then.refined / prediction.refined[fit]))))

@@ -37,6 +37,7 @@ from rakelight.methods.multi_light.steps import (
 )
 from rakelight.photometry.images import Lamps
 from rakelight.prepare import prepare
+from rakelight.solve import solve
 from rakelight.solve.levenberg_marquardt import FACTOR, LARGEST, Damping
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
@@ -222,6 +223,16 @@ def test_a_refused_step_leaves_all_but_the_damping(level, fit, kind):
     for _ in range(6):
         after = STEPS[kind](level, after)
     assert getattr(after, damping).value == LARGEST
+
+
+def test_a_stalled_solve_is_a_refused_step(level, fit, monkeypatch):
+    monkeypatch.setattr(
+        "rakelight.methods.multi_light.steps.solve",
+        lambda system, **_: replace(solve(system), status="stalled"),
+    )
+    after = depth_step(level, fit)
+    assert after.log_depth is fit.log_depth
+    assert after.depth_damping.value > fit.depth_damping.value
 
 
 def test_depth_steps_that_are_taken_stay_damped(level, fit):

@@ -100,8 +100,11 @@ def depth_step(level: Level, fit: Fit) -> Fit:
 
     def after(damping: float) -> Fit:
         system = depth_system(level, fit, damped_tensor(level, fit, damping))
-        step = solve(system, tolerance=STEP_TOLERANCE).value
-        return evaluated(level, fit, level.placed(fit.log_depth + step), fit.lamps, turning=True)
+        solution = solve(system, tolerance=STEP_TOLERANCE)
+        if solution.status == "stalled":
+            return fit  # refused, as it is no lower
+        log_depth = level.placed(fit.log_depth + solution.value)
+        return evaluated(level, fit, log_depth, fit.lamps, turning=True)
 
     lower, damping = lowered(fit, fit.depth_damping, after, TRIES)
     return replace(lower, depth_damping=damping)
