@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numba
 import numpy as np
-import plain_photographs as plain
 import pytest
 
 from rakelight.geometry.grid import has_gradient
@@ -14,6 +13,7 @@ from rakelight.prepare.linear import linear_table, usable
 from rakelight.shading import _kernels
 from rakelight.shading.lighting import arriving
 from rakelight.shading.photographs import Lamps, Photographs, Surface
+from tests.shading import plain_photographs as plain
 
 HEIGHT, WIDTH, COUNT = 11, 13, 5
 CAMERA = Camera(WIDTH, HEIGHT, fx=30.0, fy=34.0, cx=5.5, cy=4.2)
