@@ -19,6 +19,7 @@ from rakelight.model import silent
 from rakelight.paper.scenes import paper_scene
 from rakelight.prepare import prepare
 from rakelight.shading.piecewise import edge_weights
+from tests.solve.stalling import stalling_solver
 
 METHODS = {
     "fusion-like": (fusion.fusion_like, fusion.Options),
@@ -364,3 +365,18 @@ def test_paint_of_another_intensity_is_not_linked(prepared):
     apart = np.abs(np.diff(view.intensity, axis=1)) > 0.05
     assert (linked[:, :-1][apart] == 0).all()
     np.testing.assert_allclose(linked[:, :-1][~apart], free[:, :-1][~apart], rtol=1e-4)
+
+
+# ---- a solver that stalls
+
+
+def test_a_step_that_the_solver_does_not_find_is_refused(depth):
+    depth = replace(depth, accuracy=1e-2)
+    start, one = depth.view.prior, depth.fixed_point(1, 0.0, silent)
+    for after, expected in ((0, start), (1, one.log_depth)):
+        with stalling_solver(after) as solved:
+            fit = depth.fixed_point(5, 0.0, silent)
+        assert solved == [True] * after + [False]
+        np.testing.assert_array_equal(fit.log_depth, expected)
+        assert fit.energies == one.energies[: after + 1]
+        assert not fit.converged
