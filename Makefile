@@ -30,7 +30,7 @@ pytest: $(VENV)/dev.stamp
 # Damaged files of every kind: a fixed seed and a fresh one; SEED=7 CASES=20000 chooses.
 CASES ?= 10000
 fuzz: $(VENV)/dev.stamp
-	$(BIN)/python tests/faults/fuzz.py --cases $(CASES) $(if $(SEED),--seed $(SEED))
+	$(BIN)/python -m tests.faults.fuzz --cases $(CASES) $(if $(SEED),--seed $(SEED))
 
 format: $(VENV)/dev.stamp
 	$(BIN)/ruff check --fix $(SOURCES)
@@ -39,7 +39,7 @@ format: $(VENV)/dev.stamp
 # Runs killed while they write a result, 200 with a fixed seed and 200 with a fresh one;
 # make kills SEED=5 takes this seed alone.
 kills: $(VENV)/dev.stamp
-	$(BIN)/python tests/faults/kills.py $(if $(SEED),--seed $(SEED))
+	$(BIN)/python -m tests.faults.kills $(if $(SEED),--seed $(SEED))
 
 # The README's picture, from the real capture of an oven mitten.
 MITTEN ?= ../shared/captures/mitten

@@ -13,17 +13,16 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "prepare"))
-from ray_traced import COLOUR, POSE, depth_of
-from test_prepare_flying import CAMERA, SIGMA, wrong_by
-from test_prepare_register import DEPTH, jumps
-
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the tests are a package there
 from rakelight import load_capture
 from rakelight.geometry.grid import area_mean
 from rakelight.prepare.average import scatter
 from rakelight.prepare.flying import flying
 from rakelight.prepare.mask import cut_out
 from rakelight.prepare.register import register, sensor_grid
+from tests.prepare.ray_traced import COLOUR, POSE, depth_of
+from tests.prepare.test_prepare_flying import CAMERA, SIGMA, wrong_by
+from tests.prepare.test_prepare_register import DEPTH, jumps
 
 
 def flying_pixels() -> None:

@@ -95,7 +95,7 @@ def test_a_number_has_one_home():
 
 
 def test_the_parser_sees_every_kind_of_import(tmp_path, monkeypatch):
-    monkeypatch.setattr("test_layers.PACKAGE", tmp_path)
+    monkeypatch.setattr(f"{__name__}.PACKAGE", tmp_path)
     (tmp_path / "room").mkdir()
     file = tmp_path / "room" / "one.py"
     file.write_text(

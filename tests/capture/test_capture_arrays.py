@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from capture_builder import small_capture
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
@@ -13,6 +12,7 @@ from rakelight.capture import write_capture
 from rakelight.errors import CaptureError, InputError, RakelightError
 from rakelight.model import Camera, RigidTransform, SensorNoise, Truth
 from rakelight.pipeline import refine
+from tests.capture.capture_builder import small_capture
 
 GOOD = small_capture()
 N, H, W, _ = GOOD.photographs.shape

@@ -6,7 +6,12 @@ import tracemalloc
 import cv2
 import numpy as np
 import pytest
-from capture_builder import (
+
+from rakelight.capture import load_capture, write_capture
+from rakelight.capture.images import encode_png, encode_tiff
+from rakelight.errors import CaptureError
+from rakelight.model import Camera, RigidTransform, SensorNoise
+from tests.capture.capture_builder import (
     HEIGHT,
     WIDTH,
     build,
@@ -17,11 +22,6 @@ from capture_builder import (
     png_chunk,
     small_capture,
 )
-
-from rakelight.capture import load_capture, write_capture
-from rakelight.capture.images import encode_png, encode_tiff
-from rakelight.errors import CaptureError
-from rakelight.model import Camera, RigidTransform, SensorNoise
 
 
 @pytest.fixture

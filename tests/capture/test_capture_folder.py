@@ -6,11 +6,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from capture_builder import HEIGHT, WIDTH, build, codes, edit_config, small_capture, small_truth
 
 from rakelight.capture import load_capture, load_truth, write_capture
 from rakelight.errors import CaptureError, InputError, MachineError, OutputExistsError
 from rakelight.model import Camera, RigidTransform, SensorNoise
+from tests.capture.capture_builder import (
+    HEIGHT,
+    WIDTH,
+    build,
+    codes,
+    edit_config,
+    small_capture,
+    small_truth,
+)
 
 REAL = Path(__file__).parents[3] / "shared" / "captures"
 

@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 import pytest
 import tifffile
-from capture_builder import exif, png, png_chunk
 from PIL import Image
 
 from rakelight.capture.headers import read_header
 from rakelight.capture.images import as_rgb, decode_image, encode_png, encode_tiff
 from rakelight.errors import CaptureError, InputError
+from tests.capture.capture_builder import exif, png, png_chunk
 
 RANDOM = np.random.default_rng(1)
 ADAM7 = (  # first column and row of each pass of an interlaced PNG, steps along both

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from capture_builder import HEIGHT, WIDTH, small_capture
 
 from rakelight.capture import load_capture, write_capture
 from rakelight.errors import InputError
 from rakelight.model import Camera, Capture, RigidTransform, SensorNoise
+from tests.capture.capture_builder import HEIGHT, WIDTH, small_capture
 
 GOOD = small_capture()
 PHOTOGRAPHS, DEPTH, MASK, CAMERA = GOOD.photographs, GOOD.depth_m, GOOD.mask, GOOD.camera

@@ -2,10 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from wrong_captures import noise_alone, sound
 
 from rakelight.check.shading import relative_shading
 from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
+from tests.check.wrong_captures import noise_alone, sound
 
 
 def test_distant_lamps_need_few_components():

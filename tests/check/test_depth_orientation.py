@@ -2,7 +2,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from wrong_captures import SOLIDS, noise_alone, one_lamp, sound, with_turned_photographs
 
 from rakelight.check.depth_orientation import (
     SURELY,
@@ -11,6 +10,7 @@ from rakelight.check.depth_orientation import (
     orientation_fits,
 )
 from rakelight.errors import CaptureError
+from tests.check.wrong_captures import SOLIDS, noise_alone, one_lamp, sound, with_turned_photographs
 
 
 @pytest.mark.parametrize("shape", SOLIDS)

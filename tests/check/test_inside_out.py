@@ -2,10 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from wrong_captures import SOLIDS, disparity, sound
 
 from rakelight.check.inside_out import inside_out, outline_of
 from rakelight.errors import CaptureError
+from tests.check.wrong_captures import SOLIDS, disparity, sound
 
 
 def with_background(capture, behind_m):

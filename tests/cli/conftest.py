@@ -5,10 +5,10 @@ import shutil
 from dataclasses import dataclass
 
 import pytest
-from cli_helpers import contents, small_scene
 
 from rakelight.capture import write_capture
 from rakelight.cli import main
+from tests.cli.cli_helpers import contents, small_scene
 
 
 @dataclass(frozen=True)

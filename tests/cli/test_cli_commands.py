@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_helpers import contents, small_scene
 
 from rakelight.capture import load_capture, load_truth
 from rakelight.capture.images import decode_image, encode_png
@@ -17,6 +16,7 @@ from rakelight.geometry.normals import surface_normals
 from rakelight.methods import METHODS
 from rakelight.metrics import evaluate
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
+from tests.cli.cli_helpers import contents, small_scene
 
 REAL_CAPTURES = Path(__file__).resolve().parents[3] / "shared" / "captures"
 

@@ -7,13 +7,13 @@ import shutil
 import cv2
 import numpy as np
 import pytest
-from cli_helpers import contents, small_scene
 from PIL import Image
 
 from rakelight.capture import load_capture, write_capture
 from rakelight.capture.images import decode_image, encode_png, encode_tiff
 from rakelight.export import load_result
 from rakelight.synthetic import make_shape
+from tests.cli.cli_helpers import contents, small_scene
 
 ALTERNATING = ("--method", "multi-light-alternating")
 IMAGES = ["rgb/002.png", "depth/000.png", "mask.png"]

@@ -7,11 +7,11 @@ import signal
 from pathlib import Path
 
 import pytest
-from cli_helpers import contents
-from cli_process import PROGRAM, run_process
 
 from rakelight.export import RESULT
 from rakelight.folders import staged_folder
+from tests.cli.cli_helpers import contents
+from tests.cli.cli_process import PROGRAM, run_process
 
 ODD_NAMES = [
     b"with space",

@@ -4,9 +4,8 @@ import os
 import subprocess
 import sys
 
-from cli_process import SOURCES, run_process
-
 from rakelight import __version__
+from tests.cli.cli_process import SOURCES, run_process
 
 
 def run_module(*arguments):

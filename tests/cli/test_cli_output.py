@@ -6,10 +6,10 @@ import re
 
 import click
 import pytest
-from cli_process import run_process, start
 
 from rakelight import __version__
 from rakelight.cli.commands import COMMANDS, rakelight
+from tests.cli.cli_process import run_process, start
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def result(run, capture, tmp_path):
 @pytest.fixture(params=["refine", "synth", "eval", "demo"])
 def command(request, capture, result, tmp_path, monkeypatch):
     """A call of each command that works, with little to do."""
-    from cli_helpers import small_scene
+    from tests.cli.cli_helpers import small_scene
 
     monkeypatch.setattr("rakelight.synthetic.demo_scene", small_scene)
     out = tmp_path / "out"

@@ -7,10 +7,10 @@ import shutil
 from pathlib import Path
 
 import pytest
-from cli_helpers import contents
 
 from rakelight import folders
 from rakelight.export import load_result
+from tests.cli.cli_helpers import contents
 
 
 @pytest.fixture

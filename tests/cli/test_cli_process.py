@@ -5,8 +5,9 @@ import signal
 import time
 
 import pytest
-from cli_helpers import contents
-from cli_process import PROGRAM, run_process, start
+
+from tests.cli.cli_helpers import contents
+from tests.cli.cli_process import PROGRAM, run_process, start
 
 resource = pytest.importorskip("resource")
 

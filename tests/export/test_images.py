@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from readers import from_srgb, read_png
 
 from rakelight.export import write_result
 from rakelight.export.depth import choose_values_per_metre, depth_values
 from rakelight.export.normals import normal_map
 from rakelight.export.pictures import object_window, preview, shaded, side_by_side
 from rakelight.model import Camera
+from tests.export.readers import from_srgb, read_png
 
 tifffile = pytest.importorskip("tifffile")
 Image = pytest.importorskip("PIL.Image")

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import CENTRE_M, RADIUS_M
-from readers import read_ply
 
 from rakelight.export import write_result
+from tests.export.conftest import CENTRE_M, RADIUS_M
+from tests.export.readers import read_ply
 
 
 def pixels_of(points, camera):

@@ -5,10 +5,10 @@ import struct
 
 import numpy as np
 import pytest
-from conftest import CENTRE_M, RADIUS_M
-from readers import from_srgb, read_ply
 
 from rakelight.export import write_result
+from tests.export.conftest import CENTRE_M, RADIUS_M
+from tests.export.readers import from_srgb, read_ply
 
 trimesh = pytest.importorskip("trimesh")
 

@@ -1,6 +1,6 @@
 """Thousands of damaged files: each is read, or refused with one clear line; nothing else.
 
-    python tests/faults/fuzz.py [--cases N] [--seed S]
+    python -m tests.faults.fuzz [--cases N] [--seed S]
 
 Not: another exception than an InputError, a word on stderr, more than 10 seconds or 2 GB, the end
 of the interpreter.  A case is a seed and a number; its file is the same each time.  The file of
@@ -27,8 +27,10 @@ from random import Random
 
 SECONDS = 10  # that a case may take
 MEMORY = 3 << 29  # bytes that a case may take; with what the libraries hold, less than 2 GB
-WORKER = (sys.executable, __file__, "--worker")
+WORKER = (sys.executable, "-m", "tests.faults.fuzz", "--worker")
 WORKERS = 2
+ROOT = Path(__file__).resolve().parents[2]
+PYTHONPATH = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class Cases:
     """The damaged files of a seed, by their numbers."""
 
     def __init__(self, seed: int, folder: Path) -> None:
-        from sound_files import make_kinds
+        from tests.faults.sound_files import make_kinds
 
         self.seed = seed
         self.kinds = make_kinds(folder)
@@ -57,7 +59,7 @@ class Cases:
 
     def file(self, case: int) -> bytes:
         """The bytes of one case; the first of each kind is undamaged."""
-        from mutations import mutated
+        from tests.faults.mutations import mutated
 
         number, count = case % len(self.kinds), len(self.kinds)
         random = Random(f"{self.seed} {case}")
@@ -124,7 +126,8 @@ def outcomes(seed: int, start: int, stop: int, step: int, command: tuple[str, ..
     while case < stop:
         with tempfile.TemporaryFile() as said:
             numbers = map(str, (seed, case, stop, step))
-            options = {"stdout": subprocess.PIPE, "stderr": said, "text": True}
+            environment = {**os.environ, "PYTHONPATH": PYTHONPATH}
+            options = {"stdout": subprocess.PIPE, "stderr": said, "text": True, "env": environment}
             with subprocess.Popen([*command, *numbers], **options) as worker:
                 for line in worker.stdout:
                     number, kind, what = line.rstrip("\n").split("\t")

@@ -1,6 +1,6 @@
 """Runs that are killed at every moment of writing and renaming a result: nothing may be lost.
 
-    python tests/faults/kills.py [--kills 200] [--seed SEED]
+    python -m tests.faults.kills [--kills 200] [--seed SEED]
 
 A forked process saves a small result and kills itself just before, or in the middle of, one call of
 the system.  Afterwards there has to be a whole result wherever there was one before, the files

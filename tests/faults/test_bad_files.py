@@ -9,7 +9,6 @@ import zlib
 
 import numpy as np
 import pytest
-from sound_files import DEPTH_M, make_kinds
 
 from rakelight.capture import load_capture, load_truth
 from rakelight.capture.images import decode_image
@@ -17,6 +16,7 @@ from rakelight.errors import InputError
 from rakelight.export import load_result
 from rakelight.files import read_bytes
 from rakelight.synthetic.depth_file import shape_from_file
+from tests.faults.sound_files import DEPTH_M, make_kinds
 
 
 @pytest.fixture(scope="module")

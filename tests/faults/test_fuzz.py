@@ -2,12 +2,11 @@
 
 import sys
 import textwrap
-from pathlib import Path
 
 import pytest
-from fuzz import Cases, fuzz, tried
 
 from rakelight.errors import InputError, MachineError
+from tests.faults.fuzz import Cases, fuzz, tried
 
 
 def test_every_damaged_file_is_read_or_refused():
@@ -61,10 +60,8 @@ def test_a_worker_in_trouble_is_seen_and_followed_by_another(tmp_path, trouble):
     script.write_text(
         textwrap.dedent(f"""
         import faulthandler, os, sys, time
-        from pathlib import Path
-        sys.path.insert(0, {str(Path(__file__).parent)!r})
-        import fuzz
-        from sound_files import Kind
+        from tests.faults import fuzz, sound_files
+        from tests.faults.sound_files import Kind
 
         def kinds(folder):
             folder.mkdir()
@@ -82,7 +79,6 @@ def test_a_worker_in_trouble_is_seen_and_followed_by_another(tmp_path, trouble):
                 return super().run(case)
 
         running = 0
-        import sound_files
         sound_files.make_kinds = kinds
         fuzz.Cases = Cases
         fuzz.work(*map(int, sys.argv[1:5]))

@@ -5,11 +5,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-import kills
 import pytest
 
 from rakelight import folders
 from rakelight.errors import InputError
+from tests.faults import kills
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork and SIGKILL")
 

@@ -11,7 +11,6 @@ from rakelight.geometry.grid import has_gradient, mean_gradient
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods.single_image import fusion_like as fusion
 from rakelight.methods.single_image import rgbd_fusion as rgbd
-from rakelight.methods.single_image.ambient_occlusion import SKY
 from rakelight.methods.single_image.depth_energy import Depth, View, laplacian
 from rakelight.methods.single_image.texture import fine_relief
 from rakelight.metrics import evaluate
@@ -19,6 +18,8 @@ from rakelight.model import silent
 from rakelight.paper.scenes import paper_scene
 from rakelight.photometry.piecewise_albedo import edge_weights
 from rakelight.prepare import prepare
+from tests.methods.visible_sky import sky
+from tests.solve.stalling import stalling_solver
 
 METHODS = {
     "fusion-like": (fusion.fusion_like, fusion.FusionLike),
@@ -129,10 +130,22 @@ def test_saturated_pixels_say_nothing(method, prepared):
     assert (blind.confidence == 0).all()
 
 
-def knitted(prepared, height_px, wave, lining=None):
-    """The object as red yarn under light from all sides: green and blue are black but for noise."""
+LOOP_PX = 8
+
+
+def loops(shape):
+    """Heights (h, w) in pixels of round loops, as steep as they are wide."""
+    row, column = 2 * np.pi / LOOP_PX * np.indices(shape)
+    return 2.0 * np.sin(row) * np.cos(column)
+
+
+def knitted(prepared, lining=None):
+    """The object as red yarn in loops under the sky: green and blue are black but for noise."""
+    one = sky(loops((LOOP_PX, LOOP_PX)), 1.5 * LOOP_PX)
+    height, width = prepared.mask.shape
+    light = np.tile(one / one.mean(), (height // LOOP_PX + 1, width // LOOP_PX + 1))
+    red = 0.6 * light[:height, :width]
     rng = np.random.default_rng(0)
-    red = 0.6 * (1 + SKY * wave * height_px)
     photograph = np.stack([red, 0 * red, 0 * red], axis=-1) + 0.02 * rng.normal(
         size=(*red.shape, 3)
     )
@@ -142,38 +155,30 @@ def knitted(prepared, height_px, wave, lining=None):
     return replace(prepared, photographs=values[None], encoding="linear")
 
 
-def loops(shape, period_px):
-    """Heights (h, w) in pixels, and their wave number."""
-    row, column = 2 * np.pi / period_px * np.indices(shape)
-    return 0.5 * np.sin(row) * np.cos(column), 2**0.5 * 2 * np.pi / period_px
-
-
 def test_loops_of_clipped_yarn_under_light_from_all_sides_stand_out(method, prepared):
     run, options = method
-    height, wave = loops(prepared.mask.shape, 8.0)
-    yarn = knitted(prepared, height, wave)
+    height, yarn = loops(prepared.mask.shape), knitted(prepared)
     seen = View.of(prepared).seen
     with_sky, as_published = (
         -prepared.camera.fx * (run(yarn, each, silent).log_depth - np.log(prepared.depth_m))[seen]
         for each in (options(), options(smooth=False))
     )
     found = np.corrcoef(with_sky, height[seen])[0, 1]
-    assert found > 0.7
-    assert found > 0.3 + np.corrcoef(as_published, height[seen])[0, 1]
-    assert 0.5 < (with_sky * height[seen]).mean() / (height[seen] ** 2).mean() < 1.5
+    assert found > 0.93
+    assert abs(np.corrcoef(as_published, height[seen])[0, 1]) < 0.1
+    # Loops this steep are found two thirds as high: of them light from all sides is not linear.
+    assert 0.55 < (with_sky * height[seen]).mean() / (height[seen] ** 2).mean() < 0.75
 
 
 def test_a_lining_that_shows_between_loops_is_no_hill(method, prepared):
     run, options = method
-    height, wave = loops(prepared.mask.shape, 8.0)
-    row, column = np.indices(height.shape)
+    row, column = np.indices(prepared.mask.shape)
     lining = (row % 24 < 2) & (column % 24 < 2) & View.of(prepared).seen
     plain, lined = (
-        run(knitted(prepared, height, wave, gaps), options(), silent).log_depth
-        for gaps in (None, lining)
+        run(knitted(prepared, gaps), options(), silent).log_depth for gaps in (None, lining)
     )
     raised = prepared.camera.fx * (plain - lined)[lining]
-    assert abs(raised.mean()) < 0.15
+    assert abs(raised.mean()) < 0.5  # of loops 4 pixels high
 
 
 @pytest.mark.parametrize(
@@ -234,20 +239,27 @@ def averaged(depth):
 
 
 @pytest.mark.parametrize("sensor", [lambda depth: depth, averaged])
-def test_step_minimises_the_energy_with_lagged_length(depth, sensor, monkeypatch):
+def test_step_minimises_the_energy_with_lagged_length(depth, sensor):
     depth = sensor(depth)
     prior = depth.view.prior
     best = depth.step(prior).value
     length = depth.view.normals(prior)[1]
-    normals = View.normals
-    monkeypatch.setattr(View, "normals", lambda self, p: (normals(self, p)[0], length))
+
+    class Lagged(View):
+        """A view whose normals keep the length that they have on the prepared depth."""
+
+        def normals(self, log_depth):
+            return View.normals(self, log_depth)[0], length
+
+    depth = replace(depth, view=Lagged(**vars(depth.view)))
     least = depth.energy(best)
     rng = np.random.default_rng(0)
-    for size in (1e-4, 1e-3):
-        change = size * rng.normal(size=prior.shape) * depth.view.mask
+    rough = rng.normal(size=prior.shape) * depth.view.mask
+    # Along its own way, a step that is too long or too short shows.
+    for change in (1e-4 * rough, 1e-3 * rough, 0.1 * (best - prior)):
         up, down = depth.energy(best + change), depth.energy(best - change)
         assert min(up, down) > least
-        assert abs(up - down) < 0.01 * (up + down - 2 * least)
+        assert abs(up - down) < 0.02 * (up + down - 2 * least)
 
 
 def test_shading_is_believed_where_the_colour_stays_and_not_where_it_changes(prepared):
@@ -289,8 +301,7 @@ def test_detail_within_a_sensor_pixel_is_not_held(depth):
 
 
 def test_what_hollows_explain_is_not_explained_by_slopes(prepared):
-    height, wave = loops(prepared.mask.shape, 8.0)
-    view = View.of(knitted(prepared, height, wave))
+    view = View.of(knitted(prepared))
     light, rho = np.array([0.0, 0.0, 0.0, 1.0]), np.ones(view.mask.shape)
     depth = fusion.depth_energy(view, light, rho, view.intensity, fusion.FusionLike(), 0.1)
     np.testing.assert_allclose(depth.aim, view.intensity - view.contrast())
@@ -302,8 +313,7 @@ def test_what_hollows_explain_is_not_explained_by_slopes(prepared):
 
 
 def test_a_hollow_may_be_black_but_no_ridge_is_lit_from_more_than_all_sides(prepared):
-    height, wave = loops(prepared.mask.shape, 8.0)
-    view = View.of(knitted(prepared, height, wave))
+    view = View.of(knitted(prepared))
     row, column = np.argwhere(view.seen)[np.count_nonzero(view.seen) // 2]
     found = []
     for gain in (0.3, 1.0, 1.7):
@@ -311,7 +321,7 @@ def test_a_hollow_may_be_black_but_no_ridge_is_lit_from_more_than_all_sides(prep
         intensity[row, column] = gain
         found.append(replace(view, intensity=intensity).contrast()[row, column])
     assert found[0] < -0.6
-    assert found[2] < 2 * np.abs(view.contrast()[view.seen]).mean() + 0.02
+    assert found[2] < 2.5 * np.abs(view.contrast()[view.seen]).mean()
 
 
 def test_smoothness_is_of_what_differs_from_the_hollows(depth):
@@ -364,3 +374,18 @@ def test_paint_of_another_intensity_is_not_linked(prepared):
     apart = np.abs(np.diff(view.intensity, axis=1)) > 0.05
     assert (linked[:, :-1][apart] == 0).all()
     np.testing.assert_allclose(linked[:, :-1][~apart], free[:, :-1][~apart], rtol=1e-4)
+
+
+# ---- a solver that stalls
+
+
+def test_a_step_that_the_solver_does_not_find_is_refused(depth):
+    depth = replace(depth, accuracy=1e-2)
+    start, one = depth.view.prior, depth.fixed_point(1, 0.0, silent)
+    for after, expected in ((0, start), (1, one.log_depth)):
+        with stalling_solver(after) as solved:
+            fit = depth.fixed_point(5, 0.0, silent)
+        assert solved == [True] * after + [False]
+        np.testing.assert_array_equal(fit.log_depth, expected)
+        assert fit.energies == one.energies[: after + 1]
+        assert not fit.converged

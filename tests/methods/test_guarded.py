@@ -15,9 +15,7 @@ from rakelight.model import silent
 from rakelight.pipeline.guarded import guarded
 from rakelight.pipeline.held_back import Prediction, kept
 from rakelight.prepare import prepare
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "check"))
-import wrong_captures as wrong
+from tests.check import wrong_captures as wrong
 
 
 def errors(result, truth):

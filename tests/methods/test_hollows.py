@@ -2,18 +2,17 @@
 
 import numpy as np
 import pytest
-from scipy.ndimage import map_coordinates
 
 from rakelight.geometry.blur import blurred
 from rakelight.methods.single_image.ambient_occlusion import hollows
 from rakelight.methods.single_image.texture import AFAR_PX
+from tests.methods.visible_sky import gradient, sky
 
 SIDE = 72
 ALL = np.ones((SIDE, SIDE), bool)
 ROW, COLUMN = np.mgrid[:SIDE, :SIDE]
 FACING = np.tile([0.0, 0.0, -1.0], (SIDE, SIDE, 1))
 FROM_ALL_SIDES = np.array([0.0, 0.0, 0.0, 1.0])
-AZIMUTHS, ELEVATIONS = 12, 24
 
 
 def relief(kind, period_px, slope):
@@ -27,29 +26,6 @@ def relief(kind, period_px, slope):
         noise = np.random.default_rng(0).normal(size=(SIDE, SIDE))
         height = np.fft.ifft2(np.fft.fft2(noise) * ring).real
     return height * slope / np.hypot(*gradient(height)).std()
-
-
-def gradient(height):
-    return [(np.roll(height, -1, axis) - np.roll(height, 1, axis)) / 2 for axis in (0, 1)]
-
-
-def sky(height, reach):
-    """Light (h, w) from an even sky of radiance 1 / pi over a height, what stands before it out."""
-    down, right = gradient(height)
-    length = np.sqrt(1 + down**2 + right**2)
-    light = np.zeros(height.shape)
-    elevations = (np.arange(ELEVATIONS) + 0.5) * np.pi / 2 / ELEVATIONS
-    for azimuth in np.arange(AZIMUTHS) * 2 * np.pi / AZIMUTHS:
-        horizon = np.zeros(height.shape)
-        for far in np.arange(1, reach):
-            place = [ROW + far * np.sin(azimuth), COLUMN + far * np.cos(azimuth)]
-            there = map_coordinates(height, place, order=1, mode="grid-wrap")
-            horizon = np.maximum(horizon, np.arctan((there - height) / far))
-        for elevation in elevations:
-            across = -(right * np.cos(azimuth) + down * np.sin(azimuth)) * np.cos(elevation)
-            cosine = np.maximum(across + np.sin(elevation), 0) / length
-            light += np.where(elevation > horizon, cosine * np.cos(elevation), 0.0)
-    return light * 2 / AZIMUTHS * np.pi / 2 / ELEVATIONS
 
 
 @pytest.mark.parametrize("kind", ["fourth_difference", "random"])

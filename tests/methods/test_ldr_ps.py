@@ -23,6 +23,7 @@ from rakelight.model import Camera, silent
 from rakelight.paper.bas_relief import bas_relief_aligned
 from rakelight.prepare import prepare
 from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
+from tests.solve.stalling import stalling_solver
 
 CAMERA = Camera(60, 48, fx=600.0, fy=560.0, cx=29.5, cy=23.5)
 MASK = np.ones(CAMERA.shape, dtype=bool)
@@ -217,3 +218,8 @@ def test_normals_that_fit_ill_are_outvoted():
     elsewhere = MASK.copy()
     elsewhere[beside] = False
     assert np.ptp(off[elsewhere]) < 0.01 * np.ptp(log_depth)  # 0.065 by plain least squares
+
+
+def test_a_solver_that_stalls_is_an_error(prepared):
+    with stalling_solver(after=2), pytest.raises(InputError, match=r"the surface: .*stalled"):
+        ldr_ps(prepared, LdrPs(), silent)

@@ -22,6 +22,7 @@ from rakelight.photometry.images import Lamps
 from rakelight.pipeline import refine
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
+from tests.solve.stalling import stalling_solver
 
 # Close to the object, as at full resolution, but only a small window of it.
 CAMERA = make_shape("cloth").camera.cropped(slice(140, 200), slice(200, 280))
@@ -602,3 +603,17 @@ def test_at_the_depths_resolution_fewer_suffice():
     capture, _ = make_scene(photographs=4, depth_factor=4)
     assert run(capture, scale=1).depth.shape == (15, 20)
     assert run(capture, scale=2).depth.shape == (30, 40)
+
+
+# ---- a solver that stalls
+
+
+def test_a_step_that_the_solver_does_not_find_is_refused(capture):
+    prepared = prepare(capture)
+    one = multi_light_alternating(prepared, MultiLightAlternating(max_iterations=1), silent)
+    with stalling_solver(after=1) as solved:
+        estimate = multi_light_alternating(prepared, MultiLightAlternating(), silent)
+    assert solved == [True, False]
+    np.testing.assert_array_equal(estimate.log_depth, one.log_depth)
+    assert estimate.energy == one.energy
+    assert not estimate.converged

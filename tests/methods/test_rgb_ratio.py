@@ -17,6 +17,7 @@ from rakelight.paper.scenes import paper_object, paper_scene
 from rakelight.photometry.color_modes import nearest_colors
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
+from tests.solve.stalling import stalling_solver
 
 BUST = paper_object()
 OPTIONS = SceneOptions(
@@ -221,3 +222,23 @@ def test_further_photographs_are_noted():
 def test_impossible_options_are_refused(wrong):
     with pytest.raises(InputError, match=next(iter(wrong))):
         RgbRatio(**wrong)
+
+
+# ---- a solver that stalls
+
+
+# Three channels of albedo are solved twice, then the depth twice and, its weight being chosen,
+# again; the second round begins with the albedo.
+@pytest.mark.parametrize(
+    ("depth_weight", "after", "rounds"), [(1.0, 6, 0), (1.0, 7, 0), (None, 8, 0), (1.0, 11, 1)]
+)
+def test_a_step_that_the_solver_does_not_find_is_refused(depth_weight, after, rounds):
+    prepared = prepare(scene()[0])
+    options = RgbRatio(lambda_palette=0.0, depth_weight=depth_weight, tolerance=0.0)
+    with stalling_solver(after) as solved:
+        estimate = rgb_ratio(prepared, options, silent)
+    assert solved == [True] * after + [False]
+    expected = rgb_ratio(prepared, replace(options, max_iterations=rounds), silent)
+    np.testing.assert_array_equal(estimate.log_depth, expected.log_depth)
+    assert estimate.energy == expected.energy
+    assert not estimate.converged

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numba
 import numpy as np
-import plain_photographs as plain
 import pytest
 
 from rakelight.geometry.grid import has_gradient
@@ -14,6 +13,7 @@ from rakelight.photometry import _kernels
 from rakelight.photometry.images import Lamps, Photographs, Surface
 from rakelight.photometry.lighting import arriving
 from rakelight.prepare.linear import linear_table, usable
+from tests.photometry import plain_photographs as plain
 
 HEIGHT, WIDTH, COUNT = 11, 13, 5
 CAMERA = Camera(WIDTH, HEIGHT, fx=30.0, fy=34.0, cx=5.5, cy=4.2)

@@ -5,7 +5,9 @@ import pytest
 from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import spsolve
 
+from rakelight.errors import InputError
 from rakelight.photometry.piecewise_albedo import edge_weights, piecewise_smooth
+from tests.solve.stalling import stalling_solver
 
 SHAPE = (17, 22)
 
@@ -97,3 +99,10 @@ def test_channels_share_edges_and_nothing_else(rng, mask):
     for c in range(3):
         alone = direct(target[..., c], data_weight[..., c], edges, 3.0, mask)
         np.testing.assert_allclose(together[mask, c], alone, atol=1e-6)
+
+
+@pytest.mark.parametrize("after", [0, 1, 2])
+def test_a_solver_that_stalls_is_an_error(rng, mask, after):
+    target, edges = rng.random((*SHAPE, 3)), (np.ones(SHAPE), np.ones(SHAPE))
+    with stalling_solver(after), pytest.raises(InputError, match=r"smooth image.*stalled"):
+        piecewise_smooth(target, np.ones(target.shape), edges, 1.0, mask)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from numpy.lib.stride_tricks import sliding_window_view
-from ray_traced import depth_of
 from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 
 from rakelight.geometry.grid import area_mean
@@ -11,6 +10,7 @@ from rakelight.model import Camera, Capture, SensorNoise
 from rakelight.prepare import prepare
 from rakelight.prepare.flying import flying, stray
 from rakelight.synthetic.implicit import Solid, trace
+from tests.prepare.ray_traced import depth_of
 
 CAMERA = Camera(320, 240, fx=300.0, fy=302.0, cx=160.7, cy=118.0)
 SIGMA = SensorNoise()

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from test_prepare_capture import CAMERA, COLUMNS, DISC, ROWS, make_capture, plane
 
 from rakelight.prepare import prepare
 from rakelight.prepare.holes import REACH_PX, unseen, within_reach
+from tests.prepare.test_prepare_capture import CAMERA, COLUMNS, DISC, ROWS, make_capture, plane
 
 EVERYWHERE = np.ones(CAMERA.shape, bool)
 

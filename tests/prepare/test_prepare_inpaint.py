@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from rakelight.errors import InputError
 from rakelight.prepare.inpaint import inpaint, nearest_fill
+from tests.solve.stalling import stalling_solver
 
 SHAPE = (40, 56)
 ALL = np.ones(SHAPE, bool)
@@ -126,3 +128,8 @@ def test_nearest_fill_takes_the_nearest():
         squared = ((places - pixel) ** 2).sum(axis=1)
         nearest = places[squared == squared.min()]
         assert filled[pixel] in values[tuple(nearest.T)]
+
+
+def test_a_solver_that_stalls_is_an_error():
+    with stalling_solver(), pytest.raises(InputError, match=r"holes of the depth.*stalled"):
+        inpaint(with_hole(np.exp(ramp()), DISC), ALL)

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from numpy.lib.stride_tricks import sliding_window_view
-from ray_traced import COLOUR, POSE, depth_of
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from rakelight.geometry.camera import back_project
 from rakelight.model import Camera, RigidTransform
 from rakelight.prepare.register import project, register, sensor_grid
+from tests.prepare.ray_traced import COLOUR, POSE, depth_of
 
 HERE = RigidTransform(np.eye(3), np.zeros(3))
 # Colour pixels per depth pixel: two, and not a whole number.

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ray_traced import COLOUR, POSE, depth_of
 
 from rakelight.errors import CaptureError, InputError
 from rakelight.geometry.grid import area_mean
 from rakelight.model import Camera, Capture, RigidTransform, SensorNoise
 from rakelight.prepare import prepare
 from rakelight.prepare.sensor import SensorDepth, SensorGrid, overlaps
+from tests.prepare.ray_traced import COLOUR, POSE, depth_of
 
 HERE = RigidTransform(np.eye(3), np.zeros(3))
 TRUTH = depth_of(COLOUR)

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_prepare_mask import COLOUR, ball, ring, scene, table, union, wall
 
 from rakelight.model import Camera
 from rakelight.prepare import prepare
 from rakelight.prepare.surfaces import beside_the_object, surfaces
 from rakelight.synthetic.implicit import Solid, trace
+from tests.prepare.test_prepare_mask import COLOUR, ball, ring, scene, table, union, wall
 
 CAMERA = Camera(12, 9, fx=100.0, fy=100.0, cx=5.5, cy=4.0)
 

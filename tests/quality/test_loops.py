@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from loops import MONKEY, loops
 
 from rakelight.capture import load_capture
+from tests.quality.loops import MONKEY, loops
 
 pytestmark = pytest.mark.skipif(
     not MONKEY.exists(), reason="the capture is not part of the project"

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from no_harm import LIGHTING, SCANS, before_and_after, scene
 
 from rakelight.methods import load_method
 from rakelight.model import silent
+from tests.quality.no_harm import LIGHTING, SCANS, before_and_after, scene
 
 NO_HARM = 1.02
 CASES = [("head", paint, "", 0.5) for paint in ("simple", "pattern", "complicated")]

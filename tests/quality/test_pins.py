@@ -4,9 +4,9 @@ A change that is meant: python tests/quality/pins.py --write, and say in the com
 """
 
 import pytest
-from pins import CAPTURES, LIGHTING, measure, pinned
 
 from rakelight.methods import METHODS
+from tests.quality.pins import CAPTURES, LIGHTING, measure, pinned
 
 TOLERANCE = 0.01
 TO_HALVE = [name for name in METHODS if name.startswith("multi-light")]

@@ -7,12 +7,12 @@ from hashlib import sha256
 
 import numpy as np
 import pytest
-from report_scenes import HOSTILE, hostile_result, vase_result
 
 from rakelight.export import read_summary
 from rakelight.metrics import evaluate
 from rakelight.model import Finding, Lights
 from rakelight.report import report_html, save_result
+from tests.report.report_scenes import HOSTILE, hostile_result, vase_result
 
 
 @pytest.fixture(scope="module")

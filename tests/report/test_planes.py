@@ -5,10 +5,10 @@ from zlib import decompress
 
 import numpy as np
 import pytest
-from report_scenes import vase_result
 
 from rakelight.report import planes
 from rakelight.report.planes import encode, octahedral, pack, viewer_maps
+from tests.report.report_scenes import vase_result
 
 
 def decode(text, bits, height, width):

@@ -4,12 +4,12 @@ import re
 
 import numpy as np
 import pytest
-from report_scenes import HOSTILE, enlarged, hostile_result, vase_result
 
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.normals import surface_normals
 from rakelight.pipeline import refine
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
+from tests.report.report_scenes import HOSTILE, enlarged, hostile_result, vase_result
 
 
 @pytest.fixture(scope="module")

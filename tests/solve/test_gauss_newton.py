@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from rough_systems import disc, masks, rough
 
 from rakelight.geometry.grid import gradient_matrices
 from rakelight.solve.gauss_newton import border, damped_solution
 from rakelight.solve.robust import CAUCHY, cauchy_scales
+from tests.solve.rough_systems import disc, masks, rough
 
 SIZE, COUNT = 14, 6
 

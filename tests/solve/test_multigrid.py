@@ -2,7 +2,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rough_systems import disc, masks, rough
 
 from rakelight.errors import InputError
 from rakelight.jit import limited_threads
@@ -10,6 +9,7 @@ from rakelight.solve import Direct, build_hierarchy, multigrid, solve
 from rakelight.solve import _kernels as kernels
 from rakelight.solve.direct import stencil_matrix
 from rakelight.solve.multigrid import laplacian_surrogate
+from tests.solve.rough_systems import disc, masks, rough
 
 
 @pytest.fixture

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
-from rough_systems import masks, rough
 
 from rakelight.errors import InputError
 from rakelight.solve import Direct, _kernels, assemble, solve
 from rakelight.solve.reference import PAIRS, gradient_stencil, reached
 from rakelight.solve.stencil import NEGLIGIBLE
+from tests.solve.rough_systems import masks, rough
 
 
 @pytest.fixture

@@ -49,6 +49,7 @@ from rakelight.model import (
     Finding,
     Floats,
     Mask,
+    SensorNoise,
     Truth,
 )
 
@@ -95,12 +96,7 @@ def load_capture(folder: str | PathLike[str], photographs: Sequence[int] | None 
     table = _read_config(root)
     camera = table.intrinsics.camera()
 
-    rgb = list_images(root, "rgb", "photographs")
-    if photographs is not None:
-        rgb = rgb.chosen(photographs)
-    depth = list_images(root, "depth", "depth maps")
-    _check_photograph_kind(rgb)
-    check_depth_kind(depth, table, root)
+    rgb, depth = _list_both(root, table, photographs)
     validate.check_camera(camera, rgb.shape, root.shown(CONFIG), "intrinsics")
     depth_camera, depth_to_color = depth_geometry(table, depth.shape, root.shown(CONFIG))
     factor = (
@@ -108,9 +104,7 @@ def load_capture(folder: str | PathLike[str], photographs: Sequence[int] | None 
         if depth_camera is None
         else None
     )
-    depth_noise = None if table.depth_noise is None else table.depth_noise.noise()
-    if depth_noise is not None:
-        validate.check_noise(depth_noise, root.shown(CONFIG))
+    depth_noise = _depth_noise(root, table)
 
     images = _read_photographs(rgb)
     names = tuple(map(printable, rgb.names))
@@ -241,19 +235,10 @@ def write_capture(
     )
     manifest = CAPTURE if truth is None else SYNTHETIC
     with staged_folder(target, manifest=manifest, overwrite=overwrite) as staging:
-        path = staging.path
-        for name in ("rgb", "depth"):
-            (path / name).mkdir()
-        _write_each(path / "rgb", ".png", encode_png, capture.photographs)
-        if depth_scale is None:
-            _write_each(path / "depth", ".tiff", encode_tiff, capture.depth_m)
-        else:
-            values = depth_values(capture.depth_m, depth_scale)
-            _write_each(path / "depth", ".png", encode_png, values)
-        write_bytes(path / "mask.png", encode_png(capture.mask.astype(np.uint8) * np.uint8(255)))
+        _write_images(capture, staging.path, depth_scale)
         if truth is not None:
-            write_truth(truth, path / "truth")
-        write_bytes(path / CONFIG, config.encode())
+            write_truth(truth, staging.path / "truth")
+        write_bytes(staging.path / CONFIG, config.encode())
     return staging.findings
 
 
@@ -276,6 +261,28 @@ def _config_bytes(root: Root) -> bytes:
             f"no {CONFIG} in it", source=root.shown(), remedy=f"write one: {EXAMPLE}"
         )
     return read_bytes(root.path / CONFIG, source=root.shown(CONFIG), max_bytes=_LARGEST_CONFIG)
+
+
+def _list_both(
+    root: Root, table: CaptureTable, photographs: Sequence[int] | None
+) -> tuple[Images, Images]:
+    """The photographs, those chosen, and the depth maps: of kinds that are read."""
+    rgb = list_images(root, "rgb", "photographs")
+    if photographs is not None:
+        rgb = rgb.chosen(photographs)
+    depth = list_images(root, "depth", "depth maps")
+    _check_photograph_kind(rgb)
+    check_depth_kind(depth, table, root)
+    return rgb, depth
+
+
+def _depth_noise(root: Root, table: CaptureTable) -> SensorNoise | None:
+    """What capture.toml says of the sensor's noise, checked."""
+    if table.depth_noise is None:
+        return None
+    noise = table.depth_noise.noise()
+    validate.check_noise(noise, root.shown(CONFIG))
+    return noise
 
 
 def _check_photograph_kind(rgb: Images) -> None:
@@ -322,6 +329,19 @@ def _same_folder(first: Path, second: Path) -> bool:
         return first.samefile(second)
     except (OSError, ValueError):
         return False
+
+
+def _write_images(capture: Capture, path: Path, depth_scale: float | None) -> None:
+    """rgb/, depth/ and mask.png."""
+    for name in ("rgb", "depth"):
+        (path / name).mkdir()
+    _write_each(path / "rgb", ".png", encode_png, capture.photographs)
+    if depth_scale is None:
+        _write_each(path / "depth", ".tiff", encode_tiff, capture.depth_m)
+    else:
+        values = depth_values(capture.depth_m, depth_scale)
+        _write_each(path / "depth", ".png", encode_png, values)
+    write_bytes(path / "mask.png", encode_png(capture.mask.astype(np.uint8) * np.uint8(255)))
 
 
 def _write_each(folder: Path, suffix: str, encode: Callable[[Array], bytes], images: Array) -> None:

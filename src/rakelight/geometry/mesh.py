@@ -79,8 +79,14 @@ def triangulate(
 
     used = np.zeros(z.size, bool)
     used[corners] = True
-    rows, columns = np.nonzero(used.reshape(z.shape))
+    vertices_m, pixels = _vertices(z, used.reshape(z.shape), camera)
     vertex_of_pixel = np.cumsum(used, dtype=np.int32) - 1
+    return DepthMesh(vertices_m, vertex_of_pixel[corners].astype(np.int32, copy=False), pixels)
+
+
+def _vertices(z: Floats, used: Mask, camera: Camera) -> tuple[Floats, Array]:
+    """Of the used pixels: points (V, 3) in metres, and (row, column), (V, 2)."""
+    rows, columns = np.nonzero(used)
     z_used = z[rows, columns]
     vertices_m = np.stack(
         [
@@ -90,8 +96,7 @@ def triangulate(
         ],
         axis=1,
     )
-    pixels = np.stack([rows, columns], axis=1).astype(np.int32)
-    return DepthMesh(vertices_m, vertex_of_pixel[corners].astype(np.int32, copy=False), pixels)
+    return vertices_m, np.stack([rows, columns], axis=1).astype(np.int32)
 
 
 def _triangles(z: Floats, camera: Camera, jump: float) -> Array:

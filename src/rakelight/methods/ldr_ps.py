@@ -346,6 +346,8 @@ def integrated(normals: Floats, known: Mask, mask: Mask, camera: Camera) -> Floa
     """Log depth (h, w), up to a constant, whose gradient fits the normals (h, w, 3).
 
     Gradients that fit ill, as at depth jumps, count less and less (Cauchy's loss).
+
+    Raises InputError where the solver does not find it: there is no other depth to fall back on.
     """
     facing = towards_camera(normals, camera)
     known = known & (facing > GRAZING)
@@ -362,7 +364,7 @@ def integrated(normals: Floats, known: Mask, mask: Mask, camera: Camera) -> Floa
     for _ in range(ROBUST_ROUNDS):
         tensor: Floats = np.stack([weight, 0 * weight, weight], axis=-1)
         system = assemble(mask, tensor, weight[..., None] * aim, anchor, 0 * anchor)
-        log_depth = solve(system, start=log_depth, tolerance=1e-6).value
+        log_depth = solve(system, start=log_depth, tolerance=1e-6).required("the surface")
         off = np.stack(mean_gradient(log_depth, mask), axis=-1) - aim
         misfit = base * (off**2).sum(axis=-1)
         scale = 6 * np.median(misfit[known])

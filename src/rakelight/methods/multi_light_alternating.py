@@ -99,6 +99,8 @@ def multi_light_alternating(
         progress(Progress("refine", len(energies), options.max_iterations, now.energy))
         solution = depth(level, now)
         solve_s += solution.seconds
+        if not solution.converged:
+            break  # refused: the depth stays, and has not come to rest
         now = light_and_albedo(level, solution.value, now.explanation.albedo, now.lamps)
         gain = energies[-1] - now.energy
         energies.append(now.energy)

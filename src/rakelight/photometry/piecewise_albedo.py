@@ -63,6 +63,8 @@ def piecewise_smooth(
     data_weight : d >= 0, as `target`; 0 where the target says nothing
     strength : lambda of the smoothness, relative to d
 
+    Raises InputError where the solver does not find it.
+
     >>> mask, edges = np.ones((1, 3), bool), (np.array([[1.0, 0.0, 0.0]]), np.zeros((1, 3)))
     >>> target = np.array([[0.0, 1.0, 5.0]])
     >>> piecewise_smooth(target, np.ones((1, 3)), edges, 1e3, mask).round(2).tolist()
@@ -81,8 +83,8 @@ def piecewise_smooth(
     hierarchy = None
     if len(systems) > 1:
         hierarchy = build_hierarchy(_system(target[..., 0], data_weight.mean(axis=-1), links, mask))
-    smooth = [solve(each, tolerance=tolerance, hierarchy=hierarchy).value for each in systems]
-    return np.stack(smooth, axis=-1)
+    smooth = [solve(each, tolerance=tolerance, hierarchy=hierarchy) for each in systems]
+    return np.stack([each.required("the smooth image between edges") for each in smooth], axis=-1)
 
 
 def _links(edges: EdgeWeights, strength: float) -> Floats:

@@ -99,15 +99,7 @@ def prepare(capture: Capture, scale: Scale = "auto") -> Prepared:
     colour = SensorGrid(sensor_shape(capture), capture.camera.shape)
     shrink = _shrink(colour, scale)
     camera = capture.camera.scaled(1 / shrink)
-    mask = capture.mask if shrink == 1 else area_mean(capture.mask, shrink) == 1
-    if capture.mask.any() and not mask.any():
-        raise CaptureError(
-            "the mask holds no whole pixel of this scale",
-            source=capture.source,
-            seen=f"{np.count_nonzero(capture.mask)} pixels of the photographs",
-            needed=f"a block of {shrink} x {shrink}",
-            remedy="check the mask, or leave --scale away",
-        )
+    mask = _shrunk_mask(capture, shrink)
     photographs = capture.photographs if shrink == 1 else _shrunk(capture, shrink)
     grid = SensorGrid(colour.sensor, camera.shape)
 
@@ -194,6 +186,20 @@ def _scales(colour: SensorGrid) -> dict[int, int]:
             continue
         scales.setdefault(max(round(colour.factor / shrink), 1), shrink)
     return scales
+
+
+def _shrunk_mask(capture: Capture, shrink: int) -> Mask:
+    """The output pixels that the object covers whole; at least one, if it covers any pixel."""
+    mask = capture.mask if shrink == 1 else area_mean(capture.mask, shrink) == 1
+    if capture.mask.any() and not mask.any():
+        raise CaptureError(
+            "the mask holds no whole pixel of this scale",
+            source=capture.source,
+            seen=f"{np.count_nonzero(capture.mask)} pixels of the photographs",
+            needed=f"a block of {shrink} x {shrink}",
+            remedy="check the mask, or leave --scale away",
+        )
+    return mask
 
 
 def _shrunk(capture: Capture, shrink: int) -> Array:

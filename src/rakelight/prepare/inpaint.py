@@ -17,6 +17,8 @@ def inpaint(depth_m: Floats, mask: Mask) -> Floats:
     least energy, measured pixels staying exactly as they are.  A part of the mask without any
     measurement takes the depth of the measured pixel nearest to it.
 
+    Raises InputError where the solver does not find the membrane.
+
     >>> depth = np.full((5, 5), 2.0); depth[2, 2] = np.nan
     >>> round(float(inpaint(depth, np.ones((5, 5), bool))[2, 2]), 6)
     2.0
@@ -40,7 +42,7 @@ def inpaint(depth_m: Floats, mask: Mask) -> Floats:
     # Solved for the change against the nearest fill: beside the rim's heavy right side the
     # holes' own residual would not count.
     change = replace(system, rhs=system.rhs - system.apply(log_depth), target=0 * log_depth)
-    filled = np.exp(log_depth + solve(change).value)
+    filled = np.exp(log_depth + solve(change).required("the holes of the depth"))
     return np.where(holes, filled, np.where(mask, depth_m, np.nan))
 
 

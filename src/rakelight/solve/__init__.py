@@ -55,7 +55,8 @@ def solve(
     hierarchy : from `build_hierarchy`, of this or a close system on the same mask; built anew
         unless given.  It changes the time, not the answer.
 
-    A solve that does not converge raises nothing: `Solution.status` says how it ended.
+    A solve that does not converge raises nothing: `Solution.status` says how it ended, and
+    whoever called reads it; `Solution.required` raises where nothing less than a solution will do.
     Raises InputError for a start or a hierarchy that does not fit, or a limit out of range.
     """
     began = perf_counter()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, Protocol
 
+from rakelight.errors import InputError
 from rakelight.model import Floats
 
 if TYPE_CHECKING:
@@ -44,3 +45,23 @@ class Solution:
     iterations: int
     relative_residual: float
     seconds: float
+
+    @property
+    def converged(self) -> bool:
+        """Whether `value` meets the tolerance that was asked for."""
+        return self.status == "converged"
+
+    def required(self, source: str) -> Floats:
+        """`value`, for those to whom less than the tolerance is nothing.
+
+        source : what was to be solved for
+
+        Raises InputError unless it converged.
+        """
+        if self.converged:
+            return self.value
+        raise InputError(
+            "its linear system could not be solved",
+            source=source,
+            seen=f"{self.status}, relative residual {self.relative_residual:.1e}",
+        )

@@ -181,13 +181,7 @@ def render_scene(
     fine_camera = camera.scaled(options.supersampling)
     fine = shape.render(fine_camera) if options.supersampling > 1 else surface
     mask = surface.mask & (area_mean(fine.mask, options.supersampling) == 1)
-    if not mask.any():
-        raise InputError(
-            "the camera does not see the object",
-            source=shape.name,
-            seen=f"{camera.width} x {camera.height} pixels",
-            needed="at least one that lies on it whole",
-        )
+    _require_object(mask, shape)
     paint = albedo.paint(fine_camera)
     lamps = _lamps(options, _center_m(surface.depth, mask, camera))
     light = _photograph(fine, fine_camera, paint, lamps, options)
@@ -207,15 +201,31 @@ def render_scene(
         depth_to_color=options.depth_to_color,
         names=tuple(f"{i:03d}.png" for i in range(len(light))),
     )
-    truth = Truth(
-        depth=np.where(mask, surface.depth, np.nan).astype(np.float32),
-        normals=np.where(mask[..., None], surface.normals, np.nan).astype(np.float32),
-        albedo=np.where(mask[..., None], area_mean(paint, options.supersampling), 0).astype(
-            np.float32
-        ),
-        lights=lamps.as_lights(level),
+    seen = area_mean(paint, options.supersampling)
+    return capture, _truth(surface, mask, seen, lamps.as_lights(level))
+
+
+def _require_object(mask: Mask, shape: Shape) -> None:
+    if mask.any():
+        return
+    height, width = mask.shape
+    raise InputError(
+        "the camera does not see the object",
+        source=shape.name,
+        seen=f"{width} x {height} pixels",
+        needed="at least one that lies on it whole",
     )
-    return capture, truth
+
+
+def _truth(surface: Surface, mask: Mask, albedo: Floats, lights: Lights) -> Truth:
+    """What is true within the mask (h, w)."""
+    inside = mask[..., None]
+    return Truth(
+        depth=np.where(mask, surface.depth, np.nan).astype(np.float32),
+        normals=np.where(inside, surface.normals, np.nan).astype(np.float32),
+        albedo=np.where(inside, albedo, 0).astype(np.float32),
+        lights=lights,
+    )
 
 
 DEMO_OPTIONS = SceneOptions(

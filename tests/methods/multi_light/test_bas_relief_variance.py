@@ -1,6 +1,4 @@
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,9 +15,7 @@ from rakelight.methods.multi_light.bas_relief_variance import (
 from rakelight.photometry.images import Lamps
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "check"))
-from wrong_captures import sound
+from tests.check.wrong_captures import sound
 
 NOISE = DepthNoise(rms_mm=2.0, correlation_length_px=4.0, growth=0.0)
 

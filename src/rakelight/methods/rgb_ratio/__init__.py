@@ -41,7 +41,7 @@ from rakelight.photometry.color_modes import nearest_colors
 from rakelight.photometry.lighting import estimate_light
 from rakelight.photometry.piecewise_albedo import edge_weights, piecewise_smooth
 from rakelight.prepare import Prepared
-from rakelight.solve import assemble, solve
+from rakelight.solve import Solution, assemble, solve
 
 # No photograph is better than this (white is 1), the ratios' weights would be absurd.
 SMALLEST_NOISE = 1e-2
@@ -153,13 +153,11 @@ def rgb_ratio(prepared: Prepared, options: RgbRatio, progress: ProgressCallback)
         if done == rounds or moved <= options.tolerance:
             break
         progress(Progress("refine", done + 1, rounds, energies[-1]))
+        found = weighed_depth(scene, equations, trust, most, log_depth, options.laplacian)
+        if found is None:
+            break  # refused: the depth stays, and has not come to rest
         before = log_depth
-        # The first solve meets the equations as they are, the second those that agree.
-        for doubt in (False, True):
-            log_depth, tensor = depth(scene, equations, trust, log_depth, doubt, options.laplacian)
-        while (sound := min(deserved_trust(scene, log_depth, trust), most)) > MORE * trust:
-            trust = sound
-            log_depth, tensor = depth(scene, equations, trust, log_depth, True, options.laplacian)
+        log_depth, tensor, trust = found
         step = (log_depth - before) * prepared.depth_m / prepared.sigma_m
         moved = float(np.sqrt(np.mean(step[mask] ** 2)))
     _, length = scene.surface(log_depth)
@@ -250,6 +248,33 @@ def paint(
     return albedo / gain, light * gain[:, None]
 
 
+def weighed_depth(
+    scene: Scene,
+    equations: Ratios,
+    trust: float,
+    most: float,
+    log_depth: Floats,
+    laplacian: float,
+) -> tuple[Floats, Floats, float] | None:
+    """3. The log depth, the tensor of its equations and the trust, raised to what is deserved.
+
+    None where the solver does not find the depth.
+    """
+    # The first solve meets the equations as they are, the second those that agree.
+    for doubt in (False, True):
+        solution, tensor = depth(scene, equations, trust, log_depth, doubt, laplacian)
+        if not solution.converged:
+            return None
+        log_depth = solution.value
+    while (sound := min(deserved_trust(scene, log_depth, trust), most)) > MORE * trust:
+        trust = sound
+        solution, tensor = depth(scene, equations, trust, log_depth, True, laplacian)
+        if not solution.converged:
+            return None
+        log_depth = solution.value
+    return log_depth, tensor, trust
+
+
 def depth(
     scene: Scene,
     equations: Ratios,
@@ -257,8 +282,8 @@ def depth(
     log_depth: Floats,
     doubt: bool,
     laplacian: float,
-) -> tuple[Floats, Floats]:
-    """3. The log depth (h, w), light and rho fixed, and the tensor (h, w, 3) of its equations.
+) -> tuple[Solution, Floats]:
+    """The log depth (h, w), light and rho fixed, and the tensor (h, w, 3) of its equations.
 
     doubt : whether equations count less where the surface `log_depth` does not meet them
     """
@@ -278,7 +303,7 @@ def depth(
     system = assemble(
         mask, tensor, aim, pair_weights=scene.pairs, laplacian_weight=smooth, **sensor
     )
-    return solve(system, start=log_depth, tolerance=1e-3).value, ratios
+    return solve(system, start=log_depth, tolerance=1e-3), ratios
 
 
 def deserved_trust(scene: Scene, log_depth: Floats, trust: float) -> float:

@@ -216,7 +216,10 @@ class Depth:
         return held + float((residual**2 + bent + smooth)[view.mask].sum())
 
     def fixed_point(self, rounds: int, tolerance: float, progress: ProgressCallback) -> Fit:
-        """From the prepared depth on, until no step lowers the energy by more than `tolerance`."""
+        """From the prepared depth on, until no step lowers the energy by more than `tolerance`.
+
+        A step that the solver does not find is refused, and the fit has not converged.
+        """
         now: Floats = self.view.prior
         solve_s = 0.0
         energies, gain = [self.energy(now)], np.inf
@@ -224,6 +227,8 @@ class Depth:
             progress(Progress("refine", len(energies), rounds, energies[-1]))
             solution = self.step(now)
             solve_s += solution.seconds
+            if not solution.converged:
+                break  # refused: the depth stays, and has not come to rest
             for share in SHARES:
                 tried: Floats = np.asarray(now + share * (solution.value - now))
                 energy = self.energy(tried)
