@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 
 from rakelight import load_capture
+from rakelight.check.camera_motion import motion
+from rakelight.check.depth_shift import misaligned
 from rakelight.errors import CaptureError
 from rakelight.model import Capture, Finding
-from rakelight.prepare.misaligned import misaligned
-from rakelight.prepare.motion import motion
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
 DEPTH_SHIFTS = (0, 1, 2, 3, 5, 8, 15, 30)

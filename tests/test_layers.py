@@ -227,7 +227,7 @@ def reached(names):
 
 def test_what_is_checked_beside_the_preparation_runs_no_kernel():
     # Two kernels on all cores at a time would end the process where numba has its own thread pool.
-    files = reached(["prepare/motion.py", "prepare/misaligned.py"])
+    files = reached(["check/camera_motion.py", "check/depth_shift.py"])
     assert "prepare/sensor.py" in files
     assert not {name for name in files if room_of(name) in ("solve", "shading")}
     assert not {name for name in files if "import prange" in (PACKAGE / name).read_text()}

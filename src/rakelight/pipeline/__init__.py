@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from rakelight.capture.arrays import checked_capture
+from rakelight.check.camera_motion import motion
 from rakelight.check.depth_orientation import depth_orientation
+from rakelight.check.depth_shift import misaligned
 from rakelight.check.inside_out import inside_out
 from rakelight.errors import CaptureError, InputError, MethodError
 from rakelight.jit import one_blas_thread
@@ -38,8 +40,6 @@ from rakelight.pipeline.guarded import guarded, surface
 from rakelight.pipeline.prediction import prediction_errors
 from rakelight.pipeline.saturated_albedo import bounded_albedo
 from rakelight.prepare import Prepared, Scale, prepare
-from rakelight.prepare.misaligned import misaligned
-from rakelight.prepare.motion import motion
 
 
 def refine(

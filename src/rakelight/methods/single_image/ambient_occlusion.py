@@ -3,8 +3,8 @@
 Light from one side makes slopes bright or dark.  Light from all sides, phi of the first-order
 harmonics, hardly depends on the slope, but the hollows of a relief see less of it than its ridges
 do.  How much less was found by integrating the visible sky over waves and random reliefs of slope
-0.5 to 1.5 (tests/methods/test_hollows.py): the relative change a of phi is, whatever the size of
-the relief, about
+0.5 to 1.5 (tests/methods/single_image/test_ambient_occlusion.py): the relative change a of phi is,
+whatever the size of the relief, about
 
     a = c |k| h,        c = 1/6
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from rakelight.capture import load_capture
+from rakelight.check.depth_shift import displacement, misaligned, seen_by_sensor
 from rakelight.errors import CaptureError
 from rakelight.model import RigidTransform
-from rakelight.prepare.misaligned import displacement, misaligned, seen_by_sensor
 from rakelight.synthetic import DepthNoise
-from tests.prepare.moved_captures import still_scene, with_depth_moved
+from tests.check.moved_captures import still_scene, with_depth_moved
 
 CAPTURES = Path(__file__).parents[3] / "shared" / "captures"
 BESIDE = RigidTransform(np.eye(3), np.array([0.05, 0.0, 0.0]))

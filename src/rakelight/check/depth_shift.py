@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from rakelight.check.camera_motion import in_words
 from rakelight.errors import CaptureError
 from rakelight.model import Capture, Finding, Floats, Mask
-from rakelight.prepare.motion import in_words
 from rakelight.prepare.sensor import SensorGrid, sensed
 from rakelight.prepare.surfaces import surfaces
 

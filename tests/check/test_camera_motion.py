@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from rakelight.capture import load_capture
-from rakelight.prepare.motion import detail, motion, stood_still
-from tests.prepare.moved_captures import still_scene, with_photographs_moved
+from rakelight.check.camera_motion import detail, motion, stood_still
+from tests.check.moved_captures import still_scene, with_photographs_moved
 
 MITTEN = Path(__file__).parents[3] / "shared" / "captures" / "mitten"
 

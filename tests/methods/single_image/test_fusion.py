@@ -18,7 +18,7 @@ from rakelight.model import silent
 from rakelight.paper.scenes import paper_scene
 from rakelight.photometry.piecewise_albedo import edge_weights
 from rakelight.prepare import prepare
-from tests.methods.visible_sky import sky
+from tests.methods.single_image.visible_sky import sky
 from tests.solve.stalling import stalling_solver
 
 METHODS = {

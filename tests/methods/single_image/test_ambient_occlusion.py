@@ -6,7 +6,7 @@ import pytest
 from rakelight.geometry.blur import blurred
 from rakelight.methods.single_image.ambient_occlusion import hollows
 from rakelight.methods.single_image.texture import AFAR_PX
-from tests.methods.visible_sky import gradient, sky
+from tests.methods.single_image.visible_sky import gradient, sky
 
 SIDE = 72
 ALL = np.ones((SIDE, SIDE), bool)
