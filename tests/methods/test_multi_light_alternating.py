@@ -50,6 +50,10 @@ def moved_mm(result):
     return largest_change_mm(result.depth, result.prepared_depth)
 
 
+def rms_mm(result, truth):
+    return 1000 * np.sqrt(np.nanmean((result.depth - truth.depth) ** 2))
+
+
 # ---- accuracy
 
 
@@ -539,24 +543,31 @@ def test_parts_are_solved_each(capture):
         assert result.confidence[part].min() > 0.3
 
 
-@pytest.mark.parametrize("window", [np.s_[:, 0:2], np.s_[0:2, :], np.s_[-9:, -9:], np.s_[:, :]])
-def test_objects_at_the_frame(capture, window):
+# Strips drift along the bas-relief valley; what is as wide as it is high hardly does.
+@pytest.mark.parametrize(
+    ("window", "most_mm"),
+    [(np.s_[:, 0:2], 2.5), (np.s_[0:2, :], 7.5), (np.s_[-9:, -9:], 1.4), (np.s_[:, :], 1.3)],
+)
+def test_objects_at_the_frame(scene, window, most_mm):
+    capture, truth = scene
     part = with_mask(capture, window)
     result = run(part)
-    assert np.isfinite(result.depth[part.mask]).all()
-    assert moved_mm(result) < 30
+    np.testing.assert_array_equal(result.mask, part.mask)
+    assert rms_mm(result, truth) < most_mm
 
 
-def test_holes_and_a_part_without_depth(capture):
+def test_holes_and_a_part_without_depth(scene):
+    capture, truth = scene
     part = with_mask(capture, np.s_[5:30, 5:35], np.s_[35:58, 45:78])
     depth = part.depth_m.copy()
     depth[:, 10:20, 10:20] = np.nan
     depth[:, 33:] = np.nan
     result = run(replace(part, depth_m=depth))
-    assert np.isfinite(result.depth[5:30, 5:35]).all()
-    seen = result.depth[np.isfinite(result.depth)]
-    assert (result.depth > 0).sum() < part.mask.sum()  # what is far from all depth is left out
-    assert 0.6 < seen.min() < seen.max() < 1.0
+    kept = np.zeros(part.mask.shape, bool)
+    kept[5:30, 5:35] = True  # what is far from all depth is left out
+    np.testing.assert_array_equal(result.mask, kept)
+    assert rms_mm(result, truth) < 1.4
+    assert np.abs(result.depth - truth.depth)[10:20, 10:20].max() < 0.0012
 
 
 @pytest.mark.parametrize("window", [np.s_[30, 40], np.s_[30, :], np.s_[:, 40]])
@@ -582,7 +593,8 @@ def test_photographs_that_show_only_pixels_without_a_normal(capture):
 
 def test_photographs_without_any_contrast(capture):
     grey = replace(capture, photographs=np.full_like(capture.photographs, 20000))
-    assert moved_mm(run(grey)) < 5
+    result = run(grey)
+    np.testing.assert_array_equal(result.depth, result.prepared_depth)
 
 
 # ---- too few photographs

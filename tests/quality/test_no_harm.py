@@ -5,15 +5,17 @@ import pytest
 
 from rakelight.methods import load_method
 from rakelight.model import silent
-from tests.quality.no_harm import LIGHTING, SCANS, before_and_after, scene
+from tests.quality.no_harm import LIGHTING, before_and_after, scene
+from tests.scans import for_every_scan
 
 NO_HARM = 1.02
 CASES = [("head", paint, "", 0.5) for paint in ("simple", "pattern", "complicated")]
-CASES += [(path.stem, "natural 1", "white", 0.5) for path in SCANS]
 CASES += [("coin", "natural 0", "smooth", 0.5)]
+PARAMETERS = [pytest.param(case, id=f"{case[0]} {case[1]}") for case in CASES]
+PARAMETERS += for_every_scan(lambda path: (path.stem, "natural 1", "white", 0.5))
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case[0]} {case[1]}")
+@pytest.mark.parametrize("case", PARAMETERS)
 @pytest.mark.parametrize("method", LIGHTING)
 def test_the_prepared_depth_is_not_made_worse(method, case):
     before, after = before_and_after(method, *case)

@@ -168,14 +168,15 @@ def test_a_draw_says_all_its_values_on_a_line():
 def test_every_shape_fills_its_view_as_it_should(shape):
     options = {"object_px": 12_000.0, "shape": shape, **PLAIN}
     capture, truth = random_capture(1, 0.5, **options)
-    assert np.count_nonzero(truth.mask) == pytest.approx(0.25 * 12_000, rel=0.4)
+    # Only the pixels that it covers whole: bars and the ring, all rim, lose a tenth.
+    assert 0.9 < np.count_nonzero(truth.mask) / (0.25 * 12_000) < 0.99
     assert all(side % 24 == 0 for side in capture.camera.shape)
     rim = np.ones(truth.mask.shape, bool)
     rim[1:-1, 1:-1] = False
     assert not (rim & truth.mask).any()
     middle_m = np.nanmedian(truth.depth)
     # the image is half as large, so its pixels are not
-    assert 1000 * middle_m / capture.camera.fx == pytest.approx(draw(1).pixel_mm / 0.5, rel=0.3)
+    assert 1000 * middle_m / capture.camera.fx == pytest.approx(draw(1).pixel_mm / 0.5, rel=0.02)
 
 
 @pytest.mark.parametrize("hollow", [False, True])

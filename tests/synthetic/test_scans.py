@@ -3,8 +3,6 @@
 The scans lie beside the project and are not part of it; without them these tests are skipped.
 """
 
-from pathlib import Path
-
 import pytest
 
 from rakelight.capture import load_capture
@@ -19,14 +17,10 @@ from rakelight.synthetic import (
     render_scene,
     shape_from_file,
 )
-
-SCANS = sorted((Path(__file__).resolve().parents[3] / "shared" / "shapes").glob("*.npz"))
-NAMES = [path.stem for path in SCANS]
-
-pytestmark = pytest.mark.skipif(not SCANS, reason="no scans in ../shared/shapes")
+from tests.scans import for_every_scan
 
 
-@pytest.mark.parametrize("file", SCANS, ids=NAMES)
+@pytest.mark.parametrize("file", for_every_scan())
 def test_refine_improves_a_scan(file):
     shape = shape_from_file(file)
     options = SceneOptions(
@@ -43,7 +37,7 @@ def test_refine_improves_a_scan(file):
     assert after.depth.rmse_mm < 1.1 * before.depth.rmse_mm
 
 
-@pytest.mark.parametrize("file", SCANS, ids=NAMES)
+@pytest.mark.parametrize("file", for_every_scan())
 def test_a_scan_that_synth_wrote_is_read_back_bit_for_bit(file, tmp_path, monkeypatch):
     made = {}
 

@@ -1,7 +1,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from scipy.ndimage import gaussian_filter
 
 from rakelight.geometry.normals import normals_from_gradient
@@ -87,7 +86,7 @@ def test_lamps_of_a_flattened_surface_contradict_it():
     transform = np.linalg.inv(np.eye(3) + np.outer(level.middle_m, g))
     flattened = replace(lamps, vector=lamps.vector @ transform.T)
     found = np.sqrt(np.diag(lamps_moment(level, flattened)))
-    assert found[2] == pytest.approx(0.5, rel=0.5)
+    assert 0.33 < found[2] < 0.5
     assert found[:2].max() < 0.3 * found[2]
 
 

@@ -102,8 +102,7 @@ def test_photographs_that_show_nothing_tell_nothing(bright):
     assert factored_start(replace(level, photographs=nothing)) is None
 
 
-def test_one_lamp_in_all_photographs_is_no_trouble():
+def test_one_lamp_in_all_photographs_tells_nothing():
     capture, _, _ = dome()
     level = coarsest(capture.select([0] * 6))
-    found = factored_start(level)
-    assert found is None or np.isfinite(found[1].vector).all()
+    assert factored_start(level) is None

@@ -70,8 +70,8 @@ def test_highlights_are_left_out_or_taken_away(place, exponent):
     assert gone[bright].mean() > (0.8 if exponent > 8 else 0.6)
     assert gone[added < 0.01].mean() < 0.1
     assert rms(left) < 0.45 * rms(added)
-    # In units of the lamps, which shine at 0.6 of white.
-    assert shine.sum() == pytest.approx(0.2, rel=0.4)
+    # In units of the lamps, which shine at 0.6 of white.  Of a narrow one the top is not seen.
+    assert shine.sum() == pytest.approx(0.18 if exponent < 60 else 0.13, rel=0.06)
 
 
 def rms(values):
@@ -117,7 +117,7 @@ def test_a_lamp_that_was_off_does_no_harm():
     vector = lamps.vector.copy()
     vector[3] = 0
     cleared, _ = remove_outliers(level, log_depth, replace(lamps, vector=vector))
-    assert np.isfinite(light(cleared)).mean() > 0.5
+    assert np.isfinite(light(cleared)).mean(axis=(1, 2)).min() > 0.85
 
 
 def test_shadows_looked_up_for_some_pixels_lie_where_they_are(monkeypatch):
