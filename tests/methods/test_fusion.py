@@ -220,7 +220,7 @@ def test_linear_residual_is_the_image_model(depth):
     view = depth.view
     gradient = mean_gradient(view.prior, view.links)
     u, v, miss = depth.linear(view.normals(view.prior)[1])
-    expected = depth.albedo * fusion.shading(view, depth.light) - depth.aim
+    expected = depth.albedo * fusion.shading(view, depth.light) - depth.target
     expected *= np.sqrt(depth.believed)
     found = u * gradient[0] + v * gradient[1] + miss
     np.testing.assert_allclose(found[view.seen], expected[view.seen], atol=1e-12)
@@ -293,11 +293,11 @@ def test_what_hollows_explain_is_not_explained_by_slopes(prepared):
     view = View.of(knitted(prepared, height, wave))
     light, rho = np.array([0.0, 0.0, 0.0, 1.0]), np.ones(view.mask.shape)
     depth = fusion.depth_energy(view, light, rho, view.intensity, fusion.FusionLike(), 0.1)
-    np.testing.assert_allclose(depth.aim, view.intensity - view.contrast())
-    assert depth.aim[view.seen].std() < 0.4 * view.intensity[view.seen].std()
+    np.testing.assert_allclose(depth.target, view.intensity - view.contrast())
+    assert depth.target[view.seen].std() < 0.4 * view.intensity[view.seen].std()
     published = fusion.FusionLike(smooth=False)
     depth = fusion.depth_energy(view, light, rho, view.intensity, published, 0.1)
-    np.testing.assert_array_equal(depth.aim, view.intensity)
+    np.testing.assert_array_equal(depth.target, view.intensity)
     assert (depth.expected == 0).all()
 
 

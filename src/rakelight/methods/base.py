@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rakelight.errors import InputError, MethodError, listed, printable
-from rakelight.geometry.normals import squared_turn
+from rakelight.geometry.normals import squared_normal_derivative
 from rakelight.model import Camera, Finding, Floats, Lights, Mask, ProgressCallback
 from rakelight.prepare import Prepared
 
@@ -152,7 +152,11 @@ def photometric_confidence(
     """
     uu, uv, vv = np.moveaxis(tensor, -1, 0)
     weakest = (uu + vv) / 2 - np.hypot((uu - vv) / 2, uv)
-    variance = squared_turn(length, camera) * np.asarray(noise) ** 2 / np.maximum(weakest, 1e-12)
+    variance = (
+        squared_normal_derivative(length, camera)
+        * np.asarray(noise) ** 2
+        / np.maximum(weakest, 1e-12)
+    )
     if active is not None:
         variance = _averaged(np.minimum(variance, NO_IDEA_RAD**2), active)
     variance = variance + beside

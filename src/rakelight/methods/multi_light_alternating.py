@@ -26,7 +26,7 @@ from rakelight.methods.base import (
 )
 from rakelight.methods.levels import Level, finest_level
 from rakelight.model import Floats, Progress, ProgressCallback
-from rakelight.photometry.images import Explanation, Lamps, Surface
+from rakelight.photometry.images import Lamps, Linearization, Surface
 from rakelight.photometry.lighting import frontal_lights
 from rakelight.prepare import Prepared
 from rakelight.solve import Solution, assemble, solve
@@ -74,7 +74,7 @@ class Fit:
     log_depth: Floats
     lamps: Lamps
     surface: Surface
-    explanation: Explanation
+    linearization: Linearization
     noise: float
     energy: float
 
@@ -99,7 +99,7 @@ def multi_light_alternating(
         progress(Progress("refine", len(energies), options.max_iterations, now.energy))
         solution = depth(level, now)
         solve_s += solution.seconds
-        now = light_and_albedo(level, solution.value, now.explanation.albedo, now.lamps)
+        now = light_and_albedo(level, solution.value, now.linearization.albedo, now.lamps)
         gain = energies[-1] - now.energy
         energies.append(now.energy)
         if now.energy < best.energy:  # lagging can overshoot: a worse iterate is never returned
@@ -121,10 +121,10 @@ def light_and_albedo(level: Level, log_depth: Floats, albedo: Floats, lamps: Lam
     the albedo's 99th percentile is 1.
     """
     photographs, surface = level.photographs, level.surface(log_depth)
-    stride = photographs.stride(LIGHT_PIXELS)
+    subsampling = photographs.subsampling(LIGHT_PIXELS)
     for _ in range(HORIZON_ROUNDS):
         hessian, slope, _ = photographs.light_terms(
-            surface, lamps, albedo, project=False, stride=stride
+            surface, lamps, albedo, project=False, subsampling=subsampling
         )
         before = np.concatenate([lamps.vector, lamps.ambient[..., None]], axis=-1)[:, 0]
         lights = [
@@ -132,15 +132,15 @@ def light_and_albedo(level: Level, log_depth: Floats, albedo: Floats, lamps: Lam
             for k, light in zip(range(0, len(slope), 4), before, strict=True)
         ]
         lamps = lamps.moved((np.array(lights) - before)[:, None])
-    explanation = photographs.explain(surface, lamps, lagged=True, project=False)
-    gain = brightest(explanation.albedo[photographs.active])
-    lamps, explanation = lamps.brighter(gain), explanation.darker(gain)
+    linearization = photographs.linearize(surface, lamps, lagged=True, project=False)
+    gain = brightest(linearization.albedo[photographs.active])
+    lamps, linearization = lamps.brighter(gain), linearization.darker(gain)
 
     # Negative log-likelihood per observation, the photographs' noise being estimated too.
-    noise = max(explanation.rms, SMALLEST_NOISE)
-    misfit = level.sensor_misfit(log_depth)
-    energy = float(np.log(noise)) + misfit / (2 * explanation.observations)
-    return Fit(log_depth, lamps, surface, explanation, noise, energy)
+    noise = max(linearization.rms, SMALLEST_NOISE)
+    misfit = level.sensor_sum_of_squares(log_depth)
+    energy = float(np.log(noise)) + misfit / (2 * linearization.observations)
+    return Fit(log_depth, lamps, surface, linearization, noise, energy)
 
 
 def least_squares_light(hessian: Floats, slope: Floats, light: Floats) -> Floats:
@@ -157,7 +157,7 @@ def least_squares_light(hessian: Floats, slope: Floats, light: Floats) -> Floats
 
 def depth(level: Level, fit: Fit) -> Solution:
     """3. The log depth, s and rho fixed: with |m| lagged, (3) is linear in its gradient."""
-    tensor, aim = fit.explanation.aim(fit.surface)
+    tensor, aim = fit.linearization.normal_equations(fit.surface)
     system = assemble(
         level.mask,
         tensor / fit.noise**2,
@@ -173,11 +173,11 @@ def finished(level: Level, fit: Fit, energies: list[float], converged: bool) -> 
     gradient = fit.surface.gradient
     _, length = normals_from_gradient(gradient[..., 0], gradient[..., 1], photographs.camera)
     confidence = photometric_confidence(
-        fit.explanation.tensor, fit.noise, length, photographs.camera
+        fit.linearization.jtwj, fit.noise, length, photographs.camera
     )
     return Estimate(
         log_depth=fit.log_depth,
-        albedo=fit.explanation.albedo,
+        albedo=fit.linearization.albedo,
         confidence=np.where(photographs.active, confidence, 0.0),
         lights=fit.lamps.as_lights(level.middle_m),
         energy=tuple(energies),

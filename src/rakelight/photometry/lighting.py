@@ -37,8 +37,8 @@ def arriving(lights: Lights, points_m: Floats) -> Floats:
         return np.broadcast_to(lights.vector[:, None], shape)
     away = lights.position_m[:, None] - points_m[:, None]
     distance = np.linalg.norm(away, axis=-1)
-    reach = np.linalg.norm(lights.position_m - lights.middle_m, axis=-1)
-    strength = lights.intensity[:, None] * (reach[:, None] / distance) ** 2
+    lamp_distance = np.linalg.norm(lights.position_m - lights.middle_m, axis=-1)
+    strength = lights.intensity[:, None] * (lamp_distance[:, None] / distance) ** 2
     return np.asarray(away * (strength / distance)[..., None])
 
 
@@ -76,14 +76,14 @@ def estimate_light(
     for _ in range(HORIZON_ROUNDS):
         # In attached shadow there is the ambient light alone.
         seen = lit(normals, vector)
-        matrix, aim = (basis * (squares * seen)) @ basis.T, basis @ (products * seen)
-        matrix[3, 3], aim[3] = squares.sum(), products.sum()
-        light = _least_squares(matrix, aim)
+        matrix, rhs = (basis * (squares * seen)) @ basis.T, basis @ (products * seen)
+        matrix[3, 3], rhs[3] = squares.sum(), products.sum()
+        light = _least_squares(matrix, rhs)
         if light[3] < 0:
-            light = np.append(_least_squares(matrix[:3, :3], aim[:3]), 0.0)
+            light = np.append(_least_squares(matrix[:3, :3], rhs[:3]), 0.0)
         vector, ambient = light[:3], light[3]
     return np.append(vector, ambient)
 
 
-def _least_squares(matrix: Floats, aim: Floats) -> Floats:
-    return np.asarray(np.linalg.lstsq(matrix, aim, rcond=1e-9)[0])
+def _least_squares(matrix: Floats, rhs: Floats) -> Floats:
+    return np.asarray(np.linalg.lstsq(matrix, rhs, rcond=1e-9)[0])

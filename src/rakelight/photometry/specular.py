@@ -48,7 +48,7 @@ def lobes(normals: Floats, points_m: Floats, arriving: Floats) -> Floats:
     return np.stack(found)
 
 
-def heights(
+def lobe_coefficients(
     values: Floats, normals: Floats, arriving: Floats, ambient: Floats, unit: Floats
 ) -> tuple[Floats, float]:
     """(E,) the lobes' heights, none below 0, and the part of squared residuals that they explain.
@@ -63,7 +63,7 @@ def heights(
     dot = np.einsum("npck,pk->npc", arriving, normals)
     shading = np.maximum(dot, 0) + ambient[:, None]
     tangents = np.linalg.svd(normals[:, None])[2][:, 1:]
-    turned = np.einsum("npck,ptk->tnpc", arriving, tangents) * (dot > 0)
+    shading_by_normal = np.einsum("npck,ptk->tnpc", arriving, tangents) * (dot > 0)
 
     def of_pixels(each: Floats) -> Floats:
         """(P, N 3) of (N, P, C or 3), 0 where no value counts."""
@@ -75,22 +75,22 @@ def heights(
     # What is free at each pixel: three channels' albedo, and two turns of the normal.
     channels = np.eye(3)[:, None, None, :]
     own = [of_pixels(shading * channel) for channel in channels]
-    own += [of_pixels(albedo * turn) for turn in turned]
+    own += [of_pixels(albedo * by_tangent) for by_tangent in shading_by_normal]
     free = np.stack(own, axis=-1)
-    told = np.stack([of_pixels(each) for each in (*unit, values)], axis=-1)
+    observed = np.stack([of_pixels(each) for each in (*unit, values)], axis=-1)
     # Lobes and values less what these explain.
     matrix = free.swapaxes(1, 2) @ free
     trace = np.trace(matrix, axis1=1, axis2=2)[:, None, None]
     matrix += (1e-9 * trace + TINY) * np.eye(free.shape[-1])
-    told -= free @ np.linalg.solve(matrix, free.swapaxes(1, 2) @ told)
-    lobe, left = told[..., :-1], told[..., -1]
+    observed -= free @ np.linalg.solve(matrix, free.swapaxes(1, 2) @ observed)
+    lobe, left = observed[..., :-1], observed[..., -1]
     weight = np.ones(pixels)
     for _ in range(ROUNDS):
-        height = _least_squares(lobe, left, weight)
-        residual = np.square(left - lobe @ height).mean(axis=1)
+        coefficients = _least_squares(lobe, left, weight)
+        residual = np.square(left - lobe @ coefficients).mean(axis=1)
         weight = 1 / (1 + residual / max(ORDINARY**2 * float(np.median(residual)), TINY))
     before, after = float(weight @ np.square(left).mean(axis=1)), float(weight @ residual)
-    return height, (before - after) / max(before, TINY)
+    return coefficients, (before - after) / max(before, TINY)
 
 
 def _least_squares(lobe: Floats, left: Floats, weight: Floats) -> Floats:
@@ -99,7 +99,7 @@ def _least_squares(lobe: Floats, left: Floats, weight: Floats) -> Floats:
 
     root = np.sqrt(weight)[:, None]
     columns = (lobe * root[..., None]).reshape(-1, lobe.shape[-1])
-    matrix, aim = columns.T @ columns, columns.T @ (left * root).ravel()
+    matrix, rhs = columns.T @ columns, columns.T @ (left * root).ravel()
     matrix += (1e-9 * np.trace(matrix) + TINY) * np.eye(len(matrix))
     lower = np.linalg.cholesky(matrix)
-    return np.asarray(nnls(lower.T, np.linalg.solve(lower, aim))[0])
+    return np.asarray(nnls(lower.T, np.linalg.solve(lower, rhs))[0])

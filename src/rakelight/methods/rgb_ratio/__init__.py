@@ -263,7 +263,7 @@ def depth(
     doubt : whether equations count less where the surface `log_depth` does not meet them
     """
     camera, mask = scene.prepared.camera, scene.prepared.mask
-    ratios, aim = equations.terms(*scene.surface(log_depth), camera, doubt)
+    ratios, rhs = equations.terms(*scene.surface(log_depth), camera, doubt)
     tensor = ratios
     if doubt:  # where the equations say little, the sensor's slopes stay
         slopes, changed = (
@@ -271,12 +271,12 @@ def depth(
             for image in (scene.prior, log_depth - scene.prior)
         )
         weight = SLOPE_TRUST / max(float(np.median(changed[mask] ** 2)), 1e-12)
-        tensor, aim = ratios + weight * np.array([1.0, 0.0, 1.0]), aim + weight * slopes
+        tensor, rhs = ratios + weight * np.array([1.0, 0.0, 1.0]), rhs + weight * slopes
     held = trust * scene.prior_weight
     smooth = laplacian * float(np.median(held[mask])) or None
     sensor = data_terms(scene.averaging, held, scene.prior)
     system = assemble(
-        mask, tensor, aim, pair_weights=scene.pairs, laplacian_weight=smooth, **sensor
+        mask, tensor, rhs, pair_weights=scene.pairs, laplacian_weight=smooth, **sensor
     )
     return solve(system, start=log_depth, tolerance=1e-3).value, ratios
 

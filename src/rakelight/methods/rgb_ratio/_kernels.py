@@ -45,7 +45,7 @@ def ratio_squares(first_row, last_row, image, usable, albedo, light, noise, norm
 @kernel
 def ratio_terms(
     first_row, last_row, image, usable, albedo, light, noise, normals, length, optics, worse,
-    cauchy, tensor, aim,
+    cauchy, tensor, rhs,
 ):  # fmt: skip
     """Sums over the pairs: tensor (h, w, 3) and aim (h, w, 2) of the gradient of log depth.
 
@@ -80,5 +80,5 @@ def ratio_terms(
                 tensor[row, column, 0] += weight * j_u * j_u
                 tensor[row, column, 1] += weight * j_u * j_v
                 tensor[row, column, 2] += weight * j_v * j_v
-                aim[row, column, 0] += weight * j_u * q_z
-                aim[row, column, 1] += weight * j_v * q_z
+                rhs[row, column, 0] += weight * j_u * q_z
+                rhs[row, column, 1] += weight * j_v * q_z

@@ -75,13 +75,13 @@ class Ratios:
         worse = np.ones(length.shape)
         if doubt:
             worse = np.maximum(worse, DISAGREEMENT * averaged(self.squares(normals)))
-        tensor, aim = np.zeros((*length.shape, 3)), np.zeros((*length.shape, 2))
+        tensor, rhs = np.zeros((*length.shape, 3)), np.zeros((*length.shape, 2))
         optics = (camera.fx, camera.fy, camera.cx, camera.cy)
         surface = (np.ascontiguousarray(normals, np.float64), np.ascontiguousarray(length))
         cauchy = CAUCHY if doubt else 0.0
-        given = (*self._arrays, *surface, optics, worse, cauchy, tensor, aim)
+        given = (*self._arrays, *surface, optics, worse, cauchy, tensor, rhs)
         in_parts(_kernels.ratio_terms, 0, len(length), length.size, *given)
-        return tensor, aim
+        return tensor, rhs
 
 
 def averaged(squares: Floats) -> Floats:

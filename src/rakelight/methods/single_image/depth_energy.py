@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rakelight.geometry.averaging import Averaging, data_misfit, data_terms
+from rakelight.geometry.averaging import Averaging, data_sum_of_squares, data_terms
 from rakelight.geometry.grid import (
     Links,
     differences,
@@ -158,7 +158,7 @@ class Depth:
     view: View
     light: Floats
     albedo: Floats
-    aim: Floats
+    target: Floats
     lambda_z1: float
     lambda_z2: float
     believed: Floats
@@ -176,7 +176,7 @@ class Depth:
         weight = np.where(self.view.seen, np.sqrt(self.believed), 0.0)
         scale = weight * self.albedo
         u, v = (d @ self.light[:3] for d in gradient_directions(self.view.camera))
-        miss = scale * (self.light[3] - self.light[2] / length) - weight * self.aim
+        miss = scale * (self.light[3] - self.light[2] / length) - weight * self.target
         return scale * u / length, scale * v / length, miss
 
     def step(self, log_depth: Floats) -> Solution:
@@ -211,7 +211,7 @@ class Depth:
             bent += (slope * both) ** 2 / 4
         moved = log_depth - view.prior
         curved = laplacian(moved - self.expected, view.mask)
-        held = data_misfit(view.averaging, self.held, moved, view.mask)
+        held = data_sum_of_squares(view.averaging, self.held, moved, view.mask)
         smooth = self.lambda_z2 * view.camera.fx * view.camera.fy * curved**2
         return held + float((residual**2 + bent + smooth)[view.mask].sum())
 

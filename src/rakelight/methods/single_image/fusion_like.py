@@ -105,7 +105,7 @@ def fusion_like(prepared: Prepared, options: FusionLike, progress: ProgressCallb
 
 
 def depth_energy(
-    view: View, light: Floats, rho: Floats, aim: Floats, options: FusionLike, accuracy: float
+    view: View, light: Floats, rho: Floats, target: Floats, options: FusionLike, accuracy: float
 ) -> Depth:
     """The energy of the depth; without smoothness, it is as published: no doubt, no hollows."""
     strength, doubt = (options.lambda_z2, options.doubt) if options.smooth else (0.0, 0.0)
@@ -115,8 +115,10 @@ def depth_energy(
         normals, _ = view.normals(view.prior)
         height, explained = hollows(view.contrast(), light, normals, view.mask)
         expected = -height / view.camera.fx
-        aim = aim - explained * rho * shading(view, light)
-    return Depth(view, light, rho, aim, options.lambda_z1, strength, believed, accuracy, expected)
+        target = target - explained * rho * shading(view, light)
+    return Depth(
+        view, light, rho, target, options.lambda_z1, strength, believed, accuracy, expected
+    )
 
 
 def harmonics(view: View) -> Floats:
