@@ -48,8 +48,8 @@ def load_method(name: str) -> Method:
 def method_of(options: object) -> str | None:
     """The name of the method that these options are for; None for anything else.
 
-    >>> from rakelight.methods.single_image.rgbd_fusion import Options
-    >>> method_of(Options()), method_of(3)
+    >>> from rakelight.methods.single_image.rgbd_fusion import RgbdFusion
+    >>> method_of(RgbdFusion()), method_of(3)
     ('rgbd-fusion', None)
     """
     # A method whose module is not loaded yet cannot be meant.

@@ -1,4 +1,4 @@
-"""Cast shadows of a depth map, which hides all that is behind it."""
+"""Cast shadows of a depth map, which is opaque to infinity behind the surface."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ import numpy as np
 from rakelight import jit
 from rakelight.model import Camera, Floats, Mask
 
+# First step of the march, pixels, and the growth of each: occluders far away look larger.
 STEP_PX = 0.5
 STEP_GROWTH = 1.02
-"""Steps begin at half a pixel and grow, for far occluders are large on the way."""
+# Depth behind the surface, in pixel sizes, beyond which a point is hidden; less is its own slope.
 CLEARANCE_PX = 1.5
-"""A point is hidden when this many pixel sizes behind the surface; less is its own slope."""
 
 
 def in_sight(depth_m: Floats, camera: Camera, points_m: Floats, to_light_m: Floats) -> Mask:
-    """(M,) True where the way to the lamp is free.
+    """(M,) True where the ray to the light is free.
 
     depth_m : (H, W), NaN outside the object
-    points_m, to_lamp_m : (M, 3) camera frame; `to_light_m` ends at the lamp (a distant one: far
-        enough to leave the object)
+    points_m, to_light_m : (M, 3) camera frame, points and vectors to the light (for a distant one
+        far enough to leave the object)
 
-    The surface is taken as a curtain that reaches from what is seen to infinity.
+    The surface extends from its depth to infinity along each ray.
 
     >>> camera = Camera(9, 1, fx=9.0, fy=9.0, cx=4.0, cy=0.0)
     >>> depth = np.where(np.arange(9) < 5, 0.5, 1.0)[None]

@@ -7,7 +7,7 @@ import numpy as np
 from rakelight.model import Floats, Lights, Mask
 from rakelight.photometry.harmonics import lit
 
-# The set of lit pixels depends on the light; it settles after a few solves.
+# Rounds of least squares: the set of lit pixels depends on the light.
 HORIZON_ROUNDS = 3
 
 
@@ -23,7 +23,7 @@ def frontal_lights(count: int) -> Lights:
 
 
 def arriving(lights: Lights, points_m: Floats) -> Floats:
-    """(N, P, C, 3) light vectors s at P points; near lamps fall off from their positions.
+    """(N, P, C, 3) light vectors s at P points; near lights fall off from their positions.
 
     points_m : (P, 3) camera frame
 
@@ -58,7 +58,7 @@ def estimate_light(
 
     Minimises sum_c sum_p w (rho_c (max(0, s.n) + phi) - I_c)^2, equation (3) over all channels;
     without a start, s.n takes the place of max(0, s.n).
-    A light that the pixels do not determine stays as small as it can (minimum norm).
+    Where the pixels do not determine the light, it is of minimum norm.
 
     >>> rng = np.random.default_rng(0)
     >>> n = rng.normal(size=(99, 3)); n /= np.linalg.norm(n, axis=1, keepdims=True)

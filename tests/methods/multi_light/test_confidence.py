@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter
 
 from rakelight import refine
 from rakelight.geometry.normals import normal_lengths, squared_normal_derivative
-from rakelight.methods.base import NO_IDEA_RAD
+from rakelight.methods.base import UNDETERMINED_RAD
 from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light.bas_relief_variance import sensor_moment
 from rakelight.methods.multi_light.confidence import (
@@ -57,17 +57,17 @@ def test_noise_turns_a_normal_in_both_directions():
     (uu, uv), (_, vv) = turns @ np.diag([4e4, 1e4]) @ turns.T
     found = photometric_variance(level, with_tensor(fit, uu, uv, vv), np.full(turn.shape, 0.002))
     # d = M^-1 b with b of covariance sigma^2 M: variances sigma^2 / 4e4 and sigma^2 / 1e4.
-    expected = np.minimum(turn * 0.002**2 * (1 / 4e4 + 1 / 1e4) / 2, NO_IDEA_RAD**2)
+    expected = np.minimum(turn * 0.002**2 * (1 / 4e4 + 1 / 1e4) / 2, UNDETERMINED_RAD**2)
     active = level.photographs.active
     np.testing.assert_allclose(found[active], expected[active], rtol=1e-9)
-    assert (expected[active] < NO_IDEA_RAD**2).mean() > 0.9
+    assert (expected[active] < UNDETERMINED_RAD**2).mean() > 0.9
 
 
 def test_what_photographs_do_not_tell_is_half_a_radian():
     _, level, fit = make_fit()
     noise = np.full(level.mask.shape, 0.002)
     found = photometric_variance(level, with_tensor(fit, 1e4, 0.0, 0.0), noise)
-    np.testing.assert_array_equal(found, NO_IDEA_RAD**2)
+    np.testing.assert_array_equal(found, UNDETERMINED_RAD**2)
 
 
 def test_the_sensor_takes_over_where_it_says_as_much():

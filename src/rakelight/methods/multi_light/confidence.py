@@ -19,7 +19,7 @@ import numpy as np
 
 from rakelight.geometry.grid import Grid, differences, neighbours
 from rakelight.geometry.normals import normal_lengths, squared_normal_derivative
-from rakelight.methods.base import NO_IDEA_RAD, photometric_confidence
+from rakelight.methods.base import UNDETERMINED_RAD, photometric_confidence
 from rakelight.methods.levels import Level, sensor_error
 from rakelight.methods.multi_light.bas_relief import rays_of
 from rakelight.methods.multi_light.energy import Fit
@@ -38,8 +38,8 @@ def photometric_variance(level: Level, fit: Fit, noise: Floats) -> Floats:
     noise : (h, w) standard deviation of a pixel value
 
     Of both directions, the trace of the covariance, halved: a surface has one unknown per pixel for
-    two slopes, and the half of their noise that is not a gradient drops out.  `NO_IDEA_RAD` squared
-    where the photographs have no information.
+    two slopes, and the half of their noise that is not a gradient drops out.  The square of
+    `UNDETERMINED_RAD` where the photographs have no information.
     """
     gradient, camera = fit.surface.gradient, level.photographs.camera
     dn_dg2 = squared_normal_derivative(
@@ -48,8 +48,8 @@ def photometric_variance(level: Level, fit: Fit, noise: Floats) -> Floats:
     uu, uv, vv = np.moveaxis(fit.linearization.jtwj, -1, 0)
     determinant = np.maximum(uu * vv - uv**2, TINY)
     trace = dn_dg2 * noise**2 * (uu + vv) / determinant
-    variance = np.minimum(trace / 2, NO_IDEA_RAD**2)
-    return np.where(level.photographs.active, variance, NO_IDEA_RAD**2)
+    variance = np.minimum(trace / 2, UNDETERMINED_RAD**2)
+    return np.where(level.photographs.active, variance, UNDETERMINED_RAD**2)
 
 
 def depth_sigma(
@@ -108,7 +108,7 @@ def shared_noise(level: Level, fit: Fit) -> Floats:
     return np.asarray(np.sqrt(fit.noise**2 + len(level.photographs) * shared))
 
 
-def confidence(level: Level, fit: Fit, noise: Floats, beside: Floats) -> Floats:
+def confidence(level: Level, fit: Fit, noise: Floats, extra_variance: Floats) -> Floats:
     """(h, w) from the expected error of each normal; see `photometric_confidence`.
 
     The photometric variance is averaged with the neighbours', which share its errors.
@@ -117,7 +117,12 @@ def confidence(level: Level, fit: Fit, noise: Floats, beside: Floats) -> Floats:
     gradient, photographs = fit.surface.gradient, level.photographs
     length = normal_lengths(gradient[..., 0], gradient[..., 1], photographs.camera)
     return photometric_confidence(
-        fit.linearization.jtwj, noise, length, photographs.camera, photographs.active, beside
+        fit.linearization.jtwj,
+        noise,
+        length,
+        photographs.camera,
+        photographs.active,
+        extra_variance,
     )
 
 
