@@ -61,13 +61,13 @@ MODULES = {
 NOT_TUNED = ("FOURTH_DIFFERENCE", "MEAN_ABSOLUTE_TO_SIGMA", "TINY")
 """The coefficients of one; the normal distribution's; against division by zero."""
 OFF: dict[str, Any] = {
-    "model_selection.LEAST_GAIN": 0.0,
+    "model_selection.LEAST_ENERGY_GAIN": 0.0,
     "model_selection.MOST_VARIED_DISTANCES": np.inf,
     "energy.FOURTH_DIFFERENCE_WEIGHT": 0.0,
     "levels.FILLED": 1e-9,
-    "levels.ISLAND": 0,
+    "levels.SMALL_COMPONENT": 0,
     "outliers.LEAST_HIDDEN": 2.0,
-    "outliers.LEAST_SHARE": 2.0,
+    "outliers.LEAST_EXPLAINED": 2.0,
     "factored_start.SHADOW": 0.0,
     "factored_start.FREEDOM": 1e9,
     "held_back.LEAST_GAIN": np.inf,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rakelight.geometry.averaging import AveragedData, Averaging, data_misfit, data_terms
+from rakelight.geometry.averaging import AveragedData, Averaging, data_sum_of_squares, data_terms
 from rakelight.solve import assemble
 
 SHAPE = (12, 20)
@@ -100,7 +100,7 @@ def test_terms_and_misfit_are_of_one_energy():
         gradient = (system.apply(np.where(mask, there, 0.0)) - system.rhs)[mask]
 
         def energy(image, averaging=averaging):
-            return data_misfit(averaging, weight, image - target, mask)
+            return data_sum_of_squares(averaging, weight, image - target, mask)
 
         for k, place in enumerate(np.argwhere(mask)[::7]):
             step = np.zeros(mask.shape)

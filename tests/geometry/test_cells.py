@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rakelight.geometry.cells import Cells, cell_sums, spread
+from rakelight.geometry.cells import Cells, cell_sums, interpolate
 
 ROW, COLUMN = np.mgrid[:11, :14]
 MASKS = {
@@ -62,15 +62,15 @@ def test_cell_sums_cell_by_cell(cell, channels):
 def test_spread_keeps_constants_and_planes(mask, cell):
     shape = mask.shape
     size = tuple(-(-side // cell) for side in shape)
-    np.testing.assert_allclose(spread(np.full(size, 7.0), cell, shape), 7.0, rtol=1e-14)
-    found = spread(centred_plane(cell, shape), cell, shape)
+    np.testing.assert_allclose(interpolate(np.full(size, 7.0), cell, shape), 7.0, rtol=1e-14)
+    found = interpolate(centred_plane(cell, shape), cell, shape)
     assert found.shape == shape
     inside = between_centres(cell, shape)
     np.testing.assert_allclose(found[inside], plane(*np.indices(shape))[inside], atol=1e-13)
 
 
 def test_spread_goes_on_level_beyond_the_outermost_centres():
-    found = spread(np.array([[1.0, 2.0], [3.0, 5.0]]), 3, (6, 6))
+    found = interpolate(np.array([[1.0, 2.0], [3.0, 5.0]]), 3, (6, 6))
     np.testing.assert_array_equal(found[:2, :2], 1.0)
     np.testing.assert_array_equal(found[4:, 4:], 5.0)
 
@@ -87,7 +87,7 @@ def test_the_cells_inside_hold_a_pixel_of_the_mask(mask, cell):
 def test_gather_is_the_transpose_of_spread(mask, cell):
     cells = Cells.on(mask, cell)
     values, image = normal(cells.inside.shape, 1), normal(mask.shape, 2)
-    there = (cells.spread(values) * image)[mask].sum()
+    there = (cells.interpolate(values) * image)[mask].sum()
     back = (values * cells.gather(image))[cells.inside].sum()
     assert there == pytest.approx(back, abs=1e-12)
 
@@ -96,8 +96,8 @@ def test_gather_is_the_transpose_of_spread(mask, cell):
 def test_nothing_outside_is_read(mask, cell):
     cells = Cells.on(mask, cell)
     values, image = normal(cells.inside.shape, 1), normal(mask.shape, 2)
-    wild = cells.spread(np.where(cells.inside, values, np.nan))
-    np.testing.assert_array_equal(wild, cells.spread(values))
+    wild = cells.interpolate(np.where(cells.inside, values, np.nan))
+    np.testing.assert_array_equal(wild, cells.interpolate(values))
     wild = cells.gather(np.where(mask, image, np.nan))
     np.testing.assert_array_equal(wild, cells.gather(image))
     assert not wild[~cells.inside].any()
@@ -106,11 +106,11 @@ def test_nothing_outside_is_read(mask, cell):
 @pytest.mark.parametrize("cell", CELLS)
 def test_fields_of_cells_keep_constants_and_planes(mask, cell):
     cells = Cells.on(mask, cell)
-    np.testing.assert_allclose(cells.spread(np.full(cells.inside.shape, 7.0)), 7.0, rtol=1e-14)
+    np.testing.assert_allclose(cells.interpolate(np.full(cells.inside.shape, 7.0)), 7.0, rtol=1e-14)
     # A plane where all the cells around are inside; elsewhere the nearest one goes on.
-    known = spread(cells.inside.astype(float), cell, mask.shape) > 1 - 1e-12
+    known = interpolate(cells.inside.astype(float), cell, mask.shape) > 1 - 1e-12
     known &= between_centres(cell, mask.shape)
-    found = cells.spread(centred_plane(cell, mask.shape))
+    found = cells.interpolate(centred_plane(cell, mask.shape))
     np.testing.assert_allclose(found[known], plane(*np.indices(mask.shape))[known], atol=1e-13)
 
 
@@ -123,11 +123,11 @@ def test_gather_keeps_the_sum(mask, cell):
 def test_cells_of_one_pixel_are_the_pixels(mask):
     cells, image = Cells.on(mask, 1), normal(mask.shape)
     np.testing.assert_array_equal(cells.inside, mask)
-    np.testing.assert_array_equal(cells.spread(image)[mask], image[mask])
+    np.testing.assert_array_equal(cells.interpolate(image)[mask], image[mask])
     np.testing.assert_array_equal(cells.gather(image), np.where(mask, image, 0.0))
 
 
 def test_a_cell_outside_continues_the_nearest_inside():
     cells = Cells.on(np.arange(9)[None] >= 6, 3)
-    found = cells.spread(np.array([[5.0, -7.0, 1.0]]))
+    found = cells.interpolate(np.array([[5.0, -7.0, 1.0]]))
     np.testing.assert_array_equal(found, np.ones((1, 9)))

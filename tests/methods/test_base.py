@@ -16,7 +16,7 @@ from rakelight.methods.base import (
     photometric_confidence,
     require_photographs,
 )
-from rakelight.methods.multi_light import missed_bend
+from rakelight.methods.multi_light import missed_curvature
 from rakelight.metrics import normal_error_map_deg
 from rakelight.model import Camera, Lights
 from rakelight.pipeline import refine
@@ -159,7 +159,7 @@ def test_what_differences_miss_of_a_bend(axis):
     slopes = [none, 0.002 * np.cos(along) / 4][:: 1 if axis == 0 else -1]
     true, _ = normals_from_gradient(*slopes, camera)
     found, _ = normals_from_gradient(*mean_gradient(0.002 * np.sin(along), mask), camera)
-    missed = missed_bend(found, mask)[2:-2, 2:-2]
+    missed = missed_curvature(found, mask)[2:-2, 2:-2]
     error = ((found - true) ** 2).sum(axis=-1)[2:-2, 2:-2]
     assert missed.sum() == pytest.approx(error.sum(), rel=0.05)
 
@@ -168,12 +168,12 @@ def test_nothing_is_missed_beside_a_jump_or_without_a_normal():
     bent = np.zeros((3, 5, 3))
     bent[:, 2] = 1.0
     mask = np.ones((3, 5), bool)
-    assert (missed_bend(bent, mask)[:, 2] > 0).all()
+    assert (missed_curvature(bent, mask)[:, 2] > 0).all()
     whole = Links.of(mask)
     cut = Links(mask, whole.right & (np.arange(5) != 2), whole.down)
-    assert not missed_bend(bent, cut)[:, 2].any()
+    assert not missed_curvature(bent, cut)[:, 2].any()
     bent[:, 3] = np.nan
-    assert not missed_bend(bent, mask)[:, 2:].any()
+    assert not missed_curvature(bent, mask)[:, 2:].any()
 
 
 # ---- how many photographs

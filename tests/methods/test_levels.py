@@ -7,9 +7,16 @@ import pytest
 
 from rakelight.geometry.averaging import Averaging
 from rakelight.geometry.camera import back_project
-from rakelight.geometry.cells import cell_sums, spread
+from rakelight.geometry.cells import cell_sums, interpolate
 from rakelight.geometry.grid import Links, mean_gradient
-from rakelight.methods.levels import FILLED, ISLAND, Level, finest_level, pyramid, small_parts
+from rakelight.methods.levels import (
+    FILLED,
+    SMALL_COMPONENT,
+    Level,
+    find_small_components,
+    finest_level,
+    pyramid,
+)
 from rakelight.model import Camera
 from rakelight.prepare import Prepared, SensorDepth
 from rakelight.prepare.linear import usable
@@ -67,7 +74,7 @@ def test_spread_is_linear_between_the_centres(cell, shape):
     height, width = (-(-side // cell) for side in shape)
     row, column = np.mgrid[:height, :width].astype(float)
     coarse = 2.0 + 0.5 * row - 0.25 * column
-    fine = spread(coarse, cell, shape)
+    fine = interpolate(coarse, cell, shape)
     assert fine.shape == shape
     centre = [(np.arange(side) - (cell - 1) / 2) / cell for side in shape]
     r = np.clip(centre[0], 0, height - 1)[:, None]
@@ -80,7 +87,7 @@ def test_spread_hands_each_cell_s_value_to_as_many_pixels(cell):
     # What a cell gives out is what it covers: sums over whole images agree.
     coarse = np.zeros((6, 8))
     coarse[1:-1, 1:-1] = np.random.default_rng(2).normal(size=(4, 6))
-    fine = spread(coarse, cell, (6 * cell, 8 * cell))
+    fine = interpolate(coarse, cell, (6 * cell, 8 * cell))
     assert fine.sum() == pytest.approx(cell**2 * coarse.sum(), rel=1e-12)
     assert np.vdot(fine, fine) <= cell**2 * np.vdot(coarse, coarse) * (1 + 1e-12)
 
@@ -89,7 +96,7 @@ def test_spread_hands_each_cell_s_value_to_as_many_pixels(cell):
 def test_spread_has_the_slopes_of_the_correction(cell):
     # The mean gradient over the whole is 1 / cell of that per cell.
     row, column = np.mgrid[:6, :8].astype(float)
-    fine = spread(3 * row + 5 * column, cell, (6 * cell, 8 * cell))
+    fine = interpolate(3 * row + 5 * column, cell, (6 * cell, 8 * cell))
     u, v = mean_gradient(fine, np.ones(fine.shape, bool))
     inside = np.s_[cell:-cell, cell:-cell]
     np.testing.assert_allclose(u[inside], 5 / cell, rtol=1e-12)
@@ -119,8 +126,8 @@ def test_the_sensor_sees_means_over_its_pixels(factor):
     change = 1e-3 * rng.normal(size=level.mask.shape)
     means = change.reshape(24 // factor, factor, 32 // factor, factor).mean(axis=(1, 3))
     expected = (cell_sums(level.prior_weight, factor) * means**2).sum()
-    assert level.sensor_misfit(level.prior + change) == pytest.approx(expected, rel=1e-10)
-    assert level.sensor_misfit(level.prior) == 0
+    assert level.sensor_sum_of_squares(level.prior + change) == pytest.approx(expected, rel=1e-10)
+    assert level.sensor_sum_of_squares(level.prior) == 0
     # the terms of the normal equations belong to that energy: exact, as it is quadratic
     terms = level.sensor_terms(level.prior + change, 3.0)
     step = 1e-3 * rng.normal(size=level.mask.shape)
@@ -128,7 +135,7 @@ def test_the_sensor_sees_means_over_its_pixels(factor):
     if factor > 1:
         image, rhs = image + terms["extra"].apply(step), rhs + terms["extra_rhs"]
     form = (step * image).sum() - 2 * (step * rhs).sum()
-    energies = [level.sensor_misfit(level.prior + change + t * step) for t in (0, 1)]
+    energies = [level.sensor_sum_of_squares(level.prior + change + t * step) for t in (0, 1)]
     assert form == pytest.approx(3 * (energies[1] - energies[0]), rel=1e-6)
 
 
@@ -240,9 +247,9 @@ def test_carried_shift_and_slope():
     found = level.carried(coarse, coarse.prior + correction)
     assert found.shape == level.mask.shape
     fine_row, fine_column = np.mgrid[: level.mask.shape[0], : level.mask.shape[1]]
-    smooth = spread(coarse.prior, 2, level.mask.shape)
+    smooth = interpolate(coarse.prior, 2, level.mask.shape)
     expected = smooth + 0.01 + 1e-3 * (fine_row - 0.5) / 2 - 2e-3 * (fine_column - 0.5) / 2
-    inside = level.mask & (spread(coarse.mask.astype(float), 2, level.mask.shape) == 1)
+    inside = level.mask & (interpolate(coarse.mask.astype(float), 2, level.mask.shape) == 1)
     assert inside.sum() > 200
     np.testing.assert_allclose(found[inside], expected[inside], atol=1e-12)
 
@@ -252,7 +259,7 @@ def test_carried_goes_on_beyond_the_coarse_mask_as_the_prior_does():
     coarse = level.halved()
     wild = np.where(coarse.mask, coarse.prior + 0.02, 1e9)
     found = level.carried(coarse, wild)
-    smooth = spread(coarse.prior, 2, level.mask.shape)
+    smooth = interpolate(coarse.prior, 2, level.mask.shape)
     np.testing.assert_allclose(found[level.mask], smooth[level.mask] + 0.02, atol=1e-12)
 
 
@@ -298,8 +305,8 @@ def test_levels_of_a_pyramid_explain_alike():
     lamps = Lamps.distant(np.tile([0.1, 0.2, -0.8], (4, 1, 1)), np.full((4, 1), 0.1))
     for each in pyramid(level, 200):
         assert isinstance(each, Level)
-        found = each.photographs.explain(each.surface(each.prior), lamps)
-        finest = level.photographs.explain(level.surface(level.prior), lamps)
+        found = each.photographs.linearize(each.surface(each.prior), lamps)
+        finest = level.photographs.linearize(level.surface(level.prior), lamps)
         mean = found.albedo[each.photographs.active].mean()
         assert mean == pytest.approx(finest.albedo.mean(), rel=2e-3)
 
@@ -314,12 +321,12 @@ def test_the_bias_of_smoothing_is_taken_out(factor):
     sensor = replace(prepared.sensor, depth_m=np.tile(slope, (48 // factor, 1)))
     flat = replace(prepared, sensor=sensor, depth_m=np.full((48, 60), 0.8))
     plain, mended = (finest_level(flat, unbiased=choice) for choice in (False, True))
-    np.testing.assert_array_equal(plain.aim, plain.prior)
+    np.testing.assert_array_equal(plain.unbiased_prior, plain.prior)
     K = sensor.averaging(flat.mask)
     edge = 16 // factor
     inner = np.s_[edge:-edge, edge:-edge]
     np.testing.assert_allclose(
-        K.down(mended.aim)[inner], np.log(sensor.depth_m)[inner], atol=0.002 * 0.2
+        K.down(mended.unbiased_prior)[inner], np.log(sensor.depth_m)[inner], atol=0.002 * 0.2
     )
 
 
@@ -328,29 +335,29 @@ def test_noise_is_not_taken_for_bias():
     noise = np.random.default_rng(0).normal(0, 0.003, (48, 60))
     noisy = replace(prepared, sensor=replace(prepared.sensor, depth_m=prepared.depth_m + noise))
     level = finest_level(noisy, unbiased=True)
-    assert np.std(level.aim - level.prior) < 0.1 * np.std(noise / prepared.depth_m)
+    assert np.std(level.unbiased_prior - level.prior) < 0.1 * np.std(noise / prepared.depth_m)
 
 
-def test_parts_of_fewer_sensor_pixels_are_islands():
+def test_parts_of_fewer_sensor_pixels_are_small_components():
     mask = np.ones((12, 12), bool)
     mask[:, 8] = False
     mask[6:, 9:] = False
     edges = np.arange(0.0, 15.0, 2.0)
-    islands = small_parts(mask, Averaging.on(mask, edges, edges))
-    assert mask[:, 9:].sum() > ISLAND * 2**2
-    assert not islands.any()
+    small_components = find_small_components(mask, Averaging.on(mask, edges, edges))
+    assert mask[:, 9:].sum() > SMALL_COMPONENT * 2**2
+    assert not small_components.any()
     edges = np.arange(0.0, 15.0, 3.0)
-    islands = small_parts(mask, Averaging.on(mask, edges, edges))
-    np.testing.assert_array_equal(islands, mask & (np.arange(12) > 8))
-    assert not small_parts(mask, None).any()
+    small_components = find_small_components(mask, Averaging.on(mask, edges, edges))
+    np.testing.assert_array_equal(small_components, mask & (np.arange(12) > 8))
+    assert not find_small_components(mask, None).any()
 
 
-def test_islands_keep_to_the_prior():
+def test_small_components_keep_to_the_prior():
     level = finest_level(make_prepared(factor=3))
-    level = replace(level, islands=np.tile(np.arange(30) > 26, (24, 1)))
-    moved = level.prior + 0.01 * level.islands
+    level = replace(level, small_components=np.tile(np.arange(30) > 26, (24, 1)))
+    moved = level.prior + 0.01 * level.small_components
     pointwise = 1e-4 * level.prior_weight[:, 27:].sum()
-    assert level.sensor_misfit(moved) > pointwise
+    assert level.sensor_sum_of_squares(moved) > pointwise
     terms = level.sensor_terms(moved)
     np.testing.assert_allclose(terms["data_target"][:, 27:], -0.01)
     assert not terms["data_weight"][:, :27].any()
@@ -365,10 +372,10 @@ def test_parts_that_floated_are_put_back_where_the_sensor_has_them(factor):
     right[:, 13] = False
     halves = Links(whole.mask, right, links.down)
     parted = replace(whole, photographs=replace(whole.photographs, grid=halves))
-    floated = whole.aim.copy()
+    floated = whole.unbiased_prior.copy()
     floated[:, :14] += 0.05
     floated[:, 14:] -= 0.02
-    np.testing.assert_allclose(parted.placed(floated), whole.aim, atol=1e-7)
+    np.testing.assert_allclose(parted.placed(floated), whole.unbiased_prior, atol=1e-7)
     # of one part, the mean alone is put right
-    mean = np.sum(weight * (whole.aim - floated)) / weight.sum()
+    mean = np.sum(weight * (whole.unbiased_prior - floated)) / weight.sum()
     np.testing.assert_allclose(whole.placed(floated) - floated, mean, rtol=1e-6)

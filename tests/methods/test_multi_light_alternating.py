@@ -105,7 +105,7 @@ def rough_fit(capture, seed=0):
     fit = light_and_albedo(
         level, log_depth, np.ones((*level.mask.shape, 3)), frontal_lamps(len(prepared))
     )
-    return prepared, level, light_and_albedo(level, log_depth, fit.explanation.albedo, fit.lamps)
+    return prepared, level, light_and_albedo(level, log_depth, fit.linearization.albedo, fit.lamps)
 
 
 def normals_of(fit, level):
@@ -119,7 +119,7 @@ def lagged_squares(prepared, level, fit, gradient):
     """(P,) squared residuals of the image model at `gradient` (P, 2), |m| and shadows lagged."""
     inner = level.photographs.active[level.mask]
     normals, length = normals_of(fit, level)
-    albedo = fit.explanation.albedo[level.mask]
+    albedo = fit.linearization.albedo[level.mask]
     rows, columns = np.nonzero(level.mask)
     camera = prepared.camera
     x, y = columns - camera.cx, rows - camera.cy
@@ -139,12 +139,12 @@ def test_depth_terms_are_the_lagged_squares(capture):
     mask[20, 30:50] = False
     mask[19:22, 40] = True  # pixels without a neighbour along u
     prepared, level, fit = rough_fit(replace(capture, mask=mask))
-    tensor, aim = (each[level.mask] for each in fit.explanation.aim(fit.surface))
+    tensor, rhs = (each[level.mask] for each in fit.linearization.normal_equations(fit.surface))
     uu, uv, vv = tensor.T
 
     def quadratic(g):
         u, v = g.T
-        return uu * u * u + 2 * uv * u * v + vv * v * v - 2 * (aim * g).sum(axis=1)
+        return uu * u * u + 2 * uv * u * v + vv * v * v - 2 * (rhs * g).sum(axis=1)
 
     rng = np.random.default_rng(1)
     at = fit.surface.gradient[level.mask]
@@ -159,7 +159,7 @@ def test_depth_terms_are_the_lagged_squares(capture):
 
 def test_depth_terms_are_the_derivative(capture):
     prepared, level, fit = rough_fit(capture)
-    slope = -2 * fit.explanation.vector[level.mask]
+    slope = -2 * fit.linearization.rhs[level.mask]
     at, step = fit.surface.gradient[level.mask], 1e-4
     for axis in (0, 1):
         ahead, behind = at.copy(), at.copy()
@@ -176,7 +176,7 @@ def test_depth_terms_are_the_derivative(capture):
 def test_noise_is_the_rms_of_what_is_counted(capture):
     prepared, level, fit = rough_fit(capture)
     squares = lagged_squares(prepared, level, fit, fit.surface.gradient[level.mask]).sum()
-    counted = fit.explanation.observations
+    counted = fit.linearization.observations
     assert counted == sum(prepared.pixels(i)[1].sum() for i in range(6))
     assert fit.noise == pytest.approx(np.sqrt(squares / counted), rel=1e-9)
 
@@ -200,7 +200,7 @@ def test_light_and_albedo_are_the_plain_ones(capture):
     prepared, level, fit = rough_fit(capture)
     assert level.photographs.active.sum() == level.mask.sum()
     normals, _ = normals_of(fit, level)
-    albedo = fit.explanation.albedo
+    albedo = fit.linearization.albedo
     found = light_and_albedo(level, fit.log_depth, albedo, fit.lamps)
 
     lights = plain_lights(prepared, normals, albedo[level.mask], fit.lamps)
@@ -212,20 +212,20 @@ def test_light_and_albedo_are_the_plain_ones(capture):
     assert np.abs(found.lamps.vector - fit.lamps.vector).max() > 1e-3
     np.testing.assert_allclose(found.lamps.vector[:, 0], scale * lights[:, :3], atol=1e-6)
     np.testing.assert_allclose(found.lamps.ambient, scale * lights[:, 3:], atol=1e-6)
-    np.testing.assert_allclose(found.explanation.albedo[level.mask], best / scale, atol=1e-6)
+    np.testing.assert_allclose(found.linearization.albedo[level.mask], best / scale, atol=1e-6)
 
 
 def synthetic(prepared, level, fit, lamps, ambient):
     """The level with clean photographs of the fit's surface and albedo under other lights."""
     normals, _ = normals_of(fit, level)
-    albedo = np.clip(fit.explanation.albedo[level.mask], 0.2, 0.9)
+    albedo = np.clip(fit.linearization.albedo[level.mask], 0.2, 0.9)
     photographs = np.zeros((len(ambient), *level.mask.shape, 3), np.uint16)
     for photograph, vector, phi in zip(photographs, lamps, ambient, strict=True):
         light = np.maximum(albedo * (np.maximum(normals @ vector, 0) + phi)[:, None], 0)
         assert light.max() < 0.98
         photograph[level.mask] = np.rint(65535 * light)
     scene = finest_level(replace(prepared, photographs=photographs))
-    return scene, np.clip(fit.explanation.albedo, 0.2, 0.9)
+    return scene, np.clip(fit.linearization.albedo, 0.2, 0.9)
 
 
 VECTOR = np.array([[0.3, 0.1, -0.6], [-0.2, 0.4, -0.5], [0.1, -0.3, -0.7]])
@@ -242,7 +242,7 @@ def test_light_and_albedo_come_back_from_a_clean_image(capture):
     np.testing.assert_allclose(found.lamps.vector, scale * true.vector, atol=2e-4)
     np.testing.assert_allclose(found.lamps.ambient, scale * true.ambient, atol=2e-4)
     np.testing.assert_allclose(
-        found.explanation.albedo[level.mask], albedo[level.mask] / scale, atol=1e-3
+        found.linearization.albedo[level.mask], albedo[level.mask] / scale, atol=1e-3
     )
 
 

@@ -32,25 +32,25 @@ def m_of(gradient, camera):
     return np.stack([camera.fx * u, camera.fy * v, -(1 + x * u + y * v)], axis=-1)
 
 
-def light_at(vector, closeness, points):
-    """(h, w, 3) what a lamp in the direction of `vector`, 1/closeness away, sends to each point.
+def light_at(vector, inverse_distance, points):
+    """(h, w, 3) light vectors at each point, of a lamp towards `vector`, 1/inverse_distance away.
 
     The inverse square law of a lamp at P = u / k:  s(X) = |q| |P|^2 (P - X) / |P - X|^3.
     """
     size = length(vector)
-    toward = vector / size - closeness * points
+    toward = vector / size - inverse_distance * points
     return size * toward / length(toward) ** 3
 
 
-def shading(photographs, gradient, points, vector, ambient, closeness, lagged_length=None):
-    """(N, h, w, 3) of lights vector (N, C, 3), ambient (N, C), closeness (N, C)."""
+def shading(photographs, gradient, points, vector, ambient, inverse_distance, lagged_length=None):
+    """(N, h, w, 3) of lights vector (N, C, 3), ambient (N, C), inverse_distance (N, C)."""
     m = m_of(gradient, photographs.camera)
     n = m / (length(m) if lagged_length is None else lagged_length)
     count, channels = ambient.shape
     images = []
     for i in range(count):
         for c in range(channels):
-            dot = (light_at(vector[i, c], closeness[i, c], points) * n).sum(axis=-1)
+            dot = (light_at(vector[i, c], inverse_distance[i, c], points) * n).sum(axis=-1)
             images.append(np.where(dot.real > 0, dot, 0) + ambient[i, c])
     stack = np.stack(images, axis=-1).reshape(*m.shape[:2], count, channels)
     return np.moveaxis(np.broadcast_to(stack, (*stack.shape[:3], 3)), 2, 0)
@@ -62,8 +62,8 @@ def shading_of(photographs, surface, lamps):
 
 
 def numbers(lamps):
-    """vector (N, C, 3), ambient (N, C) and closeness (N, C)."""
-    return lamps.vector, lamps.ambient, lamps.closeness
+    """vector (N, C, 3), ambient (N, C) and inverse_distance (N, C)."""
+    return lamps.vector, lamps.ambient, lamps.inverse_distance
 
 
 def shading_by_gradient(photographs, surface, lamps, lagged):
@@ -79,7 +79,7 @@ def shading_by_gradient(photographs, surface, lamps, lagged):
 
 
 def shading_by_light(photographs, surface, lamps, near):
-    """(K, N, h, w, 3) derivatives of the shading with each light's vector, [closeness,] ambient."""
+    """(K, N, h, w, 3) derivatives of the shading with vector, [inverse distance,] ambient."""
     derivatives = []
     for light in np.ndindex(lamps.ambient.shape):
         for k in [(0, 0), (0, 1), (0, 2), (2,), (1,)] if near else [(0, 0), (0, 1), (0, 2), (1,)]:
@@ -122,15 +122,15 @@ def freed(derivative, a, w):
 
 @dataclass
 class Plain:
-    """The fields of an Explanation; residuals, and those of one channel of every other pixel."""
+    """The fields of an Linearization; residuals, and those of one channel of every other pixel."""
 
     albedo: np.ndarray
     energy: float
-    tensor: np.ndarray
-    vector: np.ndarray
+    jtwj: np.ndarray
+    rhs: np.ndarray
     residuals: np.ndarray
     counted: np.ndarray
-    misfit: np.ndarray
+    mean_abs_residual: np.ndarray
     light_slope: np.ndarray
 
 
@@ -140,8 +140,8 @@ def one_channel(shape):
     return (row + column)[..., None] % 6 == 2 * np.arange(3)
 
 
-def explain(photographs, surface, lamps, *, scale=0.0, start=None, lagged=False, project=True):
-    """Albedo, energy and depth terms of one pass: `Photographs.explain`."""
+def linearize(photographs, surface, lamps, *, scale=0.0, start=None, lagged=False, project=True):
+    """Albedo, energy and depth terms of one pass: `Photographs.linearize`."""
     scale = np.asarray(scale, dtype=float)
     image, good = decoded(photographs)
     a = shading_of(photographs, surface, lamps)
@@ -151,7 +151,7 @@ def explain(photographs, surface, lamps, *, scale=0.0, start=None, lagged=False,
     loss = wide**2 * np.log1p((residual / wide) ** 2) if np.all(scale > 0) else residual**2
 
     J = rho * shading_by_gradient(photographs, surface, lamps, lagged)
-    vector = -(w * J * residual).sum(axis=(1, -1))
+    rhs = -(w * J * residual).sum(axis=(1, -1))
     if project:
         J = freed(J, a, w)
     pairs = ((0, 0), (0, 1), (1, 1))
@@ -159,11 +159,11 @@ def explain(photographs, surface, lamps, *, scale=0.0, start=None, lagged=False,
     return Plain(
         albedo=rho,
         energy=float(loss[good].sum()),
-        tensor=np.stack([(w * J[k] * J[m]).sum(axis=(0, -1)) for k, m in pairs], axis=-1),
-        vector=np.moveaxis(vector, 0, -1),
+        jtwj=np.stack([(w * J[k] * J[m]).sum(axis=(0, -1)) for k, m in pairs], axis=-1),
+        rhs=np.moveaxis(rhs, 0, -1),
         residuals=residual[good],
         counted=residual[good & one_channel(photographs.mask.shape)],
-        misfit=ratio((abs(residual) * good).sum(axis=(0, -1)), good.sum(axis=(0, -1))),
+        mean_abs_residual=ratio((abs(residual) * good).sum(axis=(0, -1)), good.sum(axis=(0, -1))),
         light_slope=(weights(residual, good, scale) * turned * residual)
         .sum(axis=(1, 2, 3, 4))
         .reshape(*lamps.ambient.shape, 5),
@@ -171,12 +171,12 @@ def explain(photographs, surface, lamps, *, scale=0.0, start=None, lagged=False,
 
 
 def light_terms(
-    photographs, surface, lamps, albedo, *, scale=0.0, near=False, project=True, stride=1,
+    photographs, surface, lamps, albedo, *, scale=0.0, near=False, project=True, subsampling=1,
     mixed=False,
 ):  # fmt: skip
     """Derivatives of half the energy with the lights: `Photographs.light_terms`."""
     image, good = decoded(photographs)
-    thin = np.s_[::stride, ::stride]
+    thin = np.s_[::subsampling, ::subsampling]
     some = np.zeros(photographs.mask.shape, bool)
     some[thin] = True
     good = good & some[..., None]

@@ -42,8 +42,8 @@ def some_lamps(channels=1, near=False, seed=1, count=COUNT):
     rng = np.random.default_rng(seed)
     vector = rng.normal(size=(count, channels, 3)) * [0.35, 0.35, 0.1] - [0, 0, 0.5]
     ambient = rng.uniform(0.02, 0.12, (count, channels))
-    closeness = rng.uniform(0.5, 3, ambient.shape) if near else np.zeros_like(ambient)
-    return Lamps(vector, ambient, closeness)
+    inverse_distance = rng.uniform(0.5, 3, ambient.shape) if near else np.zeros_like(ambient)
+    return Lamps(vector, ambient, inverse_distance)
 
 
 def seen(surface, lamps, camera=CAMERA, seed=2):
@@ -105,35 +105,35 @@ def close(found, expected):
 @pytest.mark.parametrize("project", [True, False])
 @pytest.mark.parametrize("lagged", [True, False])
 @pytest.mark.parametrize("scale", SCALES)
-def test_explain_is_the_plain_pass(lamps, scale, lagged, project):
+def test_linearize_is_the_plain_pass(lamps, scale, lagged, project):
     photographs, surface = faulty(lamps)
     how = {"scale": SCALES[scale], "lagged": lagged, "project": project}
-    found = photographs.explain(surface, lamps, **how)
-    expected = plain.explain(photographs, surface, lamps, **how)
+    found = photographs.linearize(surface, lamps, **how)
+    expected = plain.linearize(photographs, surface, lamps, **how)
     close(found.albedo, expected.albedo)
-    close(found.tensor, expected.tensor)
-    close(found.vector, expected.vector)
-    close(found.misfit, expected.misfit)
+    close(found.jtwj, expected.jtwj)
+    close(found.rhs, expected.rhs)
+    close(found.mean_abs_residual, expected.mean_abs_residual)
     assert found.energy == pytest.approx(expected.energy, rel=1e-12)
     assert found.rms == pytest.approx(np.sqrt(np.mean(expected.residuals**2)), rel=1e-12)
     assert found.observations == len(expected.residuals)
     # the histogram's bins are 0.5 / 1024 wide
     robust = MAD_TO_SIGMA * np.median(np.abs(expected.counted))
-    assert found.spread == pytest.approx(robust, abs=MAD_TO_SIGMA * 0.5 / 1024)
-    assert found.spread > 5 * MAD_TO_SIGMA * 0.5 / 1024
+    assert found.noise_sigma == pytest.approx(robust, abs=MAD_TO_SIGMA * 0.5 / 1024)
+    assert found.noise_sigma > 5 * MAD_TO_SIGMA * 0.5 / 1024
 
 
 @pytest.mark.parametrize("scale", [0.03, SCALES["robust"]])
-def test_explain_goes_on_from_an_albedo(lamps, scale):
+def test_linearize_goes_on_from_an_albedo(lamps, scale):
     photographs, surface = faulty(lamps)
     start = np.random.default_rng(5).uniform(0, 1, (HEIGHT, WIDTH, 3))
     before = start.copy()
-    found = photographs.explain(surface, lamps, scale=scale, start=start)
-    expected = plain.explain(photographs, surface, lamps, scale=scale, start=start)
+    found = photographs.linearize(surface, lamps, scale=scale, start=start)
+    expected = plain.linearize(photographs, surface, lamps, scale=scale, start=start)
     np.testing.assert_array_equal(start, before)
     close(found.albedo, expected.albedo)
-    close(found.vector, expected.vector)
-    other = photographs.explain(surface, lamps, scale=scale)
+    close(found.rhs, expected.rhs)
+    other = photographs.linearize(surface, lamps, scale=scale)
     assert np.abs(found.albedo - other.albedo).max() > 1e-4
 
 
@@ -141,10 +141,10 @@ def test_explain_goes_on_from_an_albedo(lamps, scale):
 def test_photographs_of_all_kinds(dtype, encoding):
     lamps = some_lamps()
     photographs, surface = faulty(lamps, dtype, encoding)
-    found = photographs.explain(surface, lamps, scale=0.03)
-    expected = plain.explain(photographs, surface, lamps, scale=0.03)
+    found = photographs.linearize(surface, lamps, scale=0.03)
+    expected = plain.linearize(photographs, surface, lamps, scale=0.03)
     close(found.albedo, expected.albedo)
-    close(found.tensor, expected.tensor)
+    close(found.jtwj, expected.jtwj)
     assert found.observations == usable(photographs.values)[:, photographs.active].sum()
     mine = photographs.light_terms(surface, lamps, found.albedo, scale=0.03, mixed=True)
     theirs = plain.light_terms(photographs, surface, lamps, found.albedo, scale=0.03, mixed=True)
@@ -154,13 +154,13 @@ def test_photographs_of_all_kinds(dtype, encoding):
 
 @pytest.mark.parametrize("project", [True, False])
 @pytest.mark.parametrize("scale", SCALES)
-@pytest.mark.parametrize("stride", [1, 2, 3])
+@pytest.mark.parametrize("subsampling", [1, 2, 3])
 @pytest.mark.parametrize(("near", "mixed"), [(False, False), (True, True), (False, True)])
-def test_light_terms_are_the_plain_ones(lamps, scale, near, mixed, stride, project):
+def test_light_terms_are_the_plain_ones(lamps, scale, near, mixed, subsampling, project):
     photographs, surface = faulty(lamps)
-    albedo = photographs.explain(surface, lamps, scale=SCALES[scale]).albedo
+    albedo = photographs.linearize(surface, lamps, scale=SCALES[scale]).albedo
     how = {"scale": SCALES[scale], "near": near, "project": project}
-    how |= {"stride": stride, "mixed": mixed}
+    how |= {"subsampling": subsampling, "mixed": mixed}
     found = photographs.light_terms(surface, lamps, albedo, **how)
     expected = plain.light_terms(photographs, surface, lamps, albedo, **how)
     for each, other in zip(found, expected, strict=True):
@@ -172,12 +172,12 @@ def test_light_terms_are_the_plain_ones(lamps, scale, near, mixed, stride, proje
 @pytest.mark.parametrize("scale", SCALES)
 def test_lights_turn_as_in_the_plain_pass(lamps, scale):
     photographs, surface = faulty(lamps)
-    found = photographs.explain(surface, lamps, scale=SCALES[scale], turning=True)
+    found = photographs.linearize(surface, lamps, scale=SCALES[scale], with_light_slope=True)
     close(
         found.light_slope,
-        plain.explain(photographs, surface, lamps, scale=SCALES[scale]).light_slope,
+        plain.linearize(photographs, surface, lamps, scale=SCALES[scale]).light_slope,
     )
-    still = photographs.explain(surface, lamps, scale=SCALES[scale])
+    still = photographs.linearize(surface, lamps, scale=SCALES[scale])
     assert still.light_slope is None
     assert still.energy == found.energy
 
@@ -185,13 +185,13 @@ def test_lights_turn_as_in_the_plain_pass(lamps, scale):
 @pytest.mark.parametrize("most", [1, 5, 20, 1000])
 def test_some_are_those_of_a_stride(most):
     photographs, _ = faulty(some_lamps())
-    stride, active = photographs.stride(most), photographs.active
+    subsampling, active = photographs.subsampling(most), photographs.active
     expected = np.zeros_like(active)
-    expected[::stride, ::stride] = active[::stride, ::stride]
-    some = photographs.some(most)
+    expected[::subsampling, ::subsampling] = active[::subsampling, ::subsampling]
+    some = photographs.subsample(most)
     np.testing.assert_array_equal(some, expected)
     assert some.any()
-    assert (stride == 1) == (most == 1000)
+    assert (subsampling == 1) == (most == 1000)
 
 
 def test_a_stride_that_meets_no_pixel_is_none():
@@ -199,8 +199,8 @@ def test_a_stride_that_meets_no_pixel_is_none():
     mask[1:3] = True
     light = np.full((2, 9, 9, 3), 0.5)
     photographs = taken(light, mask=mask, camera=replace(CAMERA, height=9, width=9))
-    assert photographs.stride(1) == 1
-    np.testing.assert_array_equal(photographs.some(1), mask)
+    assert photographs.subsampling(1) == 1
+    np.testing.assert_array_equal(photographs.subsample(1), mask)
 
 
 @pytest.mark.parametrize(("dtype", "encoding"), [(np.uint8, "srgb"), (np.uint16, "linear")])
@@ -246,10 +246,10 @@ def test_halved_twice_as_light_is_halved_as_light():
 
 
 def settled(photographs, surface, lamps, scale):
-    """The explanation with the albedo that the loss has at rest."""
-    found = photographs.explain(surface, lamps, scale=scale)
+    """The linearization with the albedo that the loss has at rest."""
+    found = photographs.linearize(surface, lamps, scale=scale)
     for _ in range(60):
-        found = photographs.explain(surface, lamps, scale=scale, start=found.albedo)
+        found = photographs.linearize(surface, lamps, scale=scale, start=found.albedo)
     return found
 
 
@@ -257,7 +257,7 @@ def settled(photographs, surface, lamps, scale):
 def test_vector_is_the_derivative_of_the_energy(lamps, scale):
     photographs, surface = faulty(lamps, noise=0.01)
     found = settled(photographs, surface, lamps, scale)
-    lag = photographs.explain(surface, lamps, scale=scale, start=found.albedo, lagged=True)
+    lag = photographs.linearize(surface, lamps, scale=scale, start=found.albedo, lagged=True)
     direction = np.random.default_rng(7).normal(size=surface.gradient.shape)
 
     def energy(step):
@@ -266,8 +266,8 @@ def test_vector_is_the_derivative_of_the_energy(lamps, scale):
 
     step = 1e-7
     slope = (energy(step) - energy(-step)) / (2 * step)
-    assert -2 * (found.vector * direction).sum() == pytest.approx(slope, rel=1e-5)
-    assert -2 * (lag.vector * direction).sum() != pytest.approx(slope, rel=1e-3)
+    assert -2 * (found.rhs * direction).sum() == pytest.approx(slope, rel=1e-5)
+    assert -2 * (lag.rhs * direction).sum() != pytest.approx(slope, rel=1e-3)
 
 
 @pytest.mark.parametrize("scale", [0.0, 0.05])
@@ -278,17 +278,19 @@ def test_slope_is_the_derivative_of_half_the_energy(lamps, scale, near):
     _, slope, _ = photographs.light_terms(
         surface, lamps, found.albedo, scale=scale, near=near, mixed=True
     )
-    along = photographs.explain(surface, lamps, scale=scale, start=found.albedo, turning=True)
+    along = photographs.linearize(
+        surface, lamps, scale=scale, start=found.albedo, with_light_slope=True
+    )
     shape = (*lamps.ambient.shape, 5 if near else 4)
     direction = np.random.default_rng(8).normal(size=shape)
-    if near and not lamps.closeness.any():
+    if near and not lamps.inverse_distance.any():
         direction[..., 3] = np.abs(direction[..., 3])  # none is farther than infinity
 
     def energy(step):
         return settled(photographs, surface, moved(lamps, step * direction), scale).energy
 
     step = 1e-6
-    if near and not lamps.closeness.any():  # one-sided, second order
+    if near and not lamps.inverse_distance.any():  # one-sided, second order
         difference = (-3 * energy(0) + 4 * energy(step) - energy(2 * step)) / (2 * step)
     else:
         difference = (energy(step) - energy(-step)) / (2 * step)
@@ -300,8 +302,8 @@ def test_slope_is_the_derivative_of_half_the_energy(lamps, scale, near):
 
 def moved(lamps, step):
     """As Lamps.moved, without its bounds."""
-    closeness = lamps.closeness + (step[..., 3] if step.shape[-1] == 5 else 0)
-    return Lamps(lamps.vector + step[..., :3], lamps.ambient + step[..., -1], closeness)
+    inverse_distance = lamps.inverse_distance + (step[..., 3] if step.shape[-1] == 5 else 0)
+    return Lamps(lamps.vector + step[..., :3], lamps.ambient + step[..., -1], inverse_distance)
 
 
 @pytest.mark.parametrize("kind", ["white", "near", "coloured"])
@@ -311,7 +313,7 @@ def test_second_derivatives_are_exact_at_a_perfect_fit(kind):
     lamps, surface = some_lamps(**KINDS[kind]), some_surface()
     light, _ = seen(surface, lamps)
     photographs = taken(0.7 * light, mask=np.ones((HEIGHT, WIDTH), bool))
-    found = photographs.explain(surface, lamps)
+    found = photographs.linearize(surface, lamps)
     assert found.rms < 2e-5
     near = "near" in kind
     hessian, _, mixed = photographs.light_terms(surface, lamps, found.albedo, near=near, mixed=True)
@@ -319,14 +321,14 @@ def test_second_derivatives_are_exact_at_a_perfect_fit(kind):
     q = 3e-3 * rng.normal(size=(*lamps.ambient.shape, 5 if near else 4))
     q[..., -1] = np.abs(q[..., -1])
     g = 4e-4 * np.sign(mixed @ q.ravel())  # where the mixed term is large
-    M, k = found.tensor, q.ravel()
+    M, k = found.jtwj, q.ravel()
     depth = M[..., 0] * g[..., 0] ** 2 + 2 * M[..., 1] * g[..., 0] * g[..., 1]
     depth = (depth + M[..., 2] * g[..., 1] ** 2).sum()
     lights, both = k @ hessian @ k, 2 * (g * (mixed @ k)).sum()
     assert min(depth, lights, both) > 0.1 * (depth + lights)
     for s, t in ((1, 0), (0, 1), (1, 1), (1, -1)):
         there = replace(surface, gradient=surface.gradient + s * g)
-        energy = photographs.explain(there, moved(lamps, t * q)).energy
+        energy = photographs.linearize(there, moved(lamps, t * q)).energy
         form = s * s * depth + s * t * both + t * t * lights
         assert energy == pytest.approx(form, rel=0.03)
 
@@ -343,7 +345,7 @@ def test_reweighting_never_raises_the_energy(lamps, scale):
     residual = albedo * plain.shading_of(photographs, surface, lamps) - image
     energies = [scale**2 * np.log1p((residual[good] / scale) ** 2).sum()]
     for _ in range(8):
-        found = photographs.explain(surface, lamps, scale=scale, start=albedo)
+        found = photographs.linearize(surface, lamps, scale=scale, start=albedo)
         energies.append(found.energy)
         albedo = found.albedo
     assert energies[1] < 0.9 * energies[0]
@@ -354,16 +356,16 @@ def test_reweighting_never_raises_the_energy(lamps, scale):
 def test_brighter_lamps_and_a_darker_albedo_are_the_same(lamps, scale):
     photographs, surface = faulty(lamps)
     start = np.full((HEIGHT, WIDTH, 3), 0.5)
-    one = photographs.explain(surface, lamps, scale=scale, start=start)
-    two = photographs.explain(surface, lamps.brighter(3.0), scale=scale, start=start / 3)
+    one = photographs.linearize(surface, lamps, scale=scale, start=start)
+    two = photographs.linearize(surface, lamps.brighter(3.0), scale=scale, start=start / 3)
     assert two.energy == pytest.approx(one.energy, rel=1e-11)
     close(two.albedo, one.darker(3.0).albedo)
-    close(two.tensor, one.tensor)
-    close(two.vector, one.vector)
+    close(two.jtwj, one.jtwj)
+    close(two.rhs, one.rhs)
     # and so the energy does not change along that direction
     hessian, slope, _ = photographs.light_terms(surface, lamps, one.albedo)
     along = np.concatenate([lamps.vector, lamps.ambient[..., None]], axis=-1).ravel()
-    if not lamps.closeness.any():
+    if not lamps.inverse_distance.any():
         assert np.abs(hessian @ along).max() < 1e-9 * np.abs(hessian).max()
     if not scale:
         assert abs(slope @ along) < 1e-9 * np.abs(slope).max()
@@ -377,22 +379,22 @@ def test_a_pixel_only_counts_where_it_is_usable(lamps):
     values[bad] = np.where(values[bad] > 30000, photographs.high + 1, photographs.low - 1)
     values[:, ~photographs.active] = 12345
     other = replace(photographs, values=values)
-    one, two = (each.explain(surface, lamps, scale=0.03) for each in (photographs, other))
-    for name in ("albedo", "energy", "tensor", "vector", "rms", "spread", "misfit"):
+    one, two = (each.linearize(surface, lamps, scale=0.03) for each in (photographs, other))
+    for name in ("albedo", "energy", "jtwj", "rhs", "rms", "noise_sigma", "mean_abs_residual"):
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
     black = (slice(None), 6, 6)
     assert bad[black].all()
     assert not one.albedo[6, 6].any()
-    assert not one.tensor[6, 6].any()
-    assert one.misfit[6, 6] == 0
+    assert not one.jtwj[6, 6].any()
+    assert one.mean_abs_residual[6, 6] == 0
 
 
 def test_pixels_without_a_normal_say_nothing(lamps):
     photographs, surface = faulty(lamps)
     off = ~has_gradient(photographs.mask)
     assert (photographs.mask & off).any()
-    found = photographs.explain(surface, lamps)
-    for field in (found.albedo, found.tensor, found.vector, found.misfit):
+    found = photographs.linearize(surface, lamps)
+    for field in (found.albedo, found.jtwj, found.rhs, found.mean_abs_residual):
         assert not field[off].any()
 
 
@@ -400,8 +402,8 @@ def test_tensors_are_positive_semidefinite(lamps):
     photographs, surface = faulty(lamps)
     for count in (1, 2, COUNT):
         few = replace(photographs, values=np.ascontiguousarray(photographs.values[:count]))
-        part = Lamps(lamps.vector[:count], lamps.ambient[:count], lamps.closeness[:count])
-        uu, uv, vv = np.moveaxis(few.explain(surface, part).tensor, -1, 0)
+        part = Lamps(lamps.vector[:count], lamps.ambient[:count], lamps.inverse_distance[:count])
+        uu, uv, vv = np.moveaxis(few.linearize(surface, part).jtwj, -1, 0)
         assert (uu >= 0).all()
         assert (vv >= 0).all()
         assert (uv**2 <= uu * vv * (1 + 1e-12)).all()
@@ -411,19 +413,24 @@ def test_one_photograph_says_nothing_of_the_depth_once_the_albedo_is_free():
     lamps = some_lamps(count=1)
     light, _ = seen(some_surface(), lamps)
     photographs = taken(light)
-    free = photographs.explain(some_surface(), lamps)
-    held = photographs.explain(some_surface(), lamps, project=False)
-    assert np.abs(free.tensor).max() < 1e-9 * np.abs(held.tensor).max()
+    free = photographs.linearize(some_surface(), lamps)
+    held = photographs.linearize(some_surface(), lamps, project=False)
+    assert np.abs(free.jtwj).max() < 1e-9 * np.abs(held.jtwj).max()
 
 
 def test_lamps_far_away_are_distant_lamps():
     photographs, surface = faulty(some_lamps())
     found = {}
-    for closeness in (0.0, 1e-6, 0.5):
-        lamps = replace(some_lamps(), closeness=np.full((COUNT, 1), closeness))
-        explanation = photographs.explain(surface, lamps)
-        terms = photographs.light_terms(surface, lamps, explanation.albedo, near=True, mixed=True)
-        found[closeness] = (explanation.albedo, explanation.energy, explanation.tensor, *terms)
+    for inverse_distance in (0.0, 1e-6, 0.5):
+        lamps = replace(some_lamps(), inverse_distance=np.full((COUNT, 1), inverse_distance))
+        linearization = photographs.linearize(surface, lamps)
+        terms = photographs.light_terms(surface, lamps, linearization.albedo, near=True, mixed=True)
+        found[inverse_distance] = (
+            linearization.albedo,
+            linearization.energy,
+            linearization.jtwj,
+            *terms,
+        )
     for far, distant, close_by in zip(found[1e-6], found[0.0], found[0.5], strict=True):
         np.testing.assert_allclose(far, distant, atol=1e-5 * np.abs(distant).max())
         assert np.abs(np.subtract(close_by, distant)).max() > 1e-4 * np.abs(distant).max()
@@ -437,7 +444,9 @@ def test_a_near_lamp_obeys_the_inverse_square_law():
     lamps = Lamps(np.array([[[0, 0, -0.8]]]), np.zeros((1, 1)), np.array([2.0]))
     surface = Surface(np.zeros((2, 2, 2)), points)
     light = np.full((1, 2, 2, 3), 0.5)
-    albedo = taken(light, mask=np.ones((2, 2), bool), camera=camera).explain(surface, lamps).albedo
+    albedo = (
+        taken(light, mask=np.ones((2, 2), bool), camera=camera).linearize(surface, lamps).albedo
+    )
     np.testing.assert_allclose(albedo[:, 1], 4 * albedo[:, 0], rtol=1e-10)
     np.testing.assert_allclose(albedo[:, 0], 0.5 / 0.8, rtol=1e-4)
 
@@ -454,11 +463,11 @@ def test_the_same_numbers_on_one_core_and_on_two():
     results = []
     for threads in (1, 2):
         with limited_threads(threads):
-            found = photographs.explain(surface, lamps, scale=0.01, turning=True)
+            found = photographs.linearize(surface, lamps, scale=0.01, with_light_slope=True)
             terms = photographs.light_terms(surface, lamps, found.albedo, near=True, mixed=True)
             terms = (*terms, found.light_slope)
             small = photographs.halved().values
-            results.append((found.albedo, found.energy, found.rms, found.tensor, *terms, small))
+            results.append((found.albedo, found.energy, found.rms, found.jtwj, *terms, small))
     for one, two in zip(*results, strict=True):
         np.testing.assert_array_equal(one, two)
 
@@ -491,7 +500,7 @@ def test_positions_are_where_the_light_comes_from(channels):
     lights = lamps.as_lights(np.zeros(3))
     stated = arriving(lights, surface.points.reshape(-1, 3))
     for i, c in np.ndindex(lamps.ambient.shape):
-        s = plain.light_at(lamps.vector[i, c], lamps.closeness[i, c], surface.points)
+        s = plain.light_at(lamps.vector[i, c], lamps.inverse_distance[i, c], surface.points)
         position = lights.position_m[i, c]
         toward = position - surface.points
         strength = np.linalg.norm(lamps.vector[i, c]) * (position**2).sum()
@@ -506,11 +515,15 @@ def test_moved_lamps():
     step[0, 0, 3] = -9
     there = lamps.moved(step)
     np.testing.assert_array_equal(there.vector, lamps.vector + step[..., :3])
-    np.testing.assert_array_equal(there.closeness, np.maximum(lamps.closeness + step[..., 3], 0))
+    np.testing.assert_array_equal(
+        there.inverse_distance, np.maximum(lamps.inverse_distance + step[..., 3], 0)
+    )
     np.testing.assert_array_equal(there.ambient, np.maximum(lamps.ambient + step[..., 4], 0))
     assert (there.ambient == 0).any()
-    assert (there.closeness == 0).any()
-    np.testing.assert_array_equal(lamps.moved(step[..., :4]).closeness, lamps.closeness)
+    assert (there.inverse_distance == 0).any()
+    np.testing.assert_array_equal(
+        lamps.moved(step[..., :4]).inverse_distance, lamps.inverse_distance
+    )
 
 
 # ---- which pixels
@@ -522,29 +535,29 @@ def test_some_pixels_are_about_so_many():
     camera = replace(CAMERA, height=200, width=300)
     photographs = taken(np.full((1, 200, 300, 3), 0.5), mask=mask, camera=camera)
     for most in (100, 3000, 20_000):
-        some = photographs.some(most)
+        some = photographs.subsample(most)
         assert not (some & ~photographs.active).any()
         assert most / 1.5 < some.sum() < 2.6 * most
-    np.testing.assert_array_equal(photographs.some(10**6), photographs.active)
+    np.testing.assert_array_equal(photographs.subsample(10**6), photographs.active)
 
 
 def test_some_pixels_of_a_thin_object_are_not_none():
     mask = np.zeros((HEIGHT, WIDTH), bool)
     mask[5:7] = True
     photographs = taken(np.full((1, HEIGHT, WIDTH, 3), 0.5), mask=mask)
-    assert photographs.some(1).any()
+    assert photographs.subsample(1).any()
 
 
 def test_one_compiled_version_serves_every_call():
     # A read-only scale or a strided light would each compile the kernel once more: seconds.
     lamps = some_lamps()
     photographs, surface = faulty(lamps)
-    albedo = photographs.explain(surface, lamps).albedo
+    albedo = photographs.linearize(surface, lamps).albedo
     photographs.light_terms(surface, lamps, albedo)
-    before = len(_kernels.explain.signatures), len(_kernels.light_terms.signatures)
+    before = len(_kernels.linearize.signatures), len(_kernels.light_terms.signatures)
     joined = np.concatenate([lamps.vector, lamps.ambient[..., None]], axis=-1)
     strided = Lamps.distant(joined[..., :3], joined[..., 3])
     for scale in (0.03, np.full((HEIGHT, WIDTH), 0.03)):
-        photographs.explain(surface, strided, scale=scale, start=albedo)
+        photographs.linearize(surface, strided, scale=scale, start=albedo)
         photographs.light_terms(surface, strided, albedo, scale=scale)
-    assert before == (len(_kernels.explain.signatures), len(_kernels.light_terms.signatures))
+    assert before == (len(_kernels.linearize.signatures), len(_kernels.light_terms.signatures))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rakelight.photometry.specular import EXPONENTS, heights, lobes
+from rakelight.photometry.specular import EXPONENTS, lobe_coefficients, lobes
 
 PIXELS, LAMPS = 400, 12
 
@@ -50,19 +50,19 @@ def test_a_lamp_behind_the_surface_makes_none():
 
 @pytest.mark.parametrize("true", [[0.1, 0.0, 0.0], [0.0, 0.2, 0.0], [0.05, 0.1, 0.3]])
 def test_heights_are_found_without_knowing_the_paint(true):
-    found, share = heights(*make_values(true))
+    found, share = lobe_coefficients(*make_values(true))
     assert found == pytest.approx(true, abs=0.01)
     assert share > 0.9
 
 
 def test_heights_are_found_where_normals_are_off():
-    found, share = heights(*make_values([0.0, 0.2, 0.0], noise=0.01, bent=0.03))
+    found, share = lobe_coefficients(*make_values([0.0, 0.2, 0.0], noise=0.01, bent=0.03))
     assert found.sum() == pytest.approx(0.2, rel=0.15)
     assert share > 0.3
 
 
 def test_matte_paint_has_none():
-    found, share = heights(*make_values([0.0, 0.0, 0.0], noise=0.01, bent=0.03))
+    found, share = lobe_coefficients(*make_values([0.0, 0.0, 0.0], noise=0.01, bent=0.03))
     assert found.sum() < 0.01
     assert share < 0.003
 
@@ -70,6 +70,9 @@ def test_matte_paint_has_none():
 def test_values_that_do_not_count_say_nothing():
     values, *known = make_values([0.0, 0.2, 0.0])
     hidden = np.random.default_rng(1).random(values.shape) < 0.2
-    found, _ = heights(np.where(hidden, -1.0, values), *known)
+    found, _ = lobe_coefficients(np.where(hidden, -1.0, values), *known)
     assert found == pytest.approx([0.0, 0.2, 0.0], abs=0.01)
-    assert heights(np.full_like(values, -1.0), *known) == (pytest.approx([0.0, 0.0, 0.0]), 0.0)
+    assert lobe_coefficients(np.full_like(values, -1.0), *known) == (
+        pytest.approx([0.0, 0.0, 0.0]),
+        0.0,
+    )

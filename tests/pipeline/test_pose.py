@@ -46,9 +46,9 @@ def unaware(capture):
 def left(found, true):
     """What is left of the shift (2,), depth pixels, and of the rotation (3,), degrees."""
     there = MIDDLE @ found.rotation.T + found.translation_m
-    aim = MIDDLE @ true.rotation.T + true.translation_m
+    target = MIDDLE @ true.rotation.T + true.translation_m
     turn = Rotation.from_matrix(true.rotation @ found.rotation.T).as_rotvec()
-    return ((there - aim) / PIXEL_M)[:2], np.degrees(turn)
+    return ((there - target) / PIXEL_M)[:2], np.degrees(turn)
 
 
 def codes(findings):

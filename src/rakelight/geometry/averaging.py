@@ -150,7 +150,9 @@ def data_terms(averaging: Averaging | None, weight: Floats, target: Floats) -> d
     }  # fmt: skip
 
 
-def data_misfit(averaging: Averaging | None, weight: Floats, miss: Floats, mask: Mask) -> float:
+def data_sum_of_squares(
+    averaging: Averaging | None, weight: Floats, miss: Floats, mask: Mask
+) -> float:
     """sum w (K d)^2 of an image d (h, w) on a mask, as `data_terms` has it."""
     if averaging is None:
         return float((weight * miss**2)[mask].sum())

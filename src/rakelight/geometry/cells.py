@@ -21,7 +21,7 @@ def cell_sums(image: Floats, cell: int) -> Floats:
     return image
 
 
-def spread(coarse: Floats, cell: int, shape: tuple[int, ...]) -> Floats:
+def interpolate(coarse: Floats, cell: int, shape: tuple[int, ...]) -> Floats:
     """An image of cells interpolated linearly between their centres, cut to `shape`."""
     for axis in (0, 1):
         along = _interpolation(coarse.shape[axis], cell)[: shape[axis]]
@@ -51,17 +51,17 @@ class Cells:
         nearest = distance_transform_edt(~inside, return_distances=False, return_indices=True)
         return cls(mask, cell, inside, (nearest[0], nearest[1]))
 
-    def spread(self, values: Floats) -> Floats:
+    def interpolate(self, values: Floats) -> Floats:
         """(h, w) the field of `values` (ch, cw); cells outside continue the nearest one inside.
 
         >>> cells = Cells.on(np.ones((4, 4), bool), 2)
-        >>> cells.spread(np.array([[0.0, 4.0], [0.0, 4.0]]))[0].tolist()
+        >>> cells.interpolate(np.array([[0.0, 4.0], [0.0, 4.0]]))[0].tolist()
         [0.0, 1.0, 3.0, 4.0]
         """
-        return spread(values[self._nearest], self.cell, self.mask.shape)
+        return interpolate(values[self._nearest], self.cell, self.mask.shape)
 
     def gather(self, image: Floats) -> Floats:
-        """(ch, cw) the transpose of `spread`: what derivatives (h, w) mean for the cells."""
+        """(ch, cw) the transpose of `interpolate`: what derivatives (h, w) mean for the cells."""
         image = np.where(self.mask, image, 0.0)
         for axis in (0, 1):
             along = _interpolation(self.inside.shape[axis], self.cell)[: image.shape[axis]]

@@ -43,14 +43,14 @@ def normal_lengths(p_u: Floats, p_v: Floats, camera: Camera) -> Floats:
     return np.asarray(np.sqrt(squares))
 
 
-def squared_turn(length: Floats, camera: Camera) -> Floats:
+def squared_normal_derivative(length: Floats, camera: Camera) -> Floats:
     """By how much a change d of the gradient turns a normal: (...) angle^2 / |d|^2, radians.
 
     length : (...) |m|.  About f / |m| in every direction; a normal that is seen obliquely turns
     less along its slant.
 
     >>> camera = Camera(1, 1, fx=10.0, fy=10.0, cx=0.0, cy=0.0)
-    >>> squared_turn(np.array([1.0, 2.0]), camera).tolist()
+    >>> squared_normal_derivative(np.array([1.0, 2.0]), camera).tolist()
     [100.0, 25.0]
     """
     return camera.fx * camera.fy / length**2

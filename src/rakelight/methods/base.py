@@ -10,20 +10,22 @@ from typing import Any
 import numpy as np
 
 from rakelight.errors import InputError, MethodError, listed, printable
-from rakelight.geometry.normals import squared_turn
+from rakelight.geometry.normals import squared_normal_derivative
 from rakelight.model import Camera, Finding, Floats, Lights, Mask, ProgressCallback
 from rakelight.prepare import Prepared
 
-# Confidence is one half where the photographs leave this doubt in a normal.
+# Standard deviation of a normal, degrees, at which the confidence is one half.
 HALF_CONFIDENCE_DEG = 3.0
-# Not to know a normal at all is to be this far off.
-NO_IDEA_RAD = 0.5
-AVERAGED_PX = 1.5
-# A lamp this much weaker than the others does not reach the object.
+# Standard deviation of a normal, radians, without any information.
+UNDETERMINED_RAD = 0.5
+# Standard deviation, pixels, of the window in which variances are averaged.
+SMOOTHED_PX = 1.5
+# Intensity of a light over the median, below which it does not reach the object.
 DARK = 0.02
-LEAST_SPREAD_DEG = 6.0
-# Root mean square angle of the lamps off one plane.  At 2.5 degrees normals are 1.5 to 2 times as
-# far off as at 10, at 0.7 three times (vase and cat under 12 lamps on an arc).
+# Largest angle between a light and their mean, degrees, below which they are in one place.
+LEAST_ANGLE_DEG = 6.0
+# Root mean square angle of the lights off one plane, degrees.  At 2.5 normals are 1.5 to 2 times as
+# far off as at 10, at 0.7 three times (vase and cat under 12 lights on an arc).
 LEAST_THICKNESS_DEG = 4.0
 
 
@@ -34,9 +36,9 @@ class Estimate:
     log_depth : (h, w) log metres; albedo : (h, w, 3) linear; confidence : (h, w) 0..1
     energy : one value per iterate, the start's first; comparable, so under one loss
     steps : how many times the depth was moved, when more often than `energy` says
-    normals : (h, w, 3) where finer ones are known than the depth map's, NaN elsewhere
+    normals : (h, w, 3) where there are finer ones than the depth map's, NaN elsewhere
     timings_s : seconds of parts of the work, such as "solve"
-    depth_sigma, normal_sigma : (h, w) expected errors, metres and degrees; None where not known
+    depth_sigma, normal_sigma : (h, w) expected errors, metres and degrees; None without
     """
 
     log_depth: Floats
@@ -109,7 +111,7 @@ def require_photographs(
     """Raise MethodError when the capture has fewer than `least` photographs.
 
     for_the_scale : whether super-resolution by a factor s needs s^2 photographs, as the paper's
-        methods do, whose unknowns within a depth pixel only the photographs tell apart
+        methods do, whose unknowns within a depth pixel only the photographs determine
     """
     count, needed = len(prepared.photographs), least
     if for_the_scale:
@@ -131,18 +133,18 @@ def photometric_confidence(
     length: Floats,
     camera: Camera,
     active: Mask | None = None,
-    beside: Floats | float = 0.0,
+    extra_variance: Floats | float = 0.0,
 ) -> Floats:
-    """Confidence (...) from what the photographs say about each normal.
+    """Confidence (...) from the photographs' information on each normal.
 
     tensor : (..., 3) summed squared derivatives (uu, uv, vv) of the pixel values with respect to
         the gradient of log depth; noise : (...) standard deviation of a pixel value
     length : (...) |m| of the normals
     active : (h, w) pixels over which the variance is averaged with its neighbours'; None for none
-    beside : (...) what else is not known of the normal, a variance in radians squared
+    extra_variance : (...) of the normal, from other causes, radians squared
 
     The standard deviation d of the normal in its weakest direction, in degrees, gives
-    1 / (1 + (d / 3)^2): 1 where the photographs settle the normal, 0 where they say nothing.
+    1 / (1 + (d / 3)^2): 1 where the photographs determine the normal, 0 without information.
 
     >>> camera = Camera(1, 1, fx=1.0, fy=1.0, cx=0.0, cy=0.0)
     >>> strong, weak = np.array([[1e6, 0.0, 1e6]]), np.array([[1e6, 0.0, 0.0]])
@@ -152,23 +154,27 @@ def photometric_confidence(
     """
     uu, uv, vv = np.moveaxis(tensor, -1, 0)
     weakest = (uu + vv) / 2 - np.hypot((uu - vv) / 2, uv)
-    variance = squared_turn(length, camera) * np.asarray(noise) ** 2 / np.maximum(weakest, 1e-12)
+    variance = (
+        squared_normal_derivative(length, camera)
+        * np.asarray(noise) ** 2
+        / np.maximum(weakest, 1e-12)
+    )
     if active is not None:
-        variance = _averaged(np.minimum(variance, NO_IDEA_RAD**2), active)
-    variance = variance + beside
+        variance = _averaged(np.minimum(variance, UNDETERMINED_RAD**2), active)
+    variance = variance + extra_variance
     return np.asarray(1 / (1 + variance * np.degrees(1.0) ** 2 / HALF_CONFIDENCE_DEG**2))
 
 
 def _averaged(image: Floats, mask: Mask) -> Floats:
-    """An image (h, w) smoothed over `AVERAGED_PX` inside a mask."""
+    """An image (h, w) smoothed over `SMOOTHED_PX` inside a mask."""
     from scipy.ndimage import gaussian_filter
 
-    total = gaussian_filter(np.where(mask, image, 0.0), AVERAGED_PX)
-    return np.asarray(total / np.maximum(gaussian_filter(mask.astype(float), AVERAGED_PX), 1e-6))
+    total = gaussian_filter(np.where(mask, image, 0.0), SMOOTHED_PX)
+    return np.asarray(total / np.maximum(gaussian_filter(mask.astype(float), SMOOTHED_PX), 1e-6))
 
 
 def lamp_findings(lights: Lights, names: tuple[str, ...]) -> tuple[Finding, ...]:
-    """Warnings about lamps that leave the surface open: too few, all in one place, in one plane.
+    """Warnings about lights that leave the surface open: too few, all in one place, in one plane.
 
     >>> same = Lights(np.tile([0.0, 0.0, -1.0], (5, 1, 1)), np.zeros((5, 1)))
     >>> [finding.code for finding in lamp_findings(same, ())]
@@ -196,7 +202,7 @@ def lamp_findings(lights: Lights, names: tuple[str, ...]) -> tuple[Finding, ...]
         middle /= max(float(np.linalg.norm(middle)), np.finfo(float).tiny)
         widest = np.degrees(np.arccos(np.clip(toward @ middle, -1, 1))).max()
         thickness = np.linalg.svd(toward, compute_uv=False)[-1] / np.sqrt(len(toward))
-        if widest < LEAST_SPREAD_DEG:
+        if widest < LEAST_ANGLE_DEG:
             message = (
                 f"the lamp is in nearly one place, within {widest:.1f} degrees, in "
                 f"{listed(named, ~dark)}: mostly the depth is kept"
@@ -225,7 +231,7 @@ def first_only(prepared: Prepared, method: str) -> tuple[Finding, ...]:
 
 
 def brightest(albedo: Floats) -> float:
-    """What every result's albedo is divided by, and its lights multiplied: the 99th percentile.
+    """The 99th percentile of the albedo: the gain that goes to the lights of every result.
 
     >>> brightest(np.array([0.2, 0.2, 0.2])), brightest(np.zeros(3))
     (0.2, 1e-06)

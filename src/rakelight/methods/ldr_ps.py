@@ -1,21 +1,21 @@
-"""LDR-PS: shape and lamps from the photographs alone, by local diffuse reflectance maxima.
+"""LDR-PS: shape and lights from the photographs alone, by local diffuse reflectance maxima.
 
 Favaro and Papadhimitri, "A closed-form solution to uncalibrated photometric stereo via diffuse
-maxima" (CVPR 2012).  Distant lamps on a Lambertian surface give image values of rank three,
+maxima" (CVPR 2012).  Distant lights on a Lambertian surface give image values of rank three,
 
-    I_ix = s_i . b_x,        s = A^-T l (lamp),   b = A rho n (scaled normal)             (1)
+    I_ix = s_i . b_x,        s = A^-T l (light),   b = A rho n (scaled normal)             (1)
 
 for any invertible A.  That the normals belong to one surface fixes A up to the generalised
 bas-relief transformation, three numbers (mu, nu, lambda),
 
     rho n = G^T b,   l = G^-1 s,   G = [[1, 0, 0], [0, 1, 0], [mu, nu, lambda]]           (2)
 
-and where a photograph is locally brightest and the paint even, the normal points to the lamp:
+and where a photograph is locally brightest and the albedo even, the normal points to the light:
 
     n || l   <=>   (G G^T b) x s = 0,   linear in mu, nu and mu^2 + nu^2 + lambda^2       (3)
 
-The depth sensor has no part in it but the distance at the end.  It is the paper's figure 8: what
-becomes of the shape when nothing holds it.  Ambient light and highlights are not in the model.
+Only the distance at the end is the depth sensor's.  It is the paper's figure 8: the shape without
+a depth prior.  Ambient light and highlights are not in the model.
 """
 
 from __future__ import annotations
@@ -41,19 +41,22 @@ from rakelight.prepare import Prepared
 from rakelight.prepare.inpaint import nearest_fill
 from rakelight.solve import assemble, solve
 
-# So many pixels settle the lamps; more would only take longer.
+# Pixels in the sample that the lights are estimated from; more only take longer.
 LIGHT_PIXELS = 20_000
-# Normals are averaged over this before they are differentiated, photographs before their maxima.
+# Standard deviation, pixels, of the blur of normals before differences, and of photographs before
+# maxima.
 SMOOTH_PX = 1.5
-# A maximum is brighter than all within this; one that moves less from lamp to lamp is paint.
+# Half the side, pixels, of the window in which a maximum is the brightest; one that stays within
+# half of that from light to light is a change of albedo.
 APART_PX = 10
-# A maximum is explained when normal and lamp are this close.
+# Largest angle, degrees, between normal and light at a maximum that agrees with a G.
 AGREE_DEG = 6.0
+# Random pairs of maxima that are tried (RANSAC), and iterations of reweighted least squares.
 PAIRS = 1000
 ROBUST_ROUNDS = 12
-# Steeper than this (n . ray, about 85 degrees) a pixel tells no gradient.
+# Least -n . ray of a pixel whose slope is used, about 85 degrees.
 GRAZING = 0.08
-# What a slope that was filled in is worth.
+# Weight of a slope that was filled in.
 UNKNOWN = 1e-3
 
 
@@ -62,8 +65,8 @@ class LdrPs:
     """What can be set; a good result needs none of it.
 
     max_iterations : rounds of lamps and scaled normals in turn, where values are missing
-    tolerance : the rounds end when the misfit falls by less than this part of itself in one
-    shadow : a value below this part of the pixel's brightest is a shadow, and missing
+    tolerance : the rounds end when one lowers the sum of squares by less than this fraction
+    shadow : a value below this fraction of the pixel's brightest is a shadow, and missing
     min_photographs : fewer are refused
     """
 
@@ -125,7 +128,7 @@ def ldr_ps(prepared: Prepared, options: LdrPs, progress: ProgressCallback) -> Es
     progress(Progress("integrate"))
     log_depth = integrated(normals, known, mask, camera)
     log_depth += np.median((np.log(prepared.depth_m) - log_depth)[mask & prepared.measured])
-    albedo, gain = painted(prepared, factors, lit, normals[mask])
+    albedo, gain = estimated_albedo(prepared, factors, lit, normals[mask])
     return Estimate(
         log_depth=log_depth,
         albedo=scatter(albedo, mask),
@@ -150,7 +153,7 @@ def grey_photographs(prepared: Prepared, shadow: float) -> tuple[Floats, Mask]:
 
 
 def factorise(values: Floats, lit: Mask, options: LdrPs) -> Factors:
-    """Lamps and scaled normals that explain the lit values by least squares, each in turn.
+    """Lights and scaled normals that explain the lit values by least squares, each in turn.
 
     The start is the best rank-three approximation of all the values, missing or not.
     """
@@ -167,8 +170,8 @@ def factorise(values: Floats, lit: Mask, options: LdrPs) -> Factors:
         lamps = least_squares(normals, seen.T, W.T)
     normals = least_squares(lamps, values, lit.astype(np.float64))
     # Orthonormal over the pixels, for conditioning only.
-    spread, axes = np.linalg.eigh(normals.T @ normals / count)
-    whiten = axes / np.sqrt(np.maximum(spread, 1e-12 * spread[-1]))
+    dilated, axes = np.linalg.eigh(normals.T @ normals / count)
+    whiten = axes / np.sqrt(np.maximum(dilated, 1e-12 * dilated[-1]))
     return Factors(lamps, normals, tuple(energy[1:])).changed(whiten.T)
 
 
@@ -239,7 +242,7 @@ def smoothed(field: Floats, known: Mask) -> Floats:
 def diffuse_maxima(values: Floats, lit: Mask, mask: Mask) -> tuple[Array, Array]:
     """Pixels (K,) of the P and photographs (K,) where a photograph is locally brightest.
 
-    Maxima at the border of what is lit, and such as most lamps share, which are paint, are out.
+    Maxima at the border of the lit pixels, and those that most lights share, are left out.
     """
     from scipy.ndimage import binary_erosion, gaussian_filter, maximum_filter
 
@@ -251,8 +254,8 @@ def diffuse_maxima(values: Floats, lit: Mask, mask: Mask) -> tuple[Array, Array]
         smooth = np.where(inside, smooth, 0.0)
         highest = smooth == maximum_filter(smooth, 2 * APART_PX + 1)
         maxima.append(highest & binary_erosion(inside, iterations=APART_PX))
-    spread = [maximum_filter(each, 2 * (APART_PX // 2) + 1) for each in maxima]
-    still = np.sum(spread, axis=0) > len(values) / 2
+    dilated = [maximum_filter(each, 2 * (APART_PX // 2) + 1) for each in maxima]
+    still = np.sum(dilated, axis=0) > len(values) / 2
     found = np.stack([(each & ~still)[mask] for each in maxima])
     lamp, where = np.nonzero(found)
     return where, lamp
@@ -263,8 +266,8 @@ def bas_relief(normals: Floats, lamps: Floats, lamp: Array) -> tuple[Floats, Mas
 
     lamp : (K,) which of the lamps each normal faces
 
-    Paint makes false maxima, which agree with no G but their own: of the G of many pairs the one
-    that most maxima agree with is taken, and fitted to those by (3), the closest counting most.
+    Changes of albedo make false maxima, which agree with no common G: of the G of many pairs the
+    one that most maxima agree with is taken (RANSAC), and fitted to those by (3), reweighted.
     """
     rng = np.random.default_rng(0)
     count, each = len(normals), np.arange(len(normals))
@@ -277,8 +280,8 @@ def bas_relief(normals: Floats, lamps: Floats, lamp: Array) -> tuple[Floats, Mas
         if G is not None:
             angles = _angles(G, normals, lamps)
             agree = angles < AGREE_DEG
-            # A G that draws all normals and lamps together makes everything agree: the agreement
-            # with the other maxima's lamps is taken off.
+            # A G that brings all normals and lights together makes everything agree: the agreement
+            # with the other maxima's lights is subtracted.
             now = float(agree[each, lamp].sum() - (agree @ share).sum())
             if now > score:
                 best, angle, score = G, angles[each, lamp], now
@@ -339,36 +342,36 @@ def upright(factors: Factors, mask: Mask, camera: Camera) -> Factors:
     return factors.changed(facing * np.diag([lean, lean, 1.0]))
 
 
-# ---- surface, paint, doubt
+# ---- surface, albedo, confidence
 
 
 def integrated(normals: Floats, known: Mask, mask: Mask, camera: Camera) -> Floats:
     """Log depth (h, w), up to a constant, whose gradient fits the normals (h, w, 3).
 
-    Gradients that fit ill, as at depth jumps, count less and less (Cauchy's loss).
+    Under a Cauchy loss, so that gradients at depth jumps have little weight.
 
     Raises InputError where the solver does not find it: there is no other depth to fall back on.
     """
     facing = towards_camera(normals, camera)
     known = known & (facing > GRAZING)
-    # f times the gradient, of the size of a slope; it goes on where nothing is known.
+    # f times the gradient, of the size of a slope; filled in where there is none.
     slope = normals[..., :2] / np.maximum(facing, GRAZING)[..., None]
     slope = np.stack([nearest_fill(slope[..., k], known) for k in (0, 1)], axis=-1)
-    aim = slope / [camera.fx, camera.fy]
+    target = slope / [camera.fx, camera.fy]
     # An error of the normal makes a larger one of the slope where that is large.
     base = np.where(known, np.square(1 / (1 + np.square(slope).sum(axis=-1))), UNKNOWN)
     weight: Floats = base
     log_depth: Floats = np.zeros(mask.shape)
     anchor = np.zeros(mask.shape)
-    anchor.flat[np.flatnonzero(mask)[0]] = 1.0  # the distance is open, one pixel holds it
+    anchor.flat[np.flatnonzero(mask)[0]] = 1.0  # fixes the distance, which is open, at one pixel
     for _ in range(ROBUST_ROUNDS):
         tensor: Floats = np.stack([weight, 0 * weight, weight], axis=-1)
-        system = assemble(mask, tensor, weight[..., None] * aim, anchor, 0 * anchor)
+        system = assemble(mask, tensor, weight[..., None] * target, anchor, 0 * anchor)
         log_depth = solve(system, start=log_depth, tolerance=1e-6).required("the surface")
-        off = np.stack(mean_gradient(log_depth, mask), axis=-1) - aim
-        misfit = base * (off**2).sum(axis=-1)
-        scale = 6 * np.median(misfit[known])
-        weight = base / (1 + misfit / np.maximum(scale, 1e-30))
+        residual = np.stack(mean_gradient(log_depth, mask), axis=-1) - target
+        squared_residual = base * (residual**2).sum(axis=-1)
+        scale = 6 * np.median(squared_residual[known])
+        weight = base / (1 + squared_residual / np.maximum(scale, 1e-30))
     return log_depth
 
 
@@ -379,10 +382,10 @@ def towards_camera(normals: Floats, camera: Camera) -> Floats:
     return np.asarray(-(n_x * x / camera.fx + n_y * y / camera.fy + n_z))
 
 
-def painted(
+def estimated_albedo(
     prepared: Prepared, factors: Factors, lit: Mask, normals: Floats
 ) -> tuple[Floats, float]:
-    """Albedo (P, 3), its 99th percentile 1, and the factor that the lamps owe to this."""
+    """Albedo (P, 3), its 99th percentile 1, and the factor of the lights that goes with it."""
     shading = np.maximum(factors.lamps @ normals.T, 0.0)
     total, weight = np.zeros((len(normals), 3)), np.zeros((len(normals), 3))
     for i, (shade, seen) in enumerate(zip(shading, lit, strict=True)):
@@ -398,14 +401,14 @@ def painted(
 def confidence(
     factors: Factors, values: Floats, lit: Mask, normals: Floats, mask: Mask, camera: Camera
 ) -> Floats:
-    """(h, w) how well the photographs settle a normal, were the lamps right."""
+    """(h, w) how well the photographs determine a normal, given the lights."""
     residual = np.where(lit, values - factors.lamps @ factors.normals.T, 0.0)
     noise = max(float(np.sqrt((residual**2).sum() / max(lit.sum(), 1))), 1e-5)
     length = 1 / np.maximum(towards_camera(normals, camera), GRAZING)  # |m|, for m . ray = -1
-    turn = np.stack(normal_derivatives(normals, length, camera), axis=-1)[mask]
+    dn_dg = np.stack(normal_derivatives(normals, length, camera), axis=-1)[mask]
     weight = np.linalg.norm(factors.normals, axis=1) * lit
     uu, uv, vv = (
-        np.einsum("ip,ip,ip->p", weight**2, *(factors.lamps @ turn[..., k].T for k in pair))
+        np.einsum("ip,ip,ip->p", weight**2, *(factors.lamps @ dn_dg[..., k].T for k in pair))
         for pair in ((0, 0), (0, 1), (1, 1))
     )
     tensor = scatter(np.stack([uu, uv, vv], axis=-1), mask)

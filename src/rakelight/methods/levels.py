@@ -1,4 +1,4 @@
-"""What a multi-light method works on: photographs and prepared depth, at one resolution or more."""
+"""What a multi-light method works on: photographs and prepared depth at one resolution or more."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from rakelight.geometry.averaging import Averaging, data_misfit, data_terms
+from rakelight.geometry.averaging import Averaging, data_sum_of_squares, data_terms
 from rakelight.geometry.blur import blurred
 from rakelight.geometry.camera import back_project
-from rakelight.geometry.cells import cell_sums, spread
+from rakelight.geometry.cells import cell_sums, interpolate
 from rakelight.geometry.derivatives import gradient_image
 from rakelight.geometry.grid import (
     Grid,
@@ -28,13 +28,18 @@ from rakelight.prepare.inpaint import nearest_fill
 from rakelight.prepare.linear import linear_table
 from rakelight.solve.direct import factorised
 
-# Depth that was filled in is worth this fraction of what the sensor measured.
+# Precision of depth that was filled in, over that of measured depth (ablation.md: off 1.05, halved
+# 1.02, doubled 1.04).
 FILLED = 0.01
-# With fewer of its pixels along a sensor pixel's side a level is the sensor's own resolution.
+# Pixels along a sensor pixel's side up to which a level has the sensor's own resolution
+# (ablation.md: doubled 1.06).
 NEARLY_ONE = 1.3
-# A part of the surface of fewer sensor pixels is an island.
-ISLAND = 4
-# Over so many pixels the bias of smoothing is told from noise: over fewer, the noise is back.
+# Size of a connected component, sensor pixels, below which it has no mean of its own under K
+# (no draw of ablation.md changes by 5 %).
+SMALL_COMPONENT = 4
+# Standard deviation, pixels, of the Gaussian that averages the residual of the prepared depth
+# against the measurements; over fewer pixels their noise is back (ablation.md: halved 1.05, doubled
+# 0.94).
 BIAS_PX = 5.0
 
 
@@ -43,24 +48,25 @@ class Level:
     """Photographs and prepared depth at one resolution.
 
     prior : (h, w) log of the prepared depth, where refining begins
-    aim : (h, w) log depth that the surface is held to: the prior without its smoothing's bias
+    unbiased_prior : (h, w) log depth p_0 of the sensor term: the prior without its smoothing's bias
     prior_weight : (h, w) the precision of both, 1 / variance; halving adds up four pixels'
-    averaging : of the sensor's pixels, where those are wider than this level's; None elsewhere
-    islands : (h, w) parts of the surface too small for a sensor pixel of their own: each of their
-        pixels is held to the prior, or they would take up what the mean over one is off
+    averaging : K, means over the sensor's pixels; None where those are no wider than this level's
+    small_components : (h, w) connected components too small for a sensor pixel of their own: their
+        pixels are compared with the prior one by one, since the mean over a sensor pixel, mostly
+        of other components, would move them by its error
     middle_m : (3,) the object's middle, metres
-    points : (h, w, 3) of the prepared depth, metres from the middle, for lamps near the object:
-        what refining moves them by is nothing beside the lamps' distance
+    points : (h, w, 3) of the prepared depth, metres from the middle, for near lights; refining
+        moves them little compared to the distance of the lights
     """
 
     photographs: Photographs
     prior: Floats
-    aim: Floats
+    unbiased_prior: Floats
     prior_weight: Floats
     middle_m: Floats
     points: Floats
     averaging: Averaging | None
-    islands: Mask
+    small_components: Mask
 
     @property
     def mask(self) -> Mask:
@@ -78,66 +84,70 @@ class Level:
         return Links.of(self.grid).pairs
 
     def surface(self, log_depth: Floats) -> Surface:
-        """What the photographs see of `log_depth` (h, w)."""
+        """The surface of `log_depth` (h, w), as the photographs depend on it."""
         return Surface(gradient_image(log_depth, self.grid), self.points)
 
     def sensor_terms(self, log_depth: Floats, scale: float = 1.0) -> dict[str, Any]:
-        """What the sensor says of a correction of `log_depth` (h, w), as `solve.assemble` takes it.
+        """The sensor term for a correction of `log_depth` (h, w), as `solve.assemble` takes it.
 
-        The energy  scale sum w (K (p - aim))^2:  the aim's detail within a sensor pixel is
-        interpolation, and nothing holds the surface to that.
+        The energy  scale sum w (K (p - p_0))^2:  the detail of p_0 within a sensor pixel is
+        interpolated, and does not constrain the surface.
         """
-        terms = data_terms(self.averaging, scale * self.prior_weight, self.aim - log_depth)
+        terms = data_terms(
+            self.averaging, scale * self.prior_weight, self.unbiased_prior - log_depth
+        )
         if self.averaging is not None:
-            terms["data_weight"] = scale * self.prior_weight * self.islands
+            terms["data_weight"] = scale * self.prior_weight * self.small_components
             terms["data_target"] = self.prior - log_depth
         return terms
 
-    def sensor_misfit(self, log_depth: Floats) -> float:
-        """sum w (K (p - aim))^2 of a log depth (h, w), and of islands that to the prior."""
-        miss, weight = log_depth - self.aim, self.prior_weight
-        held = (weight * (log_depth - self.prior) ** 2)[self.islands].sum()
-        return data_misfit(self.averaging, weight, miss, self.mask) + float(held)
+    def sensor_sum_of_squares(self, log_depth: Floats) -> float:
+        """sum w (K (p - p_0))^2 of a log depth (h, w), plus that of small components."""
+        miss, weight = log_depth - self.unbiased_prior, self.prior_weight
+        component_term = (weight * (log_depth - self.prior) ** 2)[self.small_components].sum()
+        return data_sum_of_squares(self.averaging, weight, miss, self.mask) + float(component_term)
 
     def placed(self, log_depth: Floats) -> Floats:
-        """A log depth (h, w) with each connected part moved as a whole to where the sensor has it.
+        """A log depth (h, w) with each connected component moved as a whole to the sensor's depth.
 
-        Each part moves by the constant in log depth that makes `sensor_misfit` least.  Photographs
-        see slopes alone and leave it open.  A depth step does not settle it: the step's equations
-        are solved to 2 % of a right side that is nearly all the photographs', and the sensor's
-        share is smaller than that.
+        Each moves by the constant in log depth that minimises `sensor_sum_of_squares`, which
+        photographs, of slopes alone, leave open.  Depth steps do not determine it: they are solved
+        to 2 % of a right side that is nearly all the photographs', and the sensor's share is less.
         """
-        number, belongs, seen, factor = self._parts
-        miss = self.sensor_weight * (self.sensed(self.aim) - self.sensed(log_depth))
-        held = self.prior_weight * self.islands * (self.prior - log_depth)
-        right = seen.T @ miss + belongs.T @ held[self.mask]
+        number, membership, seen, factor = self._components
+        miss = self.sensor_weight * (self.sensed(self.unbiased_prior) - self.sensed(log_depth))
+        component_term = self.prior_weight * self.small_components * (self.prior - log_depth)
+        right = seen.T @ miss + membership.T @ component_term[self.mask]
         moved = log_depth.copy()
         moved[self.mask] += factor.solve(right)[number]
         return moved
 
     @cached_property
-    def _parts(self) -> tuple[Array, Any, Any, Any]:
-        """What `placed` needs of the C connected parts of the P pixels.
+    def _components(self) -> tuple[Array, Any, Any, Any]:
+        """The C connected components of the P pixels, for `placed`.
 
-        (P,) the number of each pixel's part; sparse (P, C), 1 where a pixel belongs to a part;
-        sparse (M, C), the share of each part in a sensor pixel; and the factors of the (C, C)
-        normal equations of the parts' constants.
+        (P,) the number of each pixel's component; sparse (P, C), 1 where a pixel belongs to a
+        component; sparse (M, C), the share of each component in a sensor pixel; and the factors of
+        the (C, C) normal equations of the components' constants.
         """
         from scipy.sparse import csr_array, diags_array
 
-        parts, count = connected(self.grid)
-        number = parts[self.mask]
-        belongs = csr_array(
+        components, count = connected(self.grid)
+        number = components[self.mask]
+        membership = csr_array(
             (np.ones(number.size), (np.arange(number.size), number)), shape=(number.size, count)
         )
-        seen = belongs
+        seen = membership
         if self.averaging is not None:
-            seen = self.averaging.matrix(self.mask) @ belongs
-        held = diags_array((self.prior_weight * self.islands)[self.mask])
-        weights = seen.T @ diags_array(self.sensor_weight) @ seen + belongs.T @ held @ belongs
-        # keeps the matrix regular: a part that no sensor pixel sees stays where it is
+            seen = self.averaging.matrix(self.mask) @ membership
+        component_term = diags_array((self.prior_weight * self.small_components)[self.mask])
+        weights = (
+            seen.T @ diags_array(self.sensor_weight) @ seen
+            + membership.T @ component_term @ membership
+        )
+        # keeps the matrix regular: a component that no sensor pixel sees does not move
         weights = weights + diags_array(1e-9 * (weights.diagonal() + weights.diagonal().max()))
-        return number, belongs, seen, factorised(weights.tocsc())
+        return number, membership, seen, factorised(weights.tocsc())
 
     def sensed(self, image: Floats) -> Floats:
         """(M,) K image, of an image (h, w): its means over the sensor's pixels."""
@@ -161,8 +171,12 @@ class Level:
         here = Links.of(self.grid)
         steep = surface_links(np.exp(log_depth), here.mask, self.photographs.camera)
         both = Links(here.mask, here.right & steep.right, here.down & steep.down)
-        islands = small_parts(both, self.averaging)
-        return replace(self, photographs=replace(self.photographs, grid=both), islands=islands)
+        small_components = find_small_components(both, self.averaging)
+        return replace(
+            self,
+            photographs=replace(self.photographs, grid=both),
+            small_components=small_components,
+        )
 
     def halved(self) -> Level:
         """This level at half the resolution."""
@@ -170,33 +184,33 @@ class Level:
         if self.averaging is not None and self.averaging.factor > 2 * NEARLY_ONE:
             averaging = self.averaging.halved(photographs.mask)
         weight = cell_sums(np.where(self.mask, 1.0, 0.0), 2)
-        prior, aim = (
+        prior, unbiased_prior = (
             cell_sums(np.where(self.mask, image, 0.0), 2) / np.maximum(weight, 1)
-            for image in (self.prior, self.aim)
+            for image in (self.prior, self.unbiased_prior)
         )
         return Level(
             photographs,
             nearest_fill(prior, photographs.mask),
-            nearest_fill(aim, photographs.mask),
+            nearest_fill(unbiased_prior, photographs.mask),
             cell_sums(np.where(self.mask, self.prior_weight, 0.0), 2),
             self.middle_m,
             cell_sums(np.where(self.mask[..., None], self.points, 0.0), 2)
             / np.maximum(weight, 1)[..., None],
             averaging,
-            small_parts(photographs.grid, averaging),
+            find_small_components(photographs.grid, averaging),
         )
 
     def carried(self, coarse: Level, log_depth: Floats) -> Floats:
-        """The coarse level's log depth on this level's grid, without the prior's fine noise."""
-        # Beyond the coarse mask it goes on flat, as the coarse prior does.
-        return spread(nearest_fill(log_depth, coarse.mask), 2, self.mask.shape)
+        """The coarse level's log depth, interpolated on this level's grid."""
+        # Beyond the coarse mask it is constant, as the coarse prior is.
+        return interpolate(nearest_fill(log_depth, coarse.mask), 2, self.mask.shape)
 
 
 def finest_level(prepared: Prepared, *, cut: bool = False, unbiased: bool = False) -> Level:
     """The level of the prepared window itself.
 
     cut : whether links end at the jumps of the prepared depth
-    unbiased : whether the surface is held to the prepared depth without its smoothing's bias
+    unbiased : whether `unbiased_prior` is without the bias of the depth's smoothing
     """
     read = prepared.photographs.dtype
     white, grid = np.iinfo(read).max, Links.of(prepared.mask)
@@ -225,14 +239,14 @@ def finest_level(prepared: Prepared, *, cut: bool = False, unbiased: bool = Fals
         middle,
         points - middle,
         averaging,
-        small_parts(grid, averaging),
+        find_small_components(grid, averaging),
     )
 
 
-def small_parts(grid: Grid, averaging: Averaging | None) -> Mask:
-    """(h, w) the parts of the grid that normals hold together, below `ISLAND` sensor pixels.
+def find_small_components(grid: Grid, averaging: Averaging | None) -> Mask:
+    """(h, w) connected components, by pixels with a normal, below `SMALL_COMPONENT` sensor pixels.
 
-    None where the sensor's pixels are no wider than the grid's.
+    Empty where the sensor's pixels are no wider than the grid's.
     """
     links = Links.of(grid)
     if averaging is None:
@@ -244,24 +258,24 @@ def small_parts(grid: Grid, averaging: Averaging | None) -> Mask:
         linked = side & active
         linked[here] |= side[here] & active[there]
         sides.append(linked)
-    parts, count = connected(Links(links.mask, *sides))
-    size = np.bincount(parts[links.mask], minlength=count)
-    return links.mask & (size < ISLAND * averaging.factor**2)[parts]
+    components, count = connected(Links(links.mask, *sides))
+    size = np.bincount(components[links.mask], minlength=count)
+    return links.mask & (size < SMALL_COMPONENT * averaging.factor**2)[components]
 
 
 def unbiased_depth(prepared: Prepared) -> Floats:
     """(h, w) the prepared log depth without the bias of its smoothing, which flattens slopes.
 
-    What it is off the measurements, averaged over `BIAS_PX`, is added.
+    Its residual against the measurements, averaged over `BIAS_PX`, is added.
     """
     prior = np.log(prepared.depth_m)
     miss, seen = sensor_error(prepared, prior)
     miss = blurred(miss, BIAS_PX / prepared.factor, seen)
-    return np.asarray(prior + prepared.sensor.spread(miss, prior.shape))
+    return np.asarray(prior + prepared.sensor.nearest_upsample(miss, prior.shape))
 
 
 def sensor_error(prepared: Prepared, log_depth: Floats) -> tuple[Floats, Mask]:
-    """(hs, ws) what the measurements are off the means of a log depth (h, w), and where there are.
+    """(hs, ws) log measurements less the means of a log depth (h, w), and where there are any.
 
     0 where there is no measurement of the object.
     """
@@ -274,8 +288,8 @@ def sensor_error(prepared: Prepared, log_depth: Floats) -> tuple[Floats, Mask]:
 def depth_precision(prepared: Prepared) -> Floats:
     """(h, w) 1 / variance of the prepared log depth.
 
-    A depth pixel covers factor^2 of its pixels, which share that measurement's precision; depth
-    that was filled in is worth a hundredth.
+    The factor^2 pixels of a depth pixel share the precision of its measurement; depth that was
+    filled in has `FILLED` of it.
     """
     precision = (prepared.depth_m / prepared.sigma_m / prepared.factor) ** 2
     return np.where(prepared.measured, precision, FILLED * precision)
@@ -287,6 +301,6 @@ def pyramid(finest: Level, most_pixels: int) -> list[Level]:
     while np.count_nonzero(levels[-1].mask) > most_pixels:
         coarser = levels[-1].halved()
         if np.count_nonzero(coarser.photographs.active) < most_pixels / 16:
-            break  # a thin object would be lost
+            break  # a narrow object would be lost
         levels.append(coarser)
     return levels

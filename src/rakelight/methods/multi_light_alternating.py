@@ -26,16 +26,16 @@ from rakelight.methods.base import (
 )
 from rakelight.methods.levels import Level, finest_level
 from rakelight.model import Floats, Progress, ProgressCallback
-from rakelight.photometry.images import Explanation, Lamps, Surface
+from rakelight.photometry.images import Lamps, Linearization, Surface
 from rakelight.photometry.lighting import frontal_lights
 from rakelight.prepare import Prepared
 from rakelight.solve import Solution, assemble, solve
 
-# No photograph is better than this (white is 1), even if the model explains it exactly.
+# Least standard deviation of a value (white is 1), of photographs that the model explains exactly.
 SMALLEST_NOISE = 1e-5
-# So many pixels settle the four numbers of a light; more would only take longer.
+# Pixels in the sample that a light's four numbers are estimated from; more only take longer.
 LIGHT_PIXELS = 10_000
-# The set of lit pixels depends on the light; it settles after a few solves.
+# Rounds of least squares for the lights: the set of lit pixels depends on the light.
 HORIZON_ROUNDS = 2
 
 
@@ -69,12 +69,12 @@ class MultiLightAlternating:
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """A log depth (h, w), lamps that fit it, and how well both explain the photographs."""
+    """The state: a log depth (h, w), lights fitted to it, and the photographs' linearization."""
 
     log_depth: Floats
     lamps: Lamps
     surface: Surface
-    explanation: Explanation
+    linearization: Linearization
     noise: float
     energy: float
 
@@ -101,7 +101,7 @@ def multi_light_alternating(
         solve_s += solution.seconds
         if not solution.converged:
             break  # refused: the depth stays, and has not come to rest
-        now = light_and_albedo(level, solution.value, now.explanation.albedo, now.lamps)
+        now = light_and_albedo(level, solution.value, now.linearization.albedo, now.lamps)
         gain = energies[-1] - now.energy
         energies.append(now.energy)
         if now.energy < best.energy:  # lagging can overshoot: a worse iterate is never returned
@@ -111,7 +111,7 @@ def multi_light_alternating(
 
 
 def frontal_lamps(count: int) -> Lamps:
-    """White lamps of unit intensity at the camera, no ambient light: the paper's start."""
+    """White lights of unit intensity at the camera, no ambient light: the paper's start."""
     lights = frontal_lights(count)
     return Lamps.distant(lights.vector, lights.ambient)
 
@@ -119,14 +119,14 @@ def frontal_lamps(count: int) -> Lamps:
 def light_and_albedo(level: Level, log_depth: Floats, albedo: Floats, lamps: Lamps) -> Fit:
     """1. Each photograph's light, rho and n fixed; 2. the albedo, s and n fixed: equation (3).
 
-    The product of light and albedo is what the photographs determine; it is shared out so that
+    The photographs determine the product of light and albedo; it is divided so that
     the albedo's 99th percentile is 1.
     """
     photographs, surface = level.photographs, level.surface(log_depth)
-    stride = photographs.stride(LIGHT_PIXELS)
+    subsampling = photographs.subsampling(LIGHT_PIXELS)
     for _ in range(HORIZON_ROUNDS):
         hessian, slope, _ = photographs.light_terms(
-            surface, lamps, albedo, project=False, stride=stride
+            surface, lamps, albedo, project=False, subsampling=subsampling
         )
         before = np.concatenate([lamps.vector, lamps.ambient[..., None]], axis=-1)[:, 0]
         lights = [
@@ -134,21 +134,21 @@ def light_and_albedo(level: Level, log_depth: Floats, albedo: Floats, lamps: Lam
             for k, light in zip(range(0, len(slope), 4), before, strict=True)
         ]
         lamps = lamps.moved((np.array(lights) - before)[:, None])
-    explanation = photographs.explain(surface, lamps, lagged=True, project=False)
-    gain = brightest(explanation.albedo[photographs.active])
-    lamps, explanation = lamps.brighter(gain), explanation.darker(gain)
+    linearization = photographs.linearize(surface, lamps, lagged=True, project=False)
+    gain = brightest(linearization.albedo[photographs.active])
+    lamps, linearization = lamps.brighter(gain), linearization.darker(gain)
 
     # Negative log-likelihood per observation, the photographs' noise being estimated too.
-    noise = max(explanation.rms, SMALLEST_NOISE)
-    misfit = level.sensor_misfit(log_depth)
-    energy = float(np.log(noise)) + misfit / (2 * explanation.observations)
-    return Fit(log_depth, lamps, surface, explanation, noise, energy)
+    noise = max(linearization.rms, SMALLEST_NOISE)
+    sum_of_squares = level.sensor_sum_of_squares(log_depth)
+    energy = float(np.log(noise)) + sum_of_squares / (2 * linearization.observations)
+    return Fit(log_depth, lamps, surface, linearization, noise, energy)
 
 
 def least_squares_light(hessian: Floats, slope: Floats, light: Floats) -> Floats:
     """The light (s_x, s_y, s_z, phi) where the derivatives at `light` vanish; phi at least 0.
 
-    What the pixels do not determine is as small as it can be (minimum norm).
+    Where the pixels do not determine it, of minimum norm.
     """
     right = hessian @ light - slope
     best = np.linalg.lstsq(hessian, right, rcond=1e-9)[0]
@@ -159,11 +159,11 @@ def least_squares_light(hessian: Floats, slope: Floats, light: Floats) -> Floats
 
 def depth(level: Level, fit: Fit) -> Solution:
     """3. The log depth, s and rho fixed: with |m| lagged, (3) is linear in its gradient."""
-    tensor, aim = fit.explanation.aim(fit.surface)
+    tensor, rhs = fit.linearization.normal_equations(fit.surface)
     system = assemble(
         level.mask,
         tensor / fit.noise**2,
-        aim / fit.noise**2,
+        rhs / fit.noise**2,
         **level.sensor_terms(np.zeros(level.mask.shape)),
     )
     return solve(system, start=fit.log_depth, tolerance=1e-4)
@@ -175,11 +175,11 @@ def finished(level: Level, fit: Fit, energies: list[float], converged: bool) -> 
     gradient = fit.surface.gradient
     _, length = normals_from_gradient(gradient[..., 0], gradient[..., 1], photographs.camera)
     confidence = photometric_confidence(
-        fit.explanation.tensor, fit.noise, length, photographs.camera
+        fit.linearization.jtwj, fit.noise, length, photographs.camera
     )
     return Estimate(
         log_depth=fit.log_depth,
-        albedo=fit.explanation.albedo,
+        albedo=fit.linearization.albedo,
         confidence=np.where(photographs.active, confidence, 0.0),
         lights=fit.lamps.as_lights(level.middle_m),
         energy=tuple(energies),

@@ -1,4 +1,4 @@
-"""Cast shadows of a depth map, which hides all that is behind it."""
+"""Cast shadows of a depth map, which is opaque to infinity behind the surface."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ import numpy as np
 from rakelight import jit
 from rakelight.model import Camera, Floats, Mask
 
-STRIDE_PX = 0.5
-STRIDE_GROWTH = 1.02
-"""Steps begin at half a pixel and grow, for far occluders are large on the way."""
+# First step of the march, pixels, and the growth of each: occluders far away look larger.
+STEP_PX = 0.5
+STEP_GROWTH = 1.02
+# Depth behind the surface, in pixel sizes, beyond which a point is hidden; less is its own slope.
 CLEARANCE_PX = 1.5
-"""A point is hidden when this many pixel sizes behind the surface; less is its own slope."""
 
 
-def in_sight(depth_m: Floats, camera: Camera, points_m: Floats, to_lamp_m: Floats) -> Mask:
-    """(M,) True where the way to the lamp is free.
+def in_sight(depth_m: Floats, camera: Camera, points_m: Floats, to_light_m: Floats) -> Mask:
+    """(M,) True where the ray to the light is free.
 
     depth_m : (H, W), NaN outside the object
-    points_m, to_lamp_m : (M, 3) camera frame; `to_lamp_m` ends at the lamp (a distant one: far
-        enough to leave the object)
+    points_m, to_light_m : (M, 3) camera frame, points and vectors to the light (for a distant one
+        far enough to leave the object)
 
-    The surface is taken as a curtain that reaches from what is seen to infinity.
+    The surface extends from its depth to infinity along each ray.
 
     >>> camera = Camera(9, 1, fx=9.0, fy=9.0, cx=4.0, cy=0.0)
     >>> depth = np.where(np.arange(9) < 5, 0.5, 1.0)[None]
@@ -31,7 +31,7 @@ def in_sight(depth_m: Floats, camera: Camera, points_m: Floats, to_lamp_m: Float
     """
     solid = np.ascontiguousarray(np.where(np.isfinite(depth_m), depth_m, np.inf), np.float64)
     optics = (camera.fx, camera.fy, camera.cx, camera.cy)
-    points, lamps = (np.ascontiguousarray(a, np.float64) for a in (points_m, to_lamp_m))
+    points, lamps = (np.ascontiguousarray(a, np.float64) for a in (points_m, to_light_m))
     free = np.ones(len(points), dtype=bool)
     given = (solid, optics, float(solid.min()), points, lamps, free)
     jit.in_parts(_march, 0, len(points), len(points), *given)
@@ -48,8 +48,8 @@ def _march(first, last, depth, optics, nearest, points, lamps, free):  # type: i
         pixel_m = z / fx
         # pixels sideways, or as much in depth for lamps near the axis
         sideways = max(np.hypot(lx - lz * x / z, ly - lz * y / z), 0.2 * abs(lz))
-        stride = STRIDE_PX * pixel_m / max(sideways, 1e-12)
-        t = stride
+        step = STEP_PX * pixel_m / max(sideways, 1e-12)
+        t = step
         while t < 1:
             zt = z + t * lz
             if zt <= nearest:
@@ -61,5 +61,5 @@ def _march(first, last, depth, optics, nearest, points, lamps, free):  # type: i
             if depth[v, u] < zt - CLEARANCE_PX * pixel_m:
                 free[i] = False
                 break
-            stride *= STRIDE_GROWTH
-            t += stride
+            step *= STEP_GROWTH
+            t += step

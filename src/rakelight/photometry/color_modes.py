@@ -1,4 +1,4 @@
-"""The few colours that most things are painted with."""
+"""The few albedos that most objects have: modes of their distribution."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from rakelight.model import Array, Floats
 
-# An albedo is a colour of the paint if it is as near as this, logarithmic.
+# Distance of log albedos, root sum of squares over the channels, of one colour.
 SAME_COLOR = 0.25
 
 

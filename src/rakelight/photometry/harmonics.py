@@ -1,7 +1,7 @@
 """First-order spherical harmonics with attached shadows: the paper's equation (3).
 
 A surface with normal n under light (s, phi) has the shading  max(0, s . n) + phi:  where the
-lamp is below the surface's own horizon, only the ambient light phi is left.
+light is below the surface's own horizon, only the ambient light phi is left.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from rakelight.model import Floats, Mask
 
 
 def lit(normals: Floats, vector: Floats) -> Mask:
-    """Where the lamp is above the horizon: normals (P, 3), light vector (3,) -> (P,) bool.
+    """Where the light is above the horizon: normals (P, 3), light vector (3,) -> (P,) bool.
 
     >>> lit(np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]), np.array([0.0, 0.0, -2.0])).tolist()
     [True, False]

@@ -1,8 +1,8 @@
-"""One pass over all photographs: albedo, depth terms and light terms of a surface under lamps.
+"""One pass over all photographs: albedo, residuals and their derivatives for depth and lights.
 
-The albedo is linear given the shading, so each pixel's own is found on the way (and, when asked,
-eliminated from the derivatives: variable projection).  The work is in `_kernels`; photographs
-stay integers, decoded on the way.
+The albedo is linear given the shading: it is solved for at each pixel and channel in the same pass
+and, when asked, eliminated from the derivatives (variable projection).  The loops are in
+`_kernels`; photographs stay integers and are decoded there.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from rakelight.geometry.grid import Grid, Links, has_gradient
 from rakelight.jit import in_blocks, in_parts
 from rakelight.model import FARTHEST_M, MAD_TO_SIGMA, Array, Camera, Floats, Lights, Mask
 
-# Rows are summed in this many blocks, however many cores there are: the same numbers everywhere.
+# Blocks of rows with a sum each; their number does not depend on the cores, nor does the result.
 BLOCKS = 16
-# Rows that a core explains at a time.
+# Rows of the image in one task of `Photographs.linearize`.
 ROWS = 16
 
 
@@ -27,35 +27,35 @@ ROWS = 16
 class Lamps:
     """The lights of N photographs as the solver moves them.
 
-    vector : (N, C, 3) towards the lamp times irradiance at the object's middle; C is 1 or 3
+    vector : (N, C, 3) towards the light times irradiance at the object's middle; C is 1 or 3
     ambient : (N, C)
-    closeness : (N, C) 1/metre, inverse distance from the object's middle; 0 for a distant lamp
+    inverse_distance : (N, C) 1/metre, from the object's middle; 0 for a distant light
     """
 
     vector: Floats
     ambient: Floats
-    closeness: Floats
+    inverse_distance: Floats
 
     @classmethod
     def distant(cls, vector: Floats, ambient: Floats) -> Lamps:
-        """Lamps at infinity."""
+        """Lights at infinity."""
         return cls(vector, ambient, np.zeros_like(ambient))
 
     @property
     def irradiance(self) -> Floats:
-        """(N, C) on a surface at the object's middle that faces the lamp."""
+        """(N, C) on a surface at the object's middle that faces the light."""
         return np.asarray(np.linalg.norm(self.vector, axis=-1))
 
     @property
     def ambient_share(self) -> float:
-        """The ambient light of all lamps as a part of their irradiance."""
+        """Sum of the ambient light over the sum of the irradiance, of all photographs."""
         total = float(self.irradiance.sum())
         return float(self.ambient.sum() / max(total, np.finfo(float).tiny))
 
     @property
     def arrays(self) -> tuple[Floats, Floats, Floats]:
-        """Vector q (C, 3, N), ambient (C, N) and |q| closeness (C, N) as kernels take them."""
-        nearness = self.irradiance * self.closeness
+        """Vector q (C, 3, N), ambient (C, N), |q| inverse_distance (C, N), as kernels take them."""
+        nearness = self.irradiance * self.inverse_distance
         vector, ambient, nearness = (
             np.ascontiguousarray(each.T, dtype=np.float64)
             for each in (self.vector.swapaxes(1, 2), self.ambient, nearness)
@@ -63,23 +63,23 @@ class Lamps:
         return vector, ambient, nearness
 
     def moved(self, step: Floats) -> Lamps:
-        """The lamps after a step (N, C, 4 or 5): vector, [closeness,] ambient."""
-        closeness = self.closeness
+        """The lights after a step (N, C, 4 or 5): vector, [inverse_distance,] ambient."""
+        inverse_distance = self.inverse_distance
         if step.shape[-1] == 5:
-            closeness = np.maximum(closeness + step[..., 3], 0.0)
+            inverse_distance = np.maximum(inverse_distance + step[..., 3], 0.0)
         ambient = np.maximum(self.ambient + step[..., -1], 0.0)
-        return Lamps(self.vector + step[..., :3], ambient, closeness)
+        return Lamps(self.vector + step[..., :3], ambient, inverse_distance)
 
     def brighter(self, gain: float) -> Lamps:
-        """The lamps with `gain` times the intensity, for an albedo that much smaller."""
+        """The lights with `gain` times the intensity, for an albedo divided by `gain`."""
         return replace(self, vector=self.vector * gain, ambient=self.ambient * gain)
 
     def as_lights(self, middle_m: Floats) -> Lights:
-        """As a result states them; near lamps get their positions."""
+        """The lights as a result states them; near ones get their positions."""
         lights = Lights(self.vector, self.ambient)
-        if not (self.closeness > 0).any():
+        if not (self.inverse_distance > 0).any():
             return lights
-        distance = 1 / np.maximum(self.closeness, 1 / FARTHEST_M)
+        distance = 1 / np.maximum(self.inverse_distance, 1 / FARTHEST_M)
         position = middle_m + distance[..., None] * lights.direction
         return replace(lights, position_m=position, middle_m=middle_m)
 
@@ -96,36 +96,36 @@ class Surface:
 
 
 @dataclass(frozen=True, slots=True)
-class Explanation:
-    """How lamps and a surface explain the photographs.
+class Linearization:
+    """The residuals of a surface and lights, linearised, and the albedo that goes with them.
 
-    albedo : (h, w, 3); energy : sum of squared or, with a scale, of Cauchy losses
-    tensor, vector : M (h, w, 3: uu, uv, vv) and b (h, w, 2); moving the gradient of log depth by d
-        changes the energy by about  d^T M d - 2 b . d
-    misfit : (h, w) mean absolute residual of each pixel
-    spread, rms : standard deviation of a value, from the median in one channel of every other
-        pixel; root mean square
-    light_slope : (N, C, 5) half the energy's derivatives with the lights' vector, closeness and
-        ambient, the albedo following; None unless asked for
+    albedo : (h, w, 3); energy : sum of squared residuals or, with a scale, of their Cauchy losses
+    jtwj, rhs : M = J'WJ (h, w, 3: uu, uv, vv) and b = -J'Wr (h, w, 2) of each pixel; moving its
+        gradient of log depth by d changes the energy by about  d^T M d - 2 b . d
+    noise_sigma : standard deviation of a value, from the median of the absolute residuals in one
+        channel of every other pixel; rms : root mean square of all residuals
+    observations : number of usable values; mean_abs_residual : (h, w) over those of each pixel
+    light_slope : (N, C, 5) half the energy's derivatives with the lights' vector, inverse_distance
+        and ambient, the albedo eliminated; None unless asked for
     """
 
     albedo: Floats
     energy: float
-    tensor: Floats
-    vector: Floats
-    spread: float
+    jtwj: Floats
+    rhs: Floats
+    noise_sigma: float
     rms: float
     observations: int
-    misfit: Floats
+    mean_abs_residual: Floats
     light_slope: Floats | None = None
 
-    def darker(self, gain: float) -> Explanation:
-        """The same with an albedo `gain` times smaller, for lamps that much brighter."""
+    def darker(self, gain: float) -> Linearization:
+        """The same with the albedo divided by `gain`, for lights multiplied by it."""
         return replace(self, albedo=self.albedo / gain)
 
-    def aim(self, surface: Surface) -> tuple[Floats, Floats]:
-        """M and M g + b: the depth terms of the whole gradient, g being the surface's."""
-        return self.tensor, self.vector + applied(self.tensor, surface.gradient)
+    def normal_equations(self, surface: Surface) -> tuple[Floats, Floats]:
+        """M and M g + b: for the gradient itself, not its change from the surface's, g."""
+        return self.jtwj, self.rhs + applied(self.jtwj, surface.gradient)
 
 
 def applied(tensor: Floats, gradient: Floats) -> Floats:
@@ -167,17 +167,17 @@ class Photographs:
         """(h, w) pixels that have a normal."""
         return has_gradient(self.grid)
 
-    def stride(self, most: int) -> int:
-        """Of how many pixels along each side `some` takes one."""
+    def subsampling(self, most: int) -> int:
+        """The factor, along each side, by which `subsample` takes fewer pixels."""
         active = self.active
-        stride = max(1, int(np.sqrt(np.count_nonzero(active) / most)))
-        return stride if active[::stride, ::stride].any() else 1
+        subsampling = max(1, int(np.sqrt(np.count_nonzero(active) / most)))
+        return subsampling if active[::subsampling, ::subsampling].any() else 1
 
-    def some(self, most: int) -> Mask:
-        """(h, w) about `most` of the active pixels, evenly spaced; all when there are fewer."""
-        active, stride = self.active, self.stride(most)
+    def subsample(self, most: int) -> Mask:
+        """(h, w) about `most` of the active pixels, on a regular grid; all when there are fewer."""
+        active, subsampling = self.active, self.subsampling(most)
         chosen = np.zeros_like(active)
-        chosen[::stride, ::stride] = active[::stride, ::stride]
+        chosen[::subsampling, ::subsampling] = active[::subsampling, ::subsampling]
         return chosen
 
     @cached_property
@@ -194,14 +194,14 @@ class Photographs:
     def cleared(
         self,
         hidden: Mask | None,
-        shine: Callable[[int], Floats] | None = None,
-        much: float = np.inf,
+        specular: Callable[[int], Floats] | None = None,
+        largest_fraction: float = np.inf,
     ) -> Photographs:
-        """The photographs without values in shadows and without highlights.
+        """The photographs without given values, and with given light subtracted.
 
-        hidden : (N, h, w, C) what is not usable; None for nothing
-        shine : of each photograph, the light (P, C) to take from its active pixels; None for none
-        much : where that is more than this part of a value, the value is left out
+        hidden : (N, h, w, C) values to leave out, such as those in cast shadow; None for none
+        specular : of a photograph's number, the light (P, C) to subtract at its active pixels
+        largest_fraction : a value of which that light is a larger fraction is left out
         """
         active, table = self.active, np.arange(65536) / 65535
         values, low, high = np.empty_like(self.values, dtype=np.uint16), 1, 65534
@@ -210,18 +210,18 @@ class Photographs:
             usable = light >= 0
             if hidden is not None:
                 usable &= ~hidden[i]
-            if shine is not None:
-                height = shine(i)
-                usable[active] &= height <= much * light[active]
-                light[active] -= height
+            if specular is not None:
+                highlights = specular(i)
+                usable[active] &= highlights <= largest_fraction * light[active]
+                light[active] -= highlights
             np.clip(np.rint(65535 * light), low, high, out=light)
             value[:] = np.where(usable, light, 0)
         return Photographs(values, table.astype(np.float32), low, high, self.grid, self.camera)
 
-    def dimmed(self, share: float, least: int) -> Photographs:
-        """The photographs without the brightest of each pixel's and channel's usable values.
+    def trim_brightest(self, share: float, least: int) -> Photographs:
+        """The photographs without the brightest usable values of each pixel and channel.
 
-        share : part of these that is left out, as long as `least` are left
+        share : fraction of the usable values that is left out (rank trimming); `least` remain
         """
         light = np.stack([self._light[values] for values in self.values])
         light[light < 0] = np.inf
@@ -234,7 +234,7 @@ class Photographs:
     def _optics(self) -> tuple[float, float, float, float]:
         return (self.camera.fx, self.camera.fy, self.camera.cx, self.camera.cy)
 
-    def explain(
+    def linearize(
         self,
         surface: Surface,
         lamps: Lamps,
@@ -243,45 +243,46 @@ class Photographs:
         start: Floats | None = None,
         lagged: bool = False,
         project: bool = True,
-        turning: bool = False,
-    ) -> Explanation:
-        """The albedo that explains the photographs best, and what is left unexplained.
+        with_light_slope: bool = False,
+    ) -> Linearization:
+        """The albedo that fits the photographs best, the residuals and their derivatives.
 
-        scale : of the Cauchy loss, 0 for plain least squares; start : albedo (h, w, 3) where its
-        reweighting starts; lagged : derivatives with |m| held, the paper's; project : the albedo
-        follows the depth (variable projection) instead of being held; turning : with the first
-        derivatives of the lights, for half as much time again
+        scale : of the Cauchy loss, 0 for plain least squares
+        start : albedo (h, w, 3) where its reweighting starts; None for least squares first
+        lagged : derivatives with |m| fixed, as in the paper
+        project : the albedo is eliminated (variable projection) instead of being fixed
+        with_light_slope : first derivatives with the lights as well, for half as much time again
         """
         from rakelight.photometry import _kernels
 
         height, width = self.mask.shape
         albedo = np.full((height, width, 3), -1.0) if start is None else start.copy()
-        tensor, vector = np.empty((height, width, 3)), np.empty((height, width, 2))
+        jtwj, rhs = np.empty((height, width, 3)), np.empty((height, width, 2))
         sums = np.zeros((height, 3))
         histogram = np.zeros((height, _kernels.BINS), dtype=np.int64)
-        misfit = np.zeros((height, width))
-        slope = np.zeros((height if turning else 0, lamps.ambient.shape[1], 5, len(self)))
+        mean_abs_residual = np.zeros((height, width))
+        slope = np.zeros((height if with_light_slope else 0, lamps.ambient.shape[1], 5, len(self)))
         given = (
             self.values, self._light, self.active, surface.gradient, surface.points,
             self._optics, *lamps.arrays, self._scales(scale), lagged, project,
-            albedo, tensor, vector, sums, histogram, misfit, turning, slope,
+            albedo, jtwj, rhs, sums, histogram, mean_abs_residual, with_light_slope, slope,
         )  # fmt: skip
 
         def some_rows(block: int) -> None:
-            _kernels.explain(ROWS * block, min(ROWS * (block + 1), height), *given)
+            _kernels.linearize(ROWS * block, min(ROWS * (block + 1), height), *given)
 
         in_blocks(some_rows, -(-height // ROWS), len(self) * self.mask.size)
         energy, squared, count = sums.sum(axis=0)
-        return Explanation(
+        return Linearization(
             albedo=albedo,
             energy=float(energy),
-            tensor=tensor,
-            vector=vector,
-            spread=_median_spread(histogram.sum(axis=0), _kernels.WIDEST),
+            jtwj=jtwj,
+            rhs=rhs,
+            noise_sigma=_median_sigma(histogram.sum(axis=0), _kernels.WIDEST),
             rms=float(np.sqrt(squared / max(count, 1.0))),
             observations=int(count),
-            misfit=misfit,
-            light_slope=np.moveaxis(slope.sum(axis=0), -1, 0) if turning else None,
+            mean_abs_residual=mean_abs_residual,
+            light_slope=np.moveaxis(slope.sum(axis=0), -1, 0) if with_light_slope else None,
         )
 
     def light_terms(
@@ -293,15 +294,15 @@ class Photographs:
         scale: Floats | float = 0.0,
         near: bool = False,
         project: bool = True,
-        stride: int = 1,
+        subsampling: int = 1,
         mixed: bool = False,
     ) -> tuple[Floats, Floats, Floats]:
         """Second (K, K) and first (K,) derivatives of half the energy with the lights.
 
-        K counts vector, closeness where `near`, and ambient of each light.
-        stride : one pixel of so many along each side is used; see `some`
-        mixed : whether to find each of these pixels' mixed derivatives with the gradient of log
-            depth as well, (h / stride, w / stride, 2, K), rounded up; an empty array if not
+        K counts vector, inverse_distance where `near`, and ambient of each light.
+        subsampling : factor along each side by which fewer pixels are used; see `subsample`
+        mixed : whether to find the used pixels' mixed derivatives with the gradient of log depth
+            as well, (h / subsampling, w / subsampling, 2, K), rounded up; an empty array if not
         """
         from scipy.linalg import block_diag
 
@@ -312,16 +313,16 @@ class Photographs:
         own = count * parameters
         hessian = np.zeros((BLOCKS, channels, own, own))
         slope = np.zeros((BLOCKS, channels, parameters, count))
-        thin = (slice(None, None, stride),) * 2
-        active = np.ascontiguousarray(self.active[thin])
+        every = (slice(None, None, subsampling),) * 2
+        active = np.ascontiguousarray(self.active[every])
         both = np.zeros((*(active.shape if mixed else (0, 0)), 2, count, channels, parameters))
-        # Of a camera with pixels so much wider, between which log depth changes so much more.
-        optics = tuple(value / stride for value in self._optics)
+        # A camera whose pixels are wider by the factor; the gradient per pixel grows by it, too.
+        optics = tuple(value / subsampling for value in self._optics)
         gradient, points, scales, albedo = (
-            np.ascontiguousarray(each[thin])
+            np.ascontiguousarray(each[every])
             for each in (surface.gradient, surface.points, self._scales(scale), albedo)
         )
-        values, gradient = np.ascontiguousarray(self.values[:, *thin]), stride * gradient
+        values, gradient = np.ascontiguousarray(self.values[:, *every]), subsampling * gradient
         given = (
             values, self._light, active, gradient, points, optics, *lamps.arrays, scales,
             albedo, parameters, project, hessian, slope, both,
@@ -329,8 +330,9 @@ class Photographs:
         in_blocks(
             lambda block: _kernels.light_terms(block, *given), BLOCKS, len(self) * active.size
         )
-        both *= stride
-        # The lights' order is photograph, channel, number; the block sums' channel, number, lamp.
+        both *= subsampling
+        # Order of the lights' numbers: photograph, channel, number; of the sums: channel, number,
+        # photograph.
         numbers = np.arange(channels * own).reshape(channels, parameters, count)
         order = np.moveaxis(numbers, -1, 0).ravel()
         upper = np.triu(hessian.sum(axis=0))
@@ -357,7 +359,7 @@ class Photographs:
         return Photographs(small, table, 1, 65534, Links.of(self.grid).halved(), camera)
 
 
-def _median_spread(counts: Array, widest: float) -> float:
+def _median_sigma(counts: Array, widest: float) -> float:
     """Robust standard deviation from a histogram of absolute residuals."""
     total = counts.sum()
     if total == 0:

@@ -7,7 +7,7 @@ import numpy as np
 from rakelight.model import Floats, Lights, Mask
 from rakelight.photometry.harmonics import lit
 
-# The set of lit pixels depends on the light; it settles after a few solves.
+# Rounds of least squares: the set of lit pixels depends on the light.
 HORIZON_ROUNDS = 3
 
 
@@ -23,7 +23,7 @@ def frontal_lights(count: int) -> Lights:
 
 
 def arriving(lights: Lights, points_m: Floats) -> Floats:
-    """(N, P, C, 3) light vectors s at P points; near lamps fall off from their positions.
+    """(N, P, C, 3) light vectors s at P points; near lights fall off from their positions.
 
     points_m : (P, 3) camera frame
 
@@ -37,8 +37,8 @@ def arriving(lights: Lights, points_m: Floats) -> Floats:
         return np.broadcast_to(lights.vector[:, None], shape)
     away = lights.position_m[:, None] - points_m[:, None]
     distance = np.linalg.norm(away, axis=-1)
-    reach = np.linalg.norm(lights.position_m - lights.middle_m, axis=-1)
-    strength = lights.intensity[:, None] * (reach[:, None] / distance) ** 2
+    lamp_distance = np.linalg.norm(lights.position_m - lights.middle_m, axis=-1)
+    strength = lights.intensity[:, None] * (lamp_distance[:, None] / distance) ** 2
     return np.asarray(away * (strength / distance)[..., None])
 
 
@@ -58,7 +58,7 @@ def estimate_light(
 
     Minimises sum_c sum_p w (rho_c (max(0, s.n) + phi) - I_c)^2, equation (3) over all channels;
     without a start, s.n takes the place of max(0, s.n).
-    A light that the pixels do not determine stays as small as it can (minimum norm).
+    Where the pixels do not determine the light, it is of minimum norm.
 
     >>> rng = np.random.default_rng(0)
     >>> n = rng.normal(size=(99, 3)); n /= np.linalg.norm(n, axis=1, keepdims=True)
@@ -76,14 +76,14 @@ def estimate_light(
     for _ in range(HORIZON_ROUNDS):
         # In attached shadow there is the ambient light alone.
         seen = lit(normals, vector)
-        matrix, aim = (basis * (squares * seen)) @ basis.T, basis @ (products * seen)
-        matrix[3, 3], aim[3] = squares.sum(), products.sum()
-        light = _least_squares(matrix, aim)
+        matrix, rhs = (basis * (squares * seen)) @ basis.T, basis @ (products * seen)
+        matrix[3, 3], rhs[3] = squares.sum(), products.sum()
+        light = _least_squares(matrix, rhs)
         if light[3] < 0:
-            light = np.append(_least_squares(matrix[:3, :3], aim[:3]), 0.0)
+            light = np.append(_least_squares(matrix[:3, :3], rhs[:3]), 0.0)
         vector, ambient = light[:3], light[3]
     return np.append(vector, ambient)
 
 
-def _least_squares(matrix: Floats, aim: Floats) -> Floats:
-    return np.asarray(np.linalg.lstsq(matrix, aim, rcond=1e-9)[0])
+def _least_squares(matrix: Floats, rhs: Floats) -> Floats:
+    return np.asarray(np.linalg.lstsq(matrix, rhs, rcond=1e-9)[0])

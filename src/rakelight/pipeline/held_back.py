@@ -24,7 +24,11 @@ from typing import Any
 import numpy as np
 
 from rakelight.geometry.camera import back_project, pixel_rays
-from rakelight.geometry.normals import normal_derivatives, squared_turn, surface_normals
+from rakelight.geometry.normals import (
+    normal_derivatives,
+    squared_normal_derivative,
+    surface_normals,
+)
 from rakelight.methods.base import Estimate, brightest
 from rakelight.model import MAD_TO_SIGMA, Array, Camera, Finding, Floats, Lights, Mask
 from rakelight.photometry.lighting import arriving, estimate_light
@@ -120,7 +124,7 @@ def predict(
     there, here = (_gradient(each, prepared.camera, sample) for each in (before, normals))
     refined = _left_out(
         sample, shading, np.broadcast_to(slopes, (*shape, 2)), there - here,
-        squared_turn(length, prepared.camera),
+        squared_normal_derivative(length, prepared.camera),
     )  # fmt: skip
     prepared_lights = _lights_of(sample, sample.of(before))
     plain = np.broadcast_to(shadings(sample.of(before), points, prepared_lights), shape)

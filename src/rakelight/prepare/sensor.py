@@ -42,7 +42,7 @@ class SensorDepth:
         """The averaging operator K of a window with that mask (h, w)."""
         return Averaging.on(mask, self.row_edges, self.column_edges)
 
-    def spread(self, image: Floats, shape: tuple[int, ...]) -> Floats:
+    def nearest_upsample(self, image: Floats, shape: tuple[int, ...]) -> Floats:
         """(h, w) the value of the sensor pixel (hs, ws) that holds each window pixel's centre."""
         return at_centres(image, (self.row_edges, self.column_edges), shape)
 

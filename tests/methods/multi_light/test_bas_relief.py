@@ -118,8 +118,11 @@ def test_deepening_is_the_slope_of_a_relief_that_grows_above_its_plane():
 
 def test_a_surface_that_would_turn_around_stays():
     level = make_level()
-    inverse, middle = np.exp(-level.aim), np.exp(-level.aim)[level.mask].mean()
-    hollow = np.where(level.mask, -np.log(2 * middle - inverse), level.aim)
+    inverse, middle = (
+        np.exp(-level.unbiased_prior),
+        np.exp(-level.unbiased_prior)[level.mask].mean(),
+    )
+    hollow = np.where(level.mask, -np.log(2 * middle - inverse), level.unbiased_prior)
     found, turn = nearest_bas_relief(level, hollow, alike())
     assert found is hollow
     assert (turn == np.eye(3)).all()

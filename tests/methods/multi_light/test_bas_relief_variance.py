@@ -8,7 +8,7 @@ from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light.bas_relief import nearest_bas_relief
 from rakelight.methods.multi_light.bas_relief_variance import (
     bas_relief_variance,
-    lamps_moment,
+    lights_moment,
     sensor_moment,
 )
 from rakelight.photometry.images import Lamps
@@ -49,7 +49,7 @@ def test_the_variance_is_that_of_reading_the_transform_off_the_sensor():
         rng = np.random.default_rng(seed)
         error = gaussian_filter(rng.normal(size=log_depth.shape), 2.0)
         error *= 0.002 / error.std()
-        level = replace(level, aim=np.log(np.exp(log_depth) + error))
+        level = replace(level, unbiased_prior=np.log(np.exp(log_depth) + error))
         fitted = fitted_relief(level, log_depth, lamps)
         cosine = np.sum(normals_of(level, fitted) * true, axis=-1)
         squares.append(np.mean(np.arccos(np.clip(cosine, -1, 1))[active] ** 2))
@@ -68,7 +68,7 @@ def test_it_grows_with_the_sensors_noise():
             level,
             log_depth,
             lamps,
-            sensor_moment(replace(level, aim=log_depth + size * error), log_depth),
+            sensor_moment(replace(level, unbiased_prior=log_depth + size * error), log_depth),
         )
         for size in (0.001, 0.008)
     )
@@ -77,7 +77,7 @@ def test_it_grows_with_the_sensors_noise():
 
 def test_lamps_that_are_alike_contradict_nothing():
     level, _, lamps = true_level(NOISE)
-    assert np.abs(lamps_moment(level, lamps)).max() < 1e-12
+    assert np.abs(lights_moment(level, lamps)).max() < 1e-12
 
 
 def test_lamps_of_a_flattened_surface_contradict_it():
@@ -85,7 +85,7 @@ def test_lamps_of_a_flattened_surface_contradict_it():
     g = np.array([0.0, 0.0, 0.5])
     transform = np.linalg.inv(np.eye(3) + np.outer(level.middle_m, g))
     flattened = replace(lamps, vector=lamps.vector @ transform.T)
-    found = np.sqrt(np.diag(lamps_moment(level, flattened)))
+    found = np.sqrt(np.diag(lights_moment(level, flattened)))
     assert 0.33 < found[2] < 0.5
     assert found[:2].max() < 0.3 * found[2]
 
@@ -94,20 +94,22 @@ def test_lamps_that_differ_by_chance_contradict_little():
     level, _, lamps = true_level(NOISE)
     rng = np.random.default_rng(0)
     gains = np.exp(0.3 * rng.normal(size=(200, len(lamps.vector), 1, 1)))
-    found = [lamps_moment(level, replace(lamps, vector=gain * lamps.vector)) for gain in gains]
+    found = [lights_moment(level, replace(lamps, vector=gain * lamps.vector)) for gain in gains]
     silent = np.mean([not moment.any() for moment in found])
     assert silent > 0.3  # F below 1 has a probability of one half
 
 
 def test_few_lamps_say_nothing():
     level, _, lamps = true_level(NOISE)
-    few = Lamps(lamps.vector[:5] * 2, lamps.ambient[:5], lamps.closeness[:5])
-    assert not lamps_moment(level, few).any()
+    few = Lamps(lamps.vector[:5] * 2, lamps.ambient[:5], lamps.inverse_distance[:5])
+    assert not lights_moment(level, few).any()
 
 
 def test_a_sensor_that_contradicts_the_surface_counts():
     level, log_depth, _ = true_level(NOISE)
-    flat = replace(level, aim=np.full_like(level.aim, np.median(log_depth[level.mask])))
+    flat = replace(
+        level, unbiased_prior=np.full_like(level.unbiased_prior, np.median(log_depth[level.mask]))
+    )
     contradicted, agreed = (
         np.trace(sensor_moment(each, log_depth)[1:, 1:]) for each in (flat, level)
     )

@@ -8,8 +8,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from rakelight import refine
-from rakelight.geometry.normals import normal_lengths, squared_turn
-from rakelight.methods.base import NO_IDEA_RAD
+from rakelight.geometry.normals import normal_lengths, squared_normal_derivative
+from rakelight.methods.base import UNDETERMINED_RAD
 from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light.bas_relief_variance import sensor_moment
 from rakelight.methods.multi_light.confidence import (
@@ -19,7 +19,7 @@ from rakelight.methods.multi_light.confidence import (
     sensor_length,
 )
 from rakelight.methods.multi_light.energy import first_fit
-from rakelight.methods.multi_light.initial_lights import lamps_of_prior
+from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
@@ -39,33 +39,35 @@ def make_scene(rms_mm=1.0):
 def make_fit():
     prepared = prepare(make_scene()[0])
     level = finest_level(prepared)
-    return prepared, level, first_fit(level, level.prior, lamps_of_prior(level))
+    return prepared, level, first_fit(level, level.prior, lights_of_prior(level))
 
 
 def with_tensor(fit, uu, uv, vv):
-    tensor = np.broadcast_to([uu, uv, vv], fit.explanation.tensor.shape)
-    return replace(fit, explanation=replace(fit.explanation, tensor=tensor))
+    tensor = np.broadcast_to([uu, uv, vv], fit.linearization.jtwj.shape)
+    return replace(fit, linearization=replace(fit.linearization, jtwj=tensor))
 
 
 def test_noise_turns_a_normal_in_both_directions():
     _, level, fit = make_fit()
     gradient, camera = fit.surface.gradient, level.photographs.camera
-    turn = squared_turn(normal_lengths(gradient[..., 0], gradient[..., 1], camera), camera)
+    turn = squared_normal_derivative(
+        normal_lengths(gradient[..., 0], gradient[..., 1], camera), camera
+    )
     turns = np.array([[np.cos(0.4), -np.sin(0.4)], [np.sin(0.4), np.cos(0.4)]])
     (uu, uv), (_, vv) = turns @ np.diag([4e4, 1e4]) @ turns.T
     found = photometric_variance(level, with_tensor(fit, uu, uv, vv), np.full(turn.shape, 0.002))
     # d = M^-1 b with b of covariance sigma^2 M: variances sigma^2 / 4e4 and sigma^2 / 1e4.
-    expected = np.minimum(turn * 0.002**2 * (1 / 4e4 + 1 / 1e4) / 2, NO_IDEA_RAD**2)
+    expected = np.minimum(turn * 0.002**2 * (1 / 4e4 + 1 / 1e4) / 2, UNDETERMINED_RAD**2)
     active = level.photographs.active
     np.testing.assert_allclose(found[active], expected[active], rtol=1e-9)
-    assert (expected[active] < NO_IDEA_RAD**2).mean() > 0.9
+    assert (expected[active] < UNDETERMINED_RAD**2).mean() > 0.9
 
 
 def test_what_photographs_do_not_tell_is_half_a_radian():
     _, level, fit = make_fit()
     noise = np.full(level.mask.shape, 0.002)
     found = photometric_variance(level, with_tensor(fit, 1e4, 0.0, 0.0), noise)
-    np.testing.assert_array_equal(found, NO_IDEA_RAD**2)
+    np.testing.assert_array_equal(found, UNDETERMINED_RAD**2)
 
 
 def test_the_sensor_takes_over_where_it_says_as_much():
@@ -109,7 +111,9 @@ def test_each_part_of_the_depths_error_counts():
     pixel_m = np.exp(fit.log_depth) / level.photographs.camera.fx
     walk = np.radians(5.0) * np.sqrt(sensor_length(level, fit)) * pixel_m
     np.testing.assert_allclose(more**2 - least**2, walk**2, rtol=1e-6)
-    off = replace(level, aim=level.aim + 0.01 * np.linspace(-1, 1, level.mask.shape[1]))
+    off = replace(
+        level, unbiased_prior=level.unbiased_prior + 0.01 * np.linspace(-1, 1, level.mask.shape[1])
+    )
     loose = depth_sigma(off, fit, prepared, still, sensor_moment(off, fit.log_depth))
     assert (loose > 2 * least)[level.mask].mean() > 0.5
 

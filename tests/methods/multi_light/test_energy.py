@@ -22,14 +22,14 @@ from rakelight.methods.multi_light.energy import (
     reset_scale,
     update_scale,
 )
-from rakelight.methods.multi_light.initial_lights import lamps_of_prior
+from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.methods.multi_light.joint_step import joint_step
 from rakelight.methods.multi_light.model_selection import with_coloured_lights
 from rakelight.methods.multi_light.steps import (
     TRIES,
     depth_step,
     extrapolated,
-    lamps_step,
+    lights_difference,
     lights_step,
     parabola_falls,
     project_bas_relief,
@@ -76,7 +76,7 @@ def level(request):
 
 @pytest.fixture
 def fit(level):
-    return first_fit(level, level.prior, lamps_of_prior(level))
+    return first_fit(level, level.prior, lights_of_prior(level))
 
 
 def rough(level, seed=0):
@@ -85,7 +85,7 @@ def rough(level, seed=0):
 
 def start(level, name):
     """A fit that is far from the best one, in the way that its name says."""
-    lamps, prior, rng = lamps_of_prior(level), level.prior, np.random.default_rng(3)
+    lamps, prior, rng = lights_of_prior(level), level.prior, np.random.default_rng(3)
     count = len(lamps.vector)
     wild = Lamps.distant(rng.normal(size=(count, 1, 3)), rng.uniform(0, 1, (count, 1)))
     alike = (np.repeat(each[:1], count, axis=0) for each in (lamps.vector, lamps.ambient))
@@ -96,7 +96,7 @@ def start(level, name):
         "lamps behind": (prior, replace(lamps, vector=-lamps.vector)),
         "no light": (prior, lamps.brighter(0.0)),
         "lamps alike": (prior, Lamps.distant(*alike)),
-        "near": (prior, replace(lamps, closeness=np.full((count, 1), 3.0))),
+        "near": (prior, replace(lamps, inverse_distance=np.full((count, 1), 3.0))),
     }.get(name, (prior, lamps))
     fit = first_fit(level, depth, light, near="near" in name)
     return update_scale(level, with_coloured_lights(fit)) if "coloured" in name else fit
@@ -165,7 +165,7 @@ def test_the_right_side_is_minus_half_the_derivative_of_the_energy(level, name):
     fit = start(level, name)
     for _ in range(40):
         fit = evaluated(level, fit, fit.log_depth, fit.lamps)
-    system = depth_system(level, fit, fit.explanation.tensor)
+    system = depth_system(level, fit, fit.linearization.jtwj)
     assert not system.pinned.any()
     close = 1e-12 * np.abs(system.rhs).max()
     np.testing.assert_allclose(
@@ -257,7 +257,7 @@ def test_a_depth_step_leaves_the_lamps_and_cells_leave_the_detail(level, fit):
 
 def test_undamped_joint_steps_from_some_pixels_are_taken_under_near_lamps():
     level, most_cells = make_level(), 60
-    assert 3 * np.count_nonzero(level.photographs.some(2 * most_cells)) < level.mask.sum()
+    assert 3 * np.count_nonzero(level.photographs.subsample(2 * most_cells)) < level.mask.sum()
     fit = start(level, "near")
     for _ in range(5):
         before = depth_step(level, fit)
@@ -272,7 +272,7 @@ def test_undamped_joint_steps_from_some_pixels_are_taken_under_near_lamps():
 def test_a_stride_goes_on_where_steps_are_short(level, name):
     before = start(level, name)
     whole = joint_step(level, depth_step(level, before), 10**6)
-    way, lights = whole.log_depth - before.log_depth, lamps_step(before.lamps, whole.lamps)
+    way, lights = whole.log_depth - before.log_depth, lights_difference(before.lamps, whole.lamps)
     short = evaluated(level, before, before.log_depth + way / 20, before.lamps.moved(lights / 20))
     far = extrapolated(level, before, short)
     assert far.energy < 0.9 * short.energy
@@ -281,7 +281,7 @@ def test_a_stride_goes_on_where_steps_are_short(level, name):
     assert share > 2
     for after, step in (
         (far.log_depth - short.log_depth, way),
-        (lamps_step(short.lamps, far.lamps), lights),
+        (lights_difference(short.lamps, far.lamps), lights),
     ):
         np.testing.assert_allclose(after, share * step / 20, atol=1e-12)
 
@@ -320,9 +320,9 @@ def test_a_stride_stops_before_its_parabola_rises(level, monkeypatch):
 def test_lamps_step_is_what_moves_them(name):
     fit = start(make_level(), name)
     rng = np.random.default_rng(1)
-    numbers = (fit.lamps.vector, fit.lamps.ambient, fit.lamps.closeness)
+    numbers = (fit.lamps.vector, fit.lamps.ambient, fit.lamps.inverse_distance)
     other = Lamps(*(each + 0.1 * rng.random(each.shape) for each in numbers))
-    moved_lamps = fit.lamps.moved(lamps_step(fit.lamps, other))
+    moved_lamps = fit.lamps.moved(lights_difference(fit.lamps, other))
     for one, two in zip(moved_lamps.arrays, other.arrays, strict=True):
         np.testing.assert_allclose(one, two, atol=1e-15)
 
@@ -335,8 +335,8 @@ def test_under_another_trust_the_loss_begins_anew(level, fit):
         fit = update_scale(level, fit)
     first = first_fit(level, fit.log_depth, fit.lamps)
     anew = reset_scale(level.weighted(0.1), fit)
-    np.testing.assert_array_equal(anew.explanation.albedo, first.explanation.albedo)
-    assert np.abs(fit.explanation.albedo - anew.explanation.albedo).max() > 1e-4
+    np.testing.assert_array_equal(anew.linearization.albedo, first.linearization.albedo)
+    assert np.abs(fit.linearization.albedo - anew.linearization.albedo).max() > 1e-4
 
 
 # ---- the bas-relief transform
@@ -357,24 +357,28 @@ def test_the_sensor_sets_the_four_numbers_that_the_photographs_leave_open(factor
         edges = (np.arange(-(-side // factor) + 1.0) * factor for side in level.mask.shape)
         level = replace(level, averaging=Averaging.on(level.mask, *edges))
     level = level.weighted(100.0)
-    fit = flattened(level, first_fit(level, level.prior, lamps_of_prior(level)))
+    fit = flattened(level, first_fit(level, level.prior, lights_of_prior(level)))
     found = project_bas_relief(level, fit)
     assert found.energy < fit.energy
     # Means of the inverse are not quite the inverse of the means.
-    assert level.sensor_misfit(found.log_depth) < 1e-3 * level.sensor_misfit(fit.log_depth)
+    assert level.sensor_sum_of_squares(found.log_depth) < 1e-3 * level.sensor_sum_of_squares(
+        fit.log_depth
+    )
 
 
 def test_where_the_sensor_has_nothing_to_add_the_surface_stays(level):
-    fit = first_fit(level, level.prior, lamps_of_prior(level))
+    fit = first_fit(level, level.prior, lights_of_prior(level))
     np.testing.assert_allclose(project_bas_relief(level, fit).log_depth, fit.log_depth, atol=1e-9)
 
 
 def test_the_photographs_have_no_say_in_the_relief_that_distant_lamps_leave_open():
     """Not even where a weightless sensor means that their energy is lower at another one."""
     level = make_level().weighted(1e-9)
-    fit = flattened(level, first_fit(level, level.prior, lamps_of_prior(level)))
+    fit = flattened(level, first_fit(level, level.prior, lights_of_prior(level)))
     found = project_bas_relief(level, fit)
-    assert level.sensor_misfit(found.log_depth) < 1e-3 * level.sensor_misfit(fit.log_depth)
+    assert level.sensor_sum_of_squares(found.log_depth) < 1e-3 * level.sensor_sum_of_squares(
+        fit.log_depth
+    )
 
 
 def test_near_lamps_settle_the_relief(level):
@@ -394,8 +398,10 @@ def test_under_near_lamps_joint_steps_in_cells_set_the_relief_of_the_detail_too(
     before, after = (details[0] @ each / (details[0] @ details[0]) - 1 for each in details[1:])
     assert before == pytest.approx(by - 1, abs=0.05)
     assert abs(after) < 0.5 * abs(before)
-    closeness = [np.median(each.lamps.closeness) for each in (at_rest, wrong, fit)]
-    assert abs(closeness[2] - closeness[0]) < 0.5 * abs(closeness[1] - closeness[0])
+    inverse_distance = [np.median(each.lamps.inverse_distance) for each in (at_rest, wrong, fit)]
+    assert abs(inverse_distance[2] - inverse_distance[0]) < 0.5 * abs(
+        inverse_distance[1] - inverse_distance[0]
+    )
 
 
 @cache

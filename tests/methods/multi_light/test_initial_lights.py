@@ -10,7 +10,7 @@ from scipy.ndimage import binary_dilation, binary_erosion
 from rakelight.geometry.normals import normals_from_depth
 from rakelight.methods.levels import finest_level, pyramid
 from rakelight.methods.multi_light.factored_start import factored_start
-from rakelight.methods.multi_light.initial_lights import lamps_of_prior
+from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.metrics import evaluate_depth
 from rakelight.model import Camera, Capture, Truth
 from rakelight.pipeline import refine
@@ -70,7 +70,7 @@ def test_the_photographs_tell_lamps_that_a_rough_prior_does_not():
     level = coarsest(capture)
     factored = off_deg(factored_start(level)[1], true)
     assert factored.max() < 20
-    assert factored.max() < 0.6 * off_deg(lamps_of_prior(level), true).max()
+    assert factored.max() < 0.6 * off_deg(lights_of_prior(level), true).max()
 
 
 def test_a_generous_mask_does_not_end_in_a_wrong_surface():
@@ -87,7 +87,7 @@ def test_the_relief_comes_from_the_prior():
     capture, _, true = dome()
     level = coarsest(capture)
     inside_out = 2 * np.median(level.prior) - level.prior
-    hollow = replace(level, prior=inside_out, aim=inside_out)
+    hollow = replace(level, prior=inside_out, unbiased_prior=inside_out)
     assert off_deg(factored_start(level)[1], true).max() < 20
     # A hollow lit from the other side looks the same.
     turned = true * [-1, -1, 1]

@@ -8,8 +8,8 @@ import pytest
 
 from rakelight.methods.levels import finest_level, pyramid
 from rakelight.methods.multi_light import FIRST_DEPTH_WEIGHT, MultiLight
-from rakelight.methods.multi_light.energy import first_fit, lamps_after, parameter_map
-from rakelight.methods.multi_light.initial_lights import lamps_of_prior
+from rakelight.methods.multi_light.energy import first_fit, lights_after, parameter_map
+from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.methods.multi_light.model_selection import penalised_noise, select_model
 from rakelight.metrics import evaluate
 from rakelight.model import silent
@@ -48,7 +48,7 @@ def test_lamps_that_come_out_alike_speak_for_less_trust():
     share, descent = looked(TOGETHER)
     _, believed = looked(TOGETHER, depth_weight=1.0)
     fits = [found.fit for found in (believed, descent)]
-    residuals = [fit.explanation.spread for fit in fits]
+    residuals = [fit.linearization.noise_sigma for fit in fits]
     both = [penalised_noise(coarsest(TOGETHER), fit) for fit in fits]
     assert share < 0.02
     assert residuals[1] > 0.5 * residuals[0]
@@ -78,7 +78,7 @@ def test_lamps_that_would_be_very_near_speak_for_less_trust():
     fit = looked(TOGETHER, distance="distant")[1].fit
     far, by_it = (
         penalised_noise(
-            level, replace(fit, lamps=replace(fit.lamps, closeness=np.full((12, 1), each)))
+            level, replace(fit, lamps=replace(fit.lamps, inverse_distance=np.full((12, 1), each)))
         )
         for each in (0.0, 1 / np.linalg.norm(level.points[level.mask], axis=-1).max())
     )
@@ -100,16 +100,16 @@ def test_trust_that_was_asked_for_is_kept():
 @pytest.mark.parametrize("near", [False, True])
 def test_one_ambient_leaves_each_lamp_the_same_part(near):
     level = coarsest(TOGETHER, 0.25)
-    vector = lamps_of_prior(level).vector
+    vector = lights_of_prior(level).vector
     size = np.linalg.norm(vector, axis=-1)
     lamps = Lamps(vector, 0.2 * size, np.full_like(size, 0.5))
     fit = first_fit(level, level.prior, lamps, near, shared_ambient=True)
     free = parameter_map(fit)
     step = 1e-6 * np.random.default_rng(0).normal(size=free.shape[1])
-    after = lamps_after(fit, step)
+    after = lights_after(fit, step)
     part = after.ambient / np.linalg.norm(after.vector, axis=-1)
     assert np.ptp(part) < 1e-12
     alone = replace(fit, shared_ambient=False)
-    linear = lamps_after(alone, free @ step)
+    linear = lights_after(alone, free @ step)
     np.testing.assert_allclose(linear.vector, after.vector, atol=1e-12)
     np.testing.assert_allclose(linear.ambient, after.ambient, atol=1e-10)

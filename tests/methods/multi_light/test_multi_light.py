@@ -303,6 +303,6 @@ def test_impossible_options_are_refused(name, value):
 def test_lamps_are_outside_the_object_and_their_distances_alike(radii, varied, expected):
     level = finest_level(prepare(make_scene()[0]))
     radius = np.linalg.norm(level.points[level.mask], axis=-1).max()
-    closeness = np.linspace(1 - varied, 1 + varied, 9)[:, None] / (radii * radius)
-    lamps = Lamps(np.ones((9, 1, 3)), np.zeros((9, 1)), closeness)
+    inverse_distance = np.linspace(1 - varied, 1 + varied, 9)[:, None] / (radii * radius)
+    lamps = Lamps(np.ones((9, 1, 3)), np.zeros((9, 1)), inverse_distance)
     assert plausible(level, lamps) == expected

@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter
 
 from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light.energy import first_fit
-from rakelight.methods.multi_light.initial_lights import lamps_of_prior
+from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.methods.multi_light.noise import (
     estimate_depth_weight,
     estimate_equal_intensity_weight,
@@ -79,9 +79,9 @@ def test_a_sensor_that_saw_nothing_says_nothing():
 def trust(error, tails):
     """Where the sensor is off a surface by `error` (h, w), and residuals have such tails."""
     prepared, level = scene()
-    fit = first_fit(level, level.prior - error, lamps_of_prior(level))
-    explanation = replace(fit.explanation, spread=0.01, rms=0.01 * tails)
-    return estimate_depth_weight(replace(fit, explanation=explanation), prepared)
+    fit = first_fit(level, level.prior - error, lights_of_prior(level))
+    linearization = replace(fit.linearization, noise_sigma=0.01, rms=0.01 * tails)
+    return estimate_depth_weight(replace(fit, linearization=linearization), prepared)
 
 
 def test_depth_counts_by_the_area_over_which_its_errors_hang_together():

@@ -8,7 +8,7 @@ import pytest
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light.energy import first_fit, update_scale
-from rakelight.methods.multi_light.initial_lights import lamps_of_prior
+from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.methods.multi_light.joint_step import joint_step
 from rakelight.methods.multi_light.normals import gradient_step
 from rakelight.methods.multi_light.steps import depth_step
@@ -51,16 +51,16 @@ def test_where_the_surface_is_smooth_they_lose_nothing_to_noise(image_noise):
 def test_where_photographs_do_not_align_a_normal_stays():
     capture, _ = scene("vase", 0.3)
     level = finest_level(prepare(capture))
-    fit = first_fit(level, level.prior, lamps_of_prior(level))
+    fit = first_fit(level, level.prior, lights_of_prior(level))
     for _ in range(8):
         fit = update_scale(level, joint_step(level, depth_step(level, fit), most_cells=4000))
-    active, left = level.photographs.active, fit.explanation.misfit
-    before = replace(fit, explanation=replace(fit.explanation, misfit=10 * left))
+    active, left = level.photographs.active, fit.linearization.mean_abs_residual
+    before = replace(fit, linearization=replace(fit.linearization, mean_abs_residual=10 * left))
     edge = np.zeros_like(active)
     edge[:, 30:34] = True
 
     def step(times):
-        after = replace(fit.explanation, misfit=times * left)
+        after = replace(fit.linearization, mean_abs_residual=times * left)
         return gradient_step(level, before, lambda _: after)
 
     well, badly = step(0.1), step(np.where(edge, 9.0, 0.1))

@@ -8,7 +8,12 @@ import pytest
 
 from rakelight.geometry.camera import back_project
 from rakelight.methods.levels import finest_level
-from rakelight.methods.multi_light.outliers import all_shadows, dimmed, in_shadow, remove_outliers
+from rakelight.methods.multi_light.outliers import (
+    all_shadows,
+    in_shadow,
+    remove_outliers,
+    trim_brightest,
+)
 from rakelight.model import Lights
 from rakelight.photometry.images import Lamps
 from rakelight.prepare import prepare
@@ -81,7 +86,7 @@ def rms(values):
 def test_the_dimmest_values_are_nearly_all_without_highlights():
     added = light(make_level(specular=0.5)[0]) - light(make_level()[0])
     level = make_level(specular=0.5)[0]
-    kept = np.isfinite(light(dimmed(level)))
+    kept = np.isfinite(light(trim_brightest(level)))
     usable = np.isfinite(light(level)).sum(axis=0)
     assert (
         kept.sum(axis=0) == np.maximum(usable - np.rint(usable / 3), np.minimum(usable, 6))
@@ -126,8 +131,8 @@ def test_shadows_looked_up_for_some_pixels_lie_where_they_are(monkeypatch):
     points = back_project(np.exp(log_depth), level.photographs.camera)
     exact = np.zeros((len(lights), *active.shape), dtype=bool)
     exact[:, active] = in_shadow(level, points, active, lights)[..., 0]
-    monkeypatch.setattr("rakelight.methods.multi_light.outliers.LOOKING", 100)
-    assert level.photographs.stride(100) >= 4
+    monkeypatch.setattr("rakelight.methods.multi_light.outliers.SHADOW_PIXELS", 100)
+    assert level.photographs.subsampling(100) >= 4
     few = all_shadows(level, points, lights)[..., 0] & active
 
     def agreement(shift):

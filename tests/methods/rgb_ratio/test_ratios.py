@@ -47,7 +47,7 @@ def test_misfit_is_that_of_the_equations(given):
 
 def test_terms_are_the_weighted_sum_of_squares(given):
     ratios, normals, length = given
-    tensor, aim = ratios.terms(normals, length, CAMERA, doubt=False)
+    tensor, rhs = ratios.terms(normals, length, CAMERA, robust=False)
     u, v = gradient_directions(CAMERA)
     rng = np.random.default_rng(1)
     for slope in rng.normal(scale=0.01, size=(3, 2)):
@@ -57,11 +57,13 @@ def test_terms_are_the_weighted_sum_of_squares(given):
             for q, variance in equations(ratios, normals)
         )
         quadratic = tensor @ [slope[0] ** 2, 2 * slope[0] * slope[1], slope[1] ** 2]
-        np.testing.assert_allclose(quadratic - 2 * aim @ slope, direct / length**2, rtol=1e-6)
+        np.testing.assert_allclose(quadratic - 2 * rhs @ slope, direct / length**2, rtol=1e-6)
 
 
-def test_doubt_weakens_what_the_surface_does_not_meet(given):
+def test_robust_terms_weaken_what_the_surface_does_not_meet(given):
     ratios, normals, length = given
-    sure, doubted = (ratios.terms(normals, length, CAMERA, doubt)[0] for doubt in (False, True))
-    says = sure[..., 0] > 0
-    assert (doubted[says, 0] < 0.5 * sure[says, 0]).all()
+    least_squares, robust_terms = (
+        ratios.terms(normals, length, CAMERA, robust)[0] for robust in (False, True)
+    )
+    says = least_squares[..., 0] > 0
+    assert (robust_terms[says, 0] < 0.5 * least_squares[says, 0]).all()

@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter
 
 from rakelight.errors import InputError
 from rakelight.geometry.normals import surface_normals
-from rakelight.methods.rgb_ratio import RgbRatio, deserved_trust, observed, rgb_ratio
+from rakelight.methods.rgb_ratio import RgbRatio, estimate_depth_weight, observed, rgb_ratio
 from rakelight.methods.rgb_ratio.ratios import Ratios
 from rakelight.metrics import evaluate
 from rakelight.model import silent
@@ -125,15 +125,17 @@ def change(length_px, drift=0.0):
 
 
 def test_the_sensor_is_trusted_the_more_the_less_its_errors_hang_together():
-    fine, middle, coarse = (deserved_trust(*change(length), 0.0) for length in (0.7, 2.0, 5.0))
+    fine, middle, coarse = (
+        estimate_depth_weight(*change(length), 0.0) for length in (0.7, 2.0, 5.0)
+    )
     assert fine > 3 * middle > 9 * coarse
     assert fine > 0.3
     assert coarse < 0.05
 
 
 def test_a_drift_triples_the_trust():
-    assert deserved_trust(*change(2.0), 1.0) == 1.0
-    assert deserved_trust(*change(2.0, drift=20.0), 1.0) == 3.0
+    assert estimate_depth_weight(*change(2.0), 1.0) == 1.0
+    assert estimate_depth_weight(*change(2.0, drift=20.0), 1.0) == 3.0
 
 
 def test_a_dark_channel_keeps_the_depth_and_is_told():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rakelight.geometry.blur import blurred
-from rakelight.methods.single_image.ambient_occlusion import hollows
+from rakelight.methods.single_image.ambient_occlusion import occlusion_height
 from rakelight.methods.single_image.texture import AFAR_PX
 from tests.methods.single_image.visible_sky import gradient, sky
 
@@ -35,7 +35,7 @@ def test_the_hollows_of_a_relief_are_found_under_the_sky(kind, period_px, slope)
     height = relief(kind, period_px, slope)
     light = sky(height, 1.5 * period_px)
     contrast = light / blurred(light, AFAR_PX, ALL) - 1
-    found, explained = hollows(contrast, FROM_ALL_SIDES, FACING, ALL)
+    found, explained = occlusion_height(contrast, FROM_ALL_SIDES, FACING, ALL)
     np.testing.assert_allclose(explained, contrast)
     inner = (slice(12, -12), slice(12, -12))
     # The best height that the light tells, in least squares, is about the one found.
@@ -51,7 +51,9 @@ def test_an_open_slope_has_no_hollows():
 
 def test_the_height_of_a_wave_goes_with_its_length():
     tall = [
-        hollows(0.1 * np.cos(ROW * 2 * np.pi / px), FROM_ALL_SIDES, FACING, ALL)[0][20:-20].std()
+        occlusion_height(0.1 * np.cos(ROW * 2 * np.pi / px), FROM_ALL_SIDES, FACING, ALL)[0][
+            20:-20
+        ].std()
         for px in (8, 16)
     ]
     assert tall[1] / tall[0] == pytest.approx(2, rel=0.15)
@@ -60,20 +62,22 @@ def test_the_height_of_a_wave_goes_with_its_length():
 def test_light_from_one_side_explains_what_it_can():
     contrast = 0.1 * np.cos(ROW * 2 * np.pi / 8)
     strong, weak = np.array([0.0, -0.6, -0.6, 0.4]), np.array([0.0, -0.05, -0.3, 0.7])
-    shares = [hollows(contrast, light, FACING, ALL)[1].std() / 0.0707 for light in (strong, weak)]
+    shares = [
+        occlusion_height(contrast, light, FACING, ALL)[1].std() / 0.0707 for light in (strong, weak)
+    ]
     assert shares[0] < 0.05
     assert 0.85 < shares[1] < 1
 
 
 def test_light_along_the_view_is_no_light_from_the_side():
     contrast = 0.1 * np.cos(ROW * 2 * np.pi / 8)
-    _, explained = hollows(contrast, np.array([0.0, 0.0, -0.5, 0.5]), FACING, ALL)
+    _, explained = occlusion_height(contrast, np.array([0.0, 0.0, -0.5, 0.5]), FACING, ALL)
     np.testing.assert_allclose(explained, contrast)
 
 
 @pytest.mark.parametrize("ambient", [0.0, -0.2])
 def test_without_light_from_all_sides_there_are_no_hollows(ambient):
     light = np.array([0.0, 0.0, -1.0, ambient])
-    height, explained = hollows(0.1 * np.cos(ROW), light, FACING, ALL)
+    height, explained = occlusion_height(0.1 * np.cos(ROW), light, FACING, ALL)
     assert (height == 0).all()
     assert (explained == 0).all()

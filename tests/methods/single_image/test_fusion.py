@@ -12,7 +12,7 @@ from rakelight.geometry.normals import surface_normals
 from rakelight.methods.single_image import fusion_like as fusion
 from rakelight.methods.single_image import rgbd_fusion as rgbd
 from rakelight.methods.single_image.depth_energy import Depth, View, laplacian
-from rakelight.methods.single_image.texture import fine_relief
+from rakelight.methods.single_image.texture import texture_likelihood
 from rakelight.metrics import evaluate
 from rakelight.model import silent
 from rakelight.paper.scenes import paper_scene
@@ -197,13 +197,13 @@ def depth(prepared):
     view = View.of(prepared)
     light = np.array([0.1, -0.2, -0.5, 0.3])
     albedo = 0.3 + 0.5 * view.intensity
-    believed = view.believed(5.0)
+    shading_weight = view.shading_weight(5.0)
     expected = 1e-2 * np.sin(np.indices(view.mask.shape).sum(axis=0))
-    return Depth(view, light, albedo, view.intensity, 1e-4, 1e-2, believed, 1e-6, expected)
+    return Depth(view, light, albedo, view.intensity, 1e-4, 1e-2, shading_weight, 1e-6, expected)
 
 
 def photographed(view, colour):
-    return replace(view, colour=colour, relief=fine_relief(colour, view.links))
+    return replace(view, colour=colour, texture=texture_likelihood(colour, view.links))
 
 
 def test_light_is_found_again(prepared):
@@ -225,8 +225,8 @@ def test_linear_residual_is_the_image_model(depth):
     view = depth.view
     gradient = mean_gradient(view.prior, view.links)
     u, v, miss = depth.linear(view.normals(view.prior)[1])
-    expected = depth.albedo * fusion.shading(view, depth.light) - depth.aim
-    expected *= np.sqrt(depth.believed)
+    expected = depth.albedo * fusion.shading(view, depth.light) - depth.target
+    expected *= np.sqrt(depth.shading_weight)
     found = u * gradient[0] + v * gradient[1] + miss
     np.testing.assert_allclose(found[view.seen], expected[view.seen], atol=1e-12)
 
@@ -266,13 +266,15 @@ def test_shading_is_believed_where_the_colour_stays_and_not_where_it_changes(pre
     view = View.of(prepared)
     shade = fusion.shading(view, np.array([0.1, -0.2, -0.5, 0.3]))
     grey = np.where(view.usable, shade[..., None], 0.0)
-    assert photographed(view, grey).believed(30.0)[view.mask].min() > 0.99
+    assert photographed(view, grey).shading_weight(30.0)[view.mask].min() > 0.99
     stripes = 1 + 0.3 * np.sin(np.arange(view.mask.shape[1]) / 2)[None, :, None] * [1, 0, -1]
     assert (
-        replace(view, colour=grey * stripes, relief=0 * shade).believed(30.0)[view.mask].max()
+        replace(view, colour=grey * stripes, texture=0 * shade)
+        .shading_weight(30.0)[view.mask]
+        .max()
         < 0.25
     )
-    assert (view.believed(0.0) == 1).all()
+    assert (view.shading_weight(0.0) == 1).all()
 
 
 def test_a_border_is_not_seen(prepared):
@@ -294,7 +296,7 @@ def test_exposure_changes_nothing_but_the_lights(method, prepared):
 
 def test_detail_within_a_sensor_pixel_is_not_held(depth):
     fine = 1e-4 * (np.indices(depth.view.mask.shape).sum(axis=0) % 2 * 2 - 1)
-    rest = replace(depth, lambda_z2=0.0, believed=0 * depth.believed, lambda_z1=1.0)
+    rest = replace(depth, lambda_z2=0.0, shading_weight=0 * depth.shading_weight, lambda_z1=1.0)
     assert averaged(rest).energy(depth.view.prior + fine) < 0.1 * rest.energy(
         depth.view.prior + fine
     )
@@ -304,11 +306,11 @@ def test_what_hollows_explain_is_not_explained_by_slopes(prepared):
     view = View.of(knitted(prepared))
     light, rho = np.array([0.0, 0.0, 0.0, 1.0]), np.ones(view.mask.shape)
     depth = fusion.depth_energy(view, light, rho, view.intensity, fusion.FusionLike(), 0.1)
-    np.testing.assert_allclose(depth.aim, view.intensity - view.contrast())
-    assert depth.aim[view.seen].std() < 0.4 * view.intensity[view.seen].std()
+    np.testing.assert_allclose(depth.target, view.intensity - view.contrast())
+    assert depth.target[view.seen].std() < 0.4 * view.intensity[view.seen].std()
     published = fusion.FusionLike(smooth=False)
     depth = fusion.depth_energy(view, light, rho, view.intensity, published, 0.1)
-    np.testing.assert_array_equal(depth.aim, view.intensity)
+    np.testing.assert_array_equal(depth.target, view.intensity)
     assert (depth.expected == 0).all()
 
 
@@ -325,7 +327,7 @@ def test_a_hollow_may_be_black_but_no_ridge_is_lit_from_more_than_all_sides(prep
 
 
 def test_smoothness_is_of_what_differs_from_the_hollows(depth):
-    alone = replace(depth, lambda_z1=1e-9, believed=0 * depth.believed, accuracy=1e-9)
+    alone = replace(depth, lambda_z1=1e-9, shading_weight=0 * depth.shading_weight, accuracy=1e-9)
     moved = alone.step(depth.view.prior).value - depth.view.prior
     inner = depth.view.seen
     change, wanted = (laplacian(each, depth.view.mask)[inner] for each in (moved, depth.expected))
@@ -367,7 +369,7 @@ def test_ambient_is_the_minimiser(prepared):
 
 
 def test_paint_of_another_intensity_is_not_linked(prepared):
-    view = replace(View.of(prepared), relief=np.zeros(prepared.mask.shape))
+    view = replace(View.of(prepared), texture=np.zeros(prepared.mask.shape))
     color = view.intensity[..., None]
     linked = view.edges(1.0, 1.0, tau=0.05)[0]
     free = edge_weights(color, np.exp(view.prior), view.mask, sigma_c=1.0, sigma_d=1.0)[0]

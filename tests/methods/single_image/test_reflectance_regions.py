@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rakelight.methods.single_image.reflectance_regions import brightness, paints
+from rakelight.methods.single_image.reflectance_regions import brightness, reflectance_regions
 
 SHAPE = (60, 80)
 ALL = np.ones(SHAPE, bool)
@@ -51,7 +51,7 @@ def test_clipped_values_count_where_there_are_no_others():
 def test_two_paints_are_told_apart_and_their_border_is_of_neither():
     shown = np.where((COLUMN < 40)[..., None], photograph(RED), photograph(WHITE))
     shown[:, 40] = (RED + WHITE) / 2
-    left, right = sorted(paints(shown, ALL), key=lambda area: COLUMN[area].mean())
+    left, right = sorted(reflectance_regions(shown, ALL), key=lambda area: COLUMN[area].mean())
     assert left[:, :37].mean() > 0.99
     assert right[:, 44:].mean() > 0.99
     assert not left[:, 41:].any()
@@ -62,7 +62,7 @@ def test_a_lining_that_shows_through_is_of_no_paint():
     shown = np.where((COLUMN < 60)[..., None], photograph(RED), photograph(WHITE))
     gaps = (ROW % 8 == 0) & (COLUMN % 8 == 0) & (COLUMN < 50)
     shown[gaps] = WHITE
-    areas = np.logical_or.reduce(paints(shown, ALL))
+    areas = np.logical_or.reduce(reflectance_regions(shown, ALL))
     assert not areas[gaps].any()
     assert areas[~gaps & (COLUMN < 50)].mean() > 0.99
 
@@ -70,10 +70,10 @@ def test_a_lining_that_shows_through_is_of_no_paint():
 def test_a_dark_fold_has_no_colour_of_its_own():
     shown = np.where((COLUMN < 40)[..., None], photograph(RED), photograph(WHITE))
     shown[30, 10], shown[30, 70] = 0.001, [0.0, 0.001, 0.0]
-    areas = np.logical_or.reduce(paints(shown, ALL))
+    areas = np.logical_or.reduce(reflectance_regions(shown, ALL))
     assert areas[30, [10, 70]].all()
 
 
 def test_nothing_has_no_paint():
-    assert paints(np.zeros((3, 4, 3)), np.zeros((3, 4), bool)) == []
+    assert reflectance_regions(np.zeros((3, 4, 3)), np.zeros((3, 4), bool)) == []
     assert brightness(np.zeros((3, 4, 3)), np.zeros((3, 4, 3), bool), ALL[:3, :4]).max() == 0

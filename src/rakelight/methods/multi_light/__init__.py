@@ -4,9 +4,9 @@
 
 The albedo is linear given the shading and is eliminated per pixel and channel (variable
 projection).  The lights are few and are eliminated by a Schur complement.  Alternation (3.4)
-creeps along the bas-relief valley, in which lights and depth have to move together; the joint
-step does not.  Coarse to fine; Cauchy weights per photograph, pixel and channel; cast shadows and
-highlights left out where they are to be expected.
+is slow along the bas-relief valley, in which lights and depth have to move together; the joint step
+is not.  Coarse to fine; Cauchy weights per photograph, pixel and channel; cast shadows and
+highlights are predicted and left out.
 
 The files, in the order of reading: energy.py (what is minimised, and its derivatives), steps.py
 and joint_step.py (Gauss-Newton steps, and the loop over them), bas_relief.py (what photographs
@@ -26,7 +26,7 @@ from rakelight.methods.multi_light.bas_relief_variance import bas_relief_varianc
 from rakelight.methods.multi_light.confidence import (
     confidence,
     depth_sigma,
-    missed_bend,
+    missed_curvature,
     photometric_variance,
     shared_noise,
 )
@@ -38,19 +38,18 @@ from rakelight.methods.multi_light.noise import (
 )
 from rakelight.methods.multi_light.normals import fine_normals
 from rakelight.methods.multi_light.options import MultiLight
-from rakelight.methods.multi_light.outliers import dimmed, remove_outliers
+from rakelight.methods.multi_light.outliers import remove_outliers, trim_brightest
 from rakelight.methods.multi_light.steps import Descent, descend
 from rakelight.model import Finding, Floats, ProgressCallback
 from rakelight.prepare import Prepared
 
-# Weight of the sensor's depth, as a multiple of white noise's, until its errors are known; times
-# the number of the result's pixels for one of the sensor's, over which the photographs' errors
-# are correlated (ablation.md: halved 0.94, doubled 1.12).
+# First depth weight, 1/variance relative to white noise's, times the result's pixels in a depth
+# pixel, over which the photographs' errors are correlated (ablation.md: halved 0.94, doubled 1.12).
 FIRST_DEPTH_WEIGHT = 10.0
-# A level of half the resolution explains averaged photographs, and only roughly: its depth counts
-# so many times more (ablation.md: halved 1.03; uw-owl then has 5.3 degrees, not 4.7).
+# Factor of the depth weight per halving of the resolution: a coarser level explains averaged
+# photographs, and only roughly (ablation.md: halved 1.03; uw-owl then 5.3 degrees instead of 4.7).
 COARSER_WEIGHT = 2.0
-# Steps at a level that is not the last, whose end is not worth waiting for.
+# Most steps at a level that is not the last: to converge there gains nothing (ablation.md: 1.00).
 STEPS_ON_THE_WAY = 3
 
 
@@ -67,12 +66,12 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
         for k, level in enumerate(pyramid(finest, options.coarse_pixels))
     ]
 
-    # 1. The coarsest level: what lights there are, and a first weight of the depth.
+    # 1. The coarsest level: the light model, the start, and a first depth weight.
     coarsest = len(levels) - 1
     factor, descent = select_model(levels[-1], options, progress, stage(coarsest))
     weight *= factor
     levels = [level.weighted(factor) for level in levels]
-    # 2. Without highlights and cast shadows, where that fit puts them.
+    # 2. Without the highlights and cast shadows that this fit predicts.
     level, fit, specular = without_outliers(levels[-1], descent.fit)
     if specular.any():
         fit = refit_without_brightest(levels[-1], fit, options, progress)
@@ -80,21 +79,21 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     if fit is not descent.fit:
         descent = descend(level, fit, options, progress, stage(coarsest))
 
-    # 3. Coarse to fine: the depth's detail, then lights and depth together, until both rest.
+    # 3. Coarse to fine: lights and depth together.
     for index in reversed(range(coarsest)):
         log_depth = levels[index].carried(levels[index + 1], descent.fit.log_depth)
         level, _ = remove_outliers(levels[index], log_depth, descent.fit.lamps)
         fit = reset_scale(level, descent.fit, log_depth)
-        # The finest level's detail alone: its lights move with it in step 5.
+        # At the finest level the depth alone, to take up detail; the lights move in step 5.
         together = index > 0
         descent = descend(level, fit, briefly(options), progress, stage(index), together=together)
 
-    # 4. The weight of the depth from both errors, which the residuals now show.
+    # 4. The depth weight from the errors of both sides, now that there are residuals.
     first_weight = weight
     if options.depth_weight is None:
         weight = estimate_depth_weight(descent.fit, prepared)
-    # 5. Lights and depth until the energy rests, with outliers where the detail puts them, and cut
-    # at jumps that the sensor blurred, or its noise hid: they are steep by now.
+    # 5. Lights and depth until the energy has converged, with outliers predicted again and links
+    # cut at jumps that the sensor blurred or its noise hid: they are steep by now.
     level, fit, specular = without_outliers(levels[0], descent.fit)
     level = level.weighted(weight / first_weight).cut(fit.log_depth)
     equal_intensity = estimate_equal_intensity_weight(level, fit.log_depth, prepared)
@@ -105,7 +104,7 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
 
 
 def without_outliers(level: Level, fit: Fit) -> tuple[Level, Fit, Floats]:
-    """`remove_outliers` where the fit is, and the fit to what is left, its loss anew."""
+    """`remove_outliers` at a state, and the state on what is left, its robust scale reset."""
     clear, specular = remove_outliers(level, fit.log_depth, fit.lamps)
     if clear is not level:
         fit = reset_scale(clear, fit)
@@ -115,22 +114,24 @@ def without_outliers(level: Level, fit: Fit) -> tuple[Level, Fit, Floats]:
 def refit_without_brightest(
     level: Level, fit: Fit, options: MultiLight, progress: ProgressCallback
 ) -> Fit:
-    """The fit to all values after steps without each pixel's brightest.
+    """The fit to all values after steps without the brightest of each pixel (rank trimming).
 
-    Where highlights bent the surface it says little of where they are.
+    Where highlights bent the surface, it predicts them in the wrong place.
     """
-    dim = dimmed(level)
-    found = descend(dim, reset_scale(dim, fit), options, progress, "try without the brightest")
+    trimmed = trim_brightest(level)
+    found = descend(
+        trimmed, reset_scale(trimmed, fit), options, progress, "try without the brightest"
+    )
     return reset_scale(level, found.fit)
 
 
 def briefly(options: MultiLight) -> MultiLight:
-    """The options with no more steps than a level on the way takes."""
+    """The options with at most `STEPS_ON_THE_WAY` steps."""
     return replace(options, max_iterations=min(options.max_iterations, STEPS_ON_THE_WAY))
 
 
 def stage(index: int) -> str:
-    """What the progress says of a level."""
+    """The name of a level's stage in the progress."""
     return f"refine 1/{2**index}" if index else "refine"
 
 
@@ -139,11 +140,11 @@ def finished(
 ) -> Estimate:
     """The estimate of the finest level, the albedo's 99th percentile set to 1.
 
-    weight : of the depth; specular : (E,) heights of the highlights; both for the notes
+    weight : the depth weight; specular : (E,) coefficients of the highlights; both for the notes
     """
     fit, active = descent.fit, level.photographs.active
-    normals, explanation = fine_normals(level, fit)
-    albedo = explanation.albedo
+    normals, linearization = fine_normals(level, fit)
+    albedo = linearization.albedo
     gain = brightest(albedo[active])
     lights = fit.lamps.brighter(gain).as_lights(level.middle_m)
     notes = [Finding("note", "depth-weight", f"depth weight {weight:.3g} times white noise's")]
@@ -151,13 +152,13 @@ def finished(
         height = f"{specular.sum() / gain:.2f} of white paint's brightness"
         notes.append(Finding("note", "highlights", f"highlights up to {height}, left out"))
     moment = sensor_moment(level, fit.log_depth)
-    relief = bas_relief_variance(level, fit.log_depth, fit.lamps, moment)
-    bend, noise = missed_bend(normals, level.grid), shared_noise(level, fit)
-    local = photometric_variance(level, fit, noise) + bend
+    bas_relief = bas_relief_variance(level, fit.log_depth, fit.lamps, moment)
+    curvature, noise = missed_curvature(normals, level.grid), shared_noise(level, fit)
+    local = photometric_variance(level, fit, noise) + curvature
     return Estimate(
         log_depth=fit.log_depth,
         albedo=albedo / gain,
-        confidence=np.where(active, confidence(level, fit, noise, bend + relief), 0.0),
+        confidence=np.where(active, confidence(level, fit, noise, curvature + bas_relief), 0.0),
         lights=lights,
         normals=normals,
         energy=tuple(each.energy for each in descent.fits),
@@ -165,7 +166,7 @@ def finished(
         converged=descent.converged,
         findings=(*lamp_findings(lights, prepared.names), *notes),
         depth_sigma=depth_sigma(level, fit, prepared, local, moment),
-        normal_sigma=np.degrees(np.sqrt(local + relief)),
+        normal_sigma=np.degrees(np.sqrt(local + bas_relief)),
     )
 
 

@@ -1,7 +1,7 @@
-"""The bas-relief transform that a surface and its lamps need, from what else is known.
+"""The bas-relief transform of a surface and its lights that fits the sensor best.
 
-Photographs under distant lamps leave four numbers of a surface open.  The sensor's depth tells
-them, but for its errors over the whole object; the lamps' brightness tells three where it is alike.
+Photographs under distant lights leave four numbers of a surface open.  The sensor's depth
+determines them, but for its errors over the whole object; lights of equal intensity three of them.
 """
 
 from __future__ import annotations
@@ -22,41 +22,42 @@ def nearest_bas_relief(
 
     Planes stay planes where  1/z' = a/z + g . (x, y, 1):  normals become (a + g X^T) n at a point
     X, and lights (a + X g^T)^-1 s, with an albedo to match, leave the photographs nearly the same
-    (Belhumeur, Kriegman and Yuille 1999).  `equal_intensity_weight` is that
-    of lamps of one brightness.
+    (Belhumeur, Kriegman and Yuille 1999).
+
+    equal_intensity_weight : W, of `equal_intensity_energy`
     """
-    nearer, aim = np.exp(-log_depth), level.sensed(np.exp(-level.aim))
+    nearer, measured = np.exp(-log_depth), level.sensed(np.exp(-level.unbiased_prior))
     rays = rays_of(level)
     columns = [level.sensed(each) for each in (nearer, *np.moveaxis(rays, -1, 0))]
-    root = np.sqrt(level.sensor_weight) / aim
+    root = np.sqrt(level.sensor_weight) / measured
     weighed = np.stack(columns, axis=-1) * root[:, None]
-    # LAPACK's iterations need not end on what is not finite.
+    # LAPACK's iterations need not end on values that are not finite.
     left, size, axes = np.linalg.svd(np.asarray_chkfinite(weighed), full_matrices=False)
-    told = size > 1e-12 * size[0]
-    # Away from the nearest by `solved @ off`, the sensor's misfit is |off|^2 more.
-    solved = axes[told].T / size[told]
-    nearest = solved @ (left[:, told].T @ (aim * root))
+    determined = size > 1e-12 * size[0]
+    # At `basis @ offset` from the nearest, the sensor's sum of squares is |offset|^2 larger.
+    basis = axes[determined].T / size[determined]
+    nearest = basis @ (left[:, determined].T @ (measured * root))
 
-    relief = nearest
+    transform = nearest
     if equal_intensity_weight:
         from scipy.optimize import minimize
 
-        def cost(off: Floats) -> float:
-            vectors = lamps.vector @ lights_turn(level, nearest + solved @ off).T
-            return float(off @ off) / equal_intensity_weight + equal_intensity_energy(vectors)
+        def cost(offset: Floats) -> float:
+            vectors = lamps.vector @ lights_transform(level, nearest + basis @ offset).T
+            return float(offset @ offset) / equal_intensity_weight + equal_intensity_energy(vectors)
 
-        as_it_is = size[told] * (axes[told] @ ([1.0, 0.0, 0.0, 0.0] - nearest))
-        starts = (np.zeros(len(solved.T)), as_it_is)
-        off = min((minimize(cost, start) for start in starts), key=lambda found: found.fun).x
-        relief = nearest + solved @ off
-    return _transformed(level, log_depth, rays, relief)
+        as_it_is = size[determined] * (axes[determined] @ ([1.0, 0.0, 0.0, 0.0] - nearest))
+        starts = (np.zeros(len(basis.T)), as_it_is)
+        offset = min((minimize(cost, start) for start in starts), key=lambda found: found.fun).x
+        transform = nearest + basis @ offset
+    return _transformed(level, log_depth, rays, transform)
 
 
 def relief_scaling(level: Level, log_depth: Floats) -> Floats:
-    """(h, w) by how much log depth grows where the relief above its middle plane becomes deeper.
+    """(h, w) derivative of log depth with the scale of the relief above the object's mean plane.
 
-    Per part by which it does; a plane stays where it is.  In inverse depth, of which a bas-relief
-    transform makes a multiple and a plane.
+    With the logarithm of the scale; a plane stays where it is.  The relief is that of inverse
+    depth, which a bas-relief transform scales and adds a plane to.
     """
     nearer, rays = np.exp(-log_depth), rays_of(level)
     plane = np.linalg.lstsq(rays[level.mask], np.asarray_chkfinite(nearer[level.mask]), rcond=None)[
@@ -66,25 +67,25 @@ def relief_scaling(level: Level, log_depth: Floats) -> Floats:
 
 
 def _transformed(
-    level: Level, log_depth: Floats, rays: Floats, relief: Floats
+    level: Level, log_depth: Floats, rays: Floats, transform: Floats
 ) -> tuple[Floats, Floats]:
-    """(h, w) log depth after the transform (a, g), `relief`, and the (3, 3) one of the lights.
+    """(h, w) log depth after the transform (a, g), and the (3, 3) one of the lights.
 
     Unchanged where that would turn the surface around, and where no normal depends on the depth.
     """
     from scipy.ndimage import binary_dilation
 
     nearer = np.exp(-log_depth)
-    inverse = np.where(level.mask, relief[0] * nearer + rays @ relief[1:], nearer)
-    if not (relief[0] > 0 and inverse.min() > 0):
+    inverse = np.where(level.mask, transform[0] * nearer + rays @ transform[1:], nearer)
+    if not (transform[0] > 0 and inverse.min() > 0):
         return log_depth, np.eye(3)
     seen = binary_dilation(level.photographs.active)
-    return np.where(seen, -np.log(inverse), log_depth), lights_turn(level, relief)
+    return np.where(seen, -np.log(inverse), log_depth), lights_transform(level, transform)
 
 
-def lights_turn(level: Level, relief: Floats) -> Floats:
-    """(3, 3) what light vectors at the object's middle are multiplied by."""
-    return np.linalg.inv(relief[0] * np.eye(3) + np.outer(level.middle_m, relief[1:]))
+def lights_transform(level: Level, transform: Floats) -> Floats:
+    """(3, 3) matrix of the transform for light vectors at the object's middle."""
+    return np.linalg.inv(transform[0] * np.eye(3) + np.outer(level.middle_m, transform[1:]))
 
 
 def rays_of(level: Level) -> Floats:

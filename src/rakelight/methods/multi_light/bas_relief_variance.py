@@ -1,8 +1,9 @@
-"""What is not known of the whole surface's shape: its bas-relief transform.
+"""The uncertainty of the whole surface's shape: of its bas-relief transform.
 
-Photographs under distant lamps leave open the g of  1/z' = a/z + g . (x, y, 1).  Two things tell
-it: the sensor's depth, and the lamps' brightness where that is alike.  Each may err, and they may
-contradict each other; both make every normal less certain, which no pixel's own values show.
+Photographs under distant lights leave open the g of  1/z' = a/z + g . (x, y, 1).  Two things
+determine it: the sensor's depth, and the lights' intensities where they are equal.  Each may err,
+and they may contradict each other; both add to the variance of every normal, though no pixel's own
+values show it.
 """
 
 from __future__ import annotations
@@ -17,11 +18,11 @@ from rakelight.methods.multi_light.bas_relief import rays_of
 from rakelight.model import Floats, Mask
 from rakelight.photometry.images import Lamps
 
-# Blocks of sensor pixels that share an error grow as long as there are so many; the variance of a
-# sum over fewer would be chance.
+# Least number of blocks whose sums the variance is taken from; of fewer it would be chance.
 FEWEST_BLOCKS = 16
-# Numbers that lamps' brightness determines: its mean and g.  More lamps than that say how alike.
-LAMPS_NEEDED = 6
+# Least number of lights: their intensities determine four numbers, their mean and g, and only more
+# lights than that have a variance.
+LIGHTS_NEEDED = 6
 
 
 def bas_relief_variance(level: Level, log_depth: Floats, lamps: Lamps, moment: Floats) -> Floats:
@@ -29,57 +30,57 @@ def bas_relief_variance(level: Level, log_depth: Floats, lamps: Lamps, moment: F
 
     log_depth : (h, w) of the refined surface; moment : (4, 4) its `sensor_moment`
     """
-    moment = moment[1:, 1:] + lamps_moment(level, lamps)
+    moment = moment[1:, 1:] + lights_moment(level, lamps)
     camera, grid = level.photographs.camera, level.grid
     gradient = gradient_image(log_depth, grid)
     normals, length = normals_from_gradient(gradient[..., 0], gradient[..., 1], camera)
-    turns = np.stack(normal_derivatives(normals, length, camera), axis=-1)
+    dn_dg = np.stack(normal_derivatives(normals, length, camera), axis=-1)
     # 1/z' = 1/z + g . ray  changes log depth by  -z g . ray.
     changes = -np.exp(log_depth)[..., None] * rays_of(level)
     slopes = np.stack([gradient_image(each, grid) for each in np.moveaxis(changes, -1, 0)], axis=-1)
-    turned = turns @ slopes
-    return np.asarray(np.einsum("hwik,kl,hwil->hw", turned, moment, turned))
+    dn_dtransform = dn_dg @ slopes
+    return np.asarray(np.einsum("hwik,kl,hwil->hw", dn_dtransform, moment, dn_dtransform))
 
 
 def sensor_moment(level: Level, log_depth: Floats) -> Floats:
-    """(4, 4) second moment of a and g, 1/metre, from what the sensor says of a log depth (h, w)."""
-    off, covariance = sensor_correction(level, log_depth)
-    return np.asarray(covariance + np.outer(off, off))
+    """(4, 4) second moment of a and g, 1/metre, from the sensor, at a log depth (h, w)."""
+    correction, covariance = sensor_correction(level, log_depth)
+    return np.asarray(covariance + np.outer(correction, correction))
 
 
 def sensor_correction(level: Level, log_depth: Floats) -> tuple[Floats, Floats]:
     """(4,) the best correction of (a, g) by least squares, and its covariance (4, 4).
 
-    The sensor's errors hang together over an unknown number of pixels: the covariance is taken with
-    blocks of pixels as clusters (Liang and Zeger 1986), of the size that makes it largest.
+    The sensor's errors are correlated over an unknown area: the covariance is taken with blocks of
+    pixels as clusters (Liang and Zeger 1986), of the size that makes it largest.
     """
-    nearer, measured = level.sensed(np.exp(-log_depth)), level.sensed(np.exp(-level.aim))
+    nearer, measured = level.sensed(np.exp(-log_depth)), level.sensed(np.exp(-level.unbiased_prior))
     columns = [nearer, *(level.sensed(ray) for ray in np.moveaxis(rays_of(level), -1, 0))]
     design = np.stack(columns, axis=-1) / measured[:, None]
     weight = level.sensor_weight / level.sensor_weight.max()
     error = 1 - design[:, 0]
     inverse = np.linalg.pinv((design * weight[:, None]).T @ design)
-    off = inverse @ ((weight * error) @ design)
-    scores = design * (weight * (error - design @ off))[:, None]
+    correction = inverse @ ((weight * error) @ design)
+    scores = design * (weight * (error - design @ correction))[:, None]
     where = level.mask if level.averaging is None else level.averaging.covered
     largest = max(
         (inverse @ (scale * sums.T @ sums) @ inverse for scale, sums in _clustered(scores, where)),
         key=lambda covariance: float(np.trace(covariance[1:, 1:])),
         default=np.zeros((4, 4)),
     )
-    return off, np.asarray(largest)
+    return correction, np.asarray(largest)
 
 
-def lamps_moment(level: Level, lamps: Lamps) -> Floats:
-    """(3, 3) second moment of g, 1/metre, that the lamps' brightness contradicts the surface by.
+def lights_moment(level: Level, lamps: Lamps) -> Floats:
+    """(3, 3) second moment of g, 1/metre, by which the lights' intensities contradict the surface.
 
-    The g that would make the lamps most alike, squared, less what chance alone makes of lamps that
-    differ as much as these still do.  Nothing for fewer than six.
+    The g that would make the intensities most equal, squared, less the part that chance makes of
+    the variance that remains.  0 for fewer than six lights.
     """
     vector = lamps.vector.mean(axis=1)
     size = np.linalg.norm(vector, axis=1)
     reaching = size > DARK * np.median(size)
-    if np.count_nonzero(reaching) < LAMPS_NEEDED:
+    if np.count_nonzero(reaching) < LIGHTS_NEEDED:
         return np.zeros((3, 3))
     toward = vector[reaching] / size[reaching, None]
     # A transform multiplies lights by (1 + X g^T)^-1, their size by about 1 - (l . X) (g . l).
@@ -91,9 +92,9 @@ def lamps_moment(level: Level, lamps: Lamps) -> Floats:
     freedom = len(logs) - 4
     variance = float(((logs - design @ fitted) ** 2).sum()) / freedom
     g, covariance = fitted[1:], variance * inverse[1:, 1:]
-    # How many times more than by chance; 1 is chance.
-    times = float(g @ np.linalg.pinv(covariance) @ g) / 3
-    return np.asarray(max(1 - 1 / max(times, 1e-12), 0.0) * np.outer(g, g))
+    # F statistic: 1 is chance.
+    over_chance = float(g @ np.linalg.pinv(covariance) @ g) / 3
+    return np.asarray(max(1 - 1 / max(over_chance, 1e-12), 0.0) * np.outer(g, g))
 
 
 def _clustered(scores: Floats, where: Mask) -> list[tuple[float, Floats]]:

@@ -1,9 +1,10 @@
-"""A surface and lamps to start from: the photographs' rank three, and the sensor's shape.
+"""A surface and lights to start from: the photographs' factorisation, and the sensor's shape.
 
-Where noise hides the object's relief from the sensor, lamps fitted to the sensor's normals are far
-off, and descent ends in a wrong valley.  Under distant lamps the photographs are products of lamps
-and scaled normals b (ldr_ps.py), known up to a 3 x 3 matrix A: normals along m = A b.  Of all A
-the one is taken whose normals are those of one surface p that also lies where the sensor says:
+Where noise hides the object's relief from the sensor, lights fitted to the sensor's normals are far
+off, and the descent ends in a wrong local minimum.  Under distant lights the photographs have rank
+three: they are products of lights and scaled normals b (ldr_ps.py), known up to a 3 x 3 matrix A,
+with normals along m = A b.  Of all A the one is taken whose normals are those of one surface p that
+also fits the sensor's depth z:
 
     N_g log sum w f^2 |G p - g|^2  +  N_s log(M + sum (K p - z)^2 / sigma^2)
                                    -  (N_g / P) sum log(|det A| / c^3),     c = -m . ray,
@@ -11,8 +12,8 @@ the one is taken whose normals are those of one surface p that also lies where t
 g = (m_1 / f_x, m_2 / f_y) / c being the gradient of log depth, w weights of a Student-t.  The last
 sum is the change of variables from b to slopes: without it a flatter surface would always fit
 better.  For given A and weights p is a linear least-squares solution, its matrix factored once; A
-has eight numbers that count and is found by BFGS from several starts, the mirrored ones too:
-convex and concave fit the photographs alike, and only the sensor tells them apart.
+has eight degrees of freedom and is found by BFGS from several starts, each also mirrored: convex
+and concave fit the photographs alike, and only the sensor distinguishes them.
 """
 
 from __future__ import annotations
@@ -31,37 +32,40 @@ from rakelight.methods.base import scatter
 from rakelight.methods.ldr_ps import Factors, LdrPs, factorise, integrable_basis
 from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.bas_relief import rays_of
-from rakelight.methods.multi_light.initial_lights import prior_normals, relief_of_slopes
+from rakelight.methods.multi_light.initial_lights import bas_relief_of_slopes, prior_normals
 from rakelight.model import Floats, Mask
 from rakelight.photometry.images import Lamps
 from rakelight.solve.direct import factorised
 
-# A value below this part of its pixel's brightest is in shadow, which rank three does not hold.
+# Value over its pixel's largest, below which it is in shadow, where rank three does not apply
+# (ablation.md: off 0.99, halved 1.01, doubled 1.03).
 SHADOW = 0.2
-# Area, pixels, over which errors of slopes and of the sensor's depth are taken to be correlated.
-CORRELATED_PX = 25.0
-# Standard deviation of slopes, radians: before it is estimated, and the least.  And that of the
-# sensor's depth before it is estimated, as a multiple of what the sensor states.
+# Area, pixels, over which errors of slopes and of the sensor's depth are taken to be correlated
+# (ablation.md: halved 1.03, doubled 1.04).
+CORRELATION_AREA_PX = 25.0
+# Standard deviation of slopes, radians: at first (ablation.md: halved 1.09, doubled 1.18), and the
+# least.  That of the sensor's depth at first, over what the sensor states (1.08, 1.11).
 FIRST_SLOPE_RAD, LEAST_SLOPE_RAD, FIRST_SENSOR = np.radians(3.0), np.radians(0.3), 10.0**0.5
-# Degrees of freedom of the slopes' Student-t: jumps and shadows are far off.
+# Degrees of freedom of the slopes' Student-t, which jumps and shadows make heavy-tailed
+# (ablation.md: normal 1.08, halved 1.14, doubled 1.08).
 FREEDOM = 4.0
-# Rounds of reweighting, and at most so many iterations of BFGS in each.
-ROUNDS, STEPS = 3, 15
-# Least c, as a part of its median: of normals that face away it is negative.
+# Rounds of reweighting, and the most iterations of BFGS in each (ablation.md: 1.05 to 1.08).
+ROUNDS, BFGS_STEPS = 3, 15
+# Least c, as a fraction of its median: c is negative for normals that face away.
 LEAST_TOWARD = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What a matrix A is judged by, on the P pixels of a level's mask.
+    """The data that a matrix A is fitted to, on the P pixels of a level's mask.
 
-    directions (P, 3) of b, unit length; known (P,) where there is one; rays (P, 3) at depth 1
+    directions (P, 3) of b, unit length; determined (P,) where b is; rays (P, 3) at depth 1
     gradient : sparse (2 P, P), u and v in turn; focal (2,) pixels; sensor : sparse (M, P) K
-    target, precision : (M,) log depth, and 1 / variance of it
+    target, precision : (M,) log depth z of the sensor, and 1 / variance of it
     """
 
     directions: Floats
-    known: Mask
+    determined: Mask
     rays: Floats
     gradient: Any
     focal: Floats
@@ -70,8 +74,8 @@ class Problem:
     precision: Floats
 
     @classmethod
-    def of(cls, level: Level, normals: Floats, known: Mask) -> Problem:
-        """normals (h, w, 3) scaled, known : (h, w)."""
+    def of(cls, level: Level, normals: Floats, determined: Mask) -> Problem:
+        """Of scaled normals (h, w, 3) on a level; known : (h, w) where there is one."""
         mask, camera = level.mask, level.photographs.camera
         length = np.linalg.norm(normals, axis=-1, keepdims=True)
         unit = normals / np.maximum(length, np.finfo(float).tiny)
@@ -80,17 +84,19 @@ class Problem:
         if level.averaging is not None:
             sensor = level.averaging.matrix(mask)
         return cls(
-            unit[mask], known[mask], rays_of(level)[mask], Links.of(level.grid).gradient.tocsr(),
-            np.array([camera.fx, camera.fy]), sensor,
-            sensor @ level.aim[mask], level.sensor_weight,
+            unit[mask], determined[mask], rays_of(level)[mask],
+            Links.of(level.grid).gradient.tocsr(), np.array([camera.fx, camera.fy]), sensor,
+            sensor @ level.unbiased_prior[mask], level.sensor_weight,
         )  # fmt: skip
 
     @cached_property
     def counts(self) -> tuple[float, float]:
-        """N_g and N_s: how many independent slopes, and depths, there are."""
-        return 2 * np.count_nonzero(self.known) / CORRELATED_PX, len(self.known) / CORRELATED_PX
+        """N_g and N_s: numbers of independent slopes and depths."""
+        return 2 * np.count_nonzero(self.determined) / CORRELATION_AREA_PX, len(
+            self.determined
+        ) / CORRELATION_AREA_PX
 
-    def misfit(self, log_depth: Floats) -> float:
+    def sum_of_squares(self, log_depth: Floats) -> float:
         """sum (K p - z)^2 / sigma^2 of log depth (P,)."""
         return float(self.precision @ (self.sensor @ log_depth - self.target) ** 2)
 
@@ -119,8 +125,8 @@ class Weighted:
         data = diags_array(self.sensor * given.precision)
         matrix = given.gradient.T @ along @ given.gradient
         matrix = matrix + given.sensor.T @ data @ given.sensor
-        # a part that neither slopes nor sensor reach leaves the matrix singular
-        matrix = matrix + 1e-9 * float(matrix.diagonal().mean()) * eye_array(len(given.known))
+        # pixels without slope and sensor would leave the matrix singular
+        matrix = matrix + 1e-9 * float(matrix.diagonal().mean()) * eye_array(len(given.determined))
         return factorised(matrix.tocsc())
 
     @cached_property
@@ -138,15 +144,17 @@ class Weighted:
     def cost(self, flat: Floats) -> tuple[float, Floats]:
         """The sums under these weights for A, flat (9,), and their derivatives (9,).
 
-        p is the best for every A: its own change does not count (the envelope theorem).
+        p minimises the sums for every A, so its derivative drops out (envelope theorem).
         """
         given, A = self.problem, flat.reshape(3, 3)
         slopes, toward = given.slopes(A)
-        log_depth, off = self.surface(slopes)
-        share = given.counts[0] / np.count_nonzero(given.known) * given.known
+        log_depth, residual = self.surface(slopes)
+        share = given.counts[0] / np.count_nonzero(given.determined) * given.determined
         volume = np.linalg.slogdet(A)[1] - 3 * np.log(toward)
-        value = float(self._along @ off.ravel() ** 2 + self.sensor * given.misfit(log_depth))
-        by_slopes = -2 * self.slope[:, None] * given.focal**2 * off
+        value = float(
+            self._along @ residual.ravel() ** 2 + self.sensor * given.sum_of_squares(log_depth)
+        )
+        by_slopes = -2 * self.slope[:, None] * given.focal**2 * residual
         by_toward = (3 * share - np.sum(by_slopes * slopes, axis=1)) / toward
         by_normals = -by_toward[:, None] * given.rays
         by_normals[:, :2] += by_slopes / given.focal / toward[:, None]
@@ -156,7 +164,7 @@ class Weighted:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A matrix A with its surface (P,) of log depth, and what it costs."""
+    """A matrix A, its surface (P,) of log depth, and its cost."""
 
     A: Floats
     log_depth: Floats
@@ -164,22 +172,22 @@ class Candidate:
 
 
 def factored_start(level: Level) -> tuple[Floats, Lamps] | None:
-    """(h, w) log depth and white distant lamps that explain the photographs and fit the sensor.
+    """(h, w) log depth and white distant lights that explain the photographs and fit the sensor.
 
-    None where the photographs have no rank three, as under lamps in one plane.
+    None where the photographs do not have rank three, as under lights in one plane.
     """
     mask = level.photographs.active
     light = level.photographs.light(mask)
     usable = (light >= 0).all(axis=-1)
     values = np.where(usable, light.mean(axis=-1), 0.0)
     lit = usable & (values > SHADOW * values.max(axis=0))
-    known = scatter(lit.sum(axis=0) >= 3, mask) > 0
-    if not has_gradient(known).any():
+    determined = scatter(lit.sum(axis=0) >= 3, mask) > 0
+    if not has_gradient(determined).any():
         return None
     try:
         factors = factorise(values, lit, LdrPs())
-        problem = Problem.of(level, scatter(factors.normals, mask), known)
-        found = [descended(problem, A) for A in matrices(level, factors, known)]
+        problem = Problem.of(level, scatter(factors.normals, mask), determined)
+        found = [descended(problem, A) for A in matrices(level, factors, determined)]
         best = min((each for each in found if np.isfinite(each.cost)), key=lambda each: each.cost)
         vector = factors.lamps @ np.linalg.inv(best.A)
     except (np.linalg.LinAlgError, RuntimeError, ValueError):  # singular
@@ -192,20 +200,20 @@ def factored_start(level: Level) -> tuple[Floats, Lamps] | None:
     return log_depth, Lamps.distant(vector[:, None], np.zeros((len(vector), 1)))
 
 
-def matrices(level: Level, factors: Factors, known: Mask) -> Iterator[Floats]:
+def matrices(level: Level, factors: Factors, determined: Mask) -> Iterator[Floats]:
     """Matrices A to begin with, and each mirrored.
 
-    By regression of the prior's normals on b: errors of the prior's average out.  And the one that
-    makes the field integrable, its bas-relief by regression of slopes.
+    One by regression of the prior's normals on b, which averages the prior's errors out.  One that
+    makes the field integrable, its bas-relief transform by regression of slopes.
     """
     mask, camera = level.photographs.active, level.photographs.camera
-    inside = known[mask]
-    scaled, normals = factors.normals[inside], prior_normals(level)[known]
+    inside = determined[mask]
+    scaled, normals = factors.normals[inside], prior_normals(level)[determined]
     unit = scaled / np.maximum(np.linalg.norm(scaled, axis=1, keepdims=True), 1e-30)
     starts = [np.linalg.lstsq(unit, normals, rcond=None)[0].T]
-    basis = integrable_basis(factors.normals, mask, known, camera)
+    basis = integrable_basis(factors.normals, mask, determined, camera)
     with suppress(np.linalg.LinAlgError):  # no slope
-        starts.append(relief_of_slopes(scaled @ basis.T, normals).T @ basis)
+        starts.append(bas_relief_of_slopes(scaled @ basis.T, normals).T @ basis)
     for A in starts:
         if not abs(np.linalg.det(A)) > 1e-12 * np.linalg.norm(A) ** 3:
             continue
@@ -221,48 +229,48 @@ def descended(problem: Problem, A: Floats) -> Candidate:
     """The local minimum that BFGS finds from A, the weights estimated again after each round."""
     from scipy.optimize import minimize
 
-    count = np.count_nonzero(problem.known)
+    count = np.count_nonzero(problem.determined)
     A = A / np.cbrt(abs(np.linalg.det(A)))
     slopes, sensor = problem.counts
     weighted = Weighted(
-        problem, slopes / (2 * count * FIRST_SLOPE_RAD**2) * problem.known,
+        problem, slopes / (2 * count * FIRST_SLOPE_RAD**2) * problem.determined,
         sensor / (FIRST_SENSOR**2 * len(problem.target)),
     )  # fmt: skip
     for _ in range(ROUNDS):
         A = minimize(
-            weighted.cost, A.ravel(), jac=True, method="BFGS", options={"maxiter": STEPS}
+            weighted.cost, A.ravel(), jac=True, method="BFGS", options={"maxiter": BFGS_STEPS}
         ).x.reshape(3, 3)
         A /= np.cbrt(abs(np.linalg.det(A)))
         weighted = reweighted(weighted, A)
-    log_depth, off = weighted.surface(problem.slopes(A)[0])
-    return Candidate(A, log_depth, comparable_cost(problem, A, log_depth, off))
+    log_depth, residual = weighted.surface(problem.slopes(A)[0])
+    return Candidate(A, log_depth, comparable_cost(problem, A, log_depth, residual))
 
 
 def reweighted(weighted: Weighted, A: Floats) -> Weighted:
     """The weights, estimated again from the residuals at A."""
     problem = weighted.problem
-    log_depth, off = weighted.surface(problem.slopes(A)[0])
-    square = ((off * problem.focal) ** 2).sum(axis=1)
-    middle = float(np.median(square[problem.known])) / (2 * np.log(2))
-    weight = problem.known / (1 + square / (FREEDOM * max(middle, LEAST_SLOPE_RAD**2)))
-    least = 2 * np.count_nonzero(problem.known) * LEAST_SLOPE_RAD**2
+    log_depth, residual = weighted.surface(problem.slopes(A)[0])
+    square = ((residual * problem.focal) ** 2).sum(axis=1)
+    middle = float(np.median(square[problem.determined])) / (2 * np.log(2))
+    weight = problem.determined / (1 + square / (FREEDOM * max(middle, LEAST_SLOPE_RAD**2)))
+    least = 2 * np.count_nonzero(problem.determined) * LEAST_SLOPE_RAD**2
     slopes, sensor = problem.counts
     return Weighted(
         problem, slopes / (float(weight @ square) + least) * weight,
-        sensor / (problem.misfit(log_depth) + len(problem.target)),
+        sensor / (problem.sum_of_squares(log_depth) + len(problem.target)),
     )  # fmt: skip
 
 
-def comparable_cost(problem: Problem, A: Floats, log_depth: Floats, off: Floats) -> float:
+def comparable_cost(problem: Problem, A: Floats, log_depth: Floats, residual: Floats) -> float:
     """The cost of A with both standard deviations estimated at A, so that matrices compare.
 
-    log_depth (P,), off (P, 2) : the surface of A, and what its slopes are off those of A
+    log_depth (P,), residual (P, 2) : the surface of A, and its slopes minus those of A
     """
-    square = ((off * problem.focal) ** 2).sum(axis=1)[problem.known]
+    square = ((residual * problem.focal) ** 2).sum(axis=1)[problem.determined]
     scale = max(float(np.median(square)) / (2 * np.log(2)), LEAST_SLOPE_RAD**2)
     tails = np.mean(0.5 * (FREEDOM + 2) * np.log1p(square / (FREEDOM * scale))) + np.log(scale)
     _, toward = problem.slopes(A)
-    volume = np.linalg.slogdet(A)[1] - 3 * float(np.mean(np.log(toward[problem.known])))
+    volume = np.linalg.slogdet(A)[1] - 3 * float(np.mean(np.log(toward[problem.determined])))
     slopes, sensor = problem.counts
-    misfit = np.log1p(problem.misfit(log_depth) / len(problem.target))
-    return float(slopes * (tails - volume) + sensor * misfit)
+    sum_of_squares = np.log1p(problem.sum_of_squares(log_depth) / len(problem.target))
+    return float(slopes * (tails - volume) + sensor * sum_of_squares)

@@ -1,7 +1,7 @@
-"""Lamps to start from, of the prior's normals, and the bas-relief that its slopes tell.
+"""Lights to start from, fitted to the prior's normals, and the bas-relief transform of its slopes.
 
-Descent needs lamps that are roughly right.  Normals of the prior give them where it shows the
-object's relief; where noise hides that, the photographs do (factored_start.py).
+The descent needs lights that are roughly right.  The prior's normals give them where they show the
+object's relief; where noise hides it, the photographs do (factored_start.py).
 """
 
 from __future__ import annotations
@@ -15,15 +15,17 @@ from rakelight.photometry.images import Lamps
 from rakelight.photometry.lighting import estimate_light
 from rakelight.solve.robust import CAUCHY
 
-# Pixels with normals nearer to the picture plane than this say nothing of their slope.
+# Least |n_3| of a normal whose slope is used: near 0 the slope is unbounded (ablation.md: halved
+# 1.02, doubled 1.00).
 LEAST_FACING = 0.1
+# Iterations of reweighted least squares (ablation.md: halved 0.99, doubled 1.00).
 ROBUST_ROUNDS = 12
 
 
-def lamps_of_prior(level: Level) -> Lamps:
-    """White distant lamps that fit the prior's normals and a plain object of mean colour.
+def lights_of_prior(level: Level) -> Lamps:
+    """White distant lights that fit the prior's normals and an albedo of the median colour.
 
-    No ambient light: of what is the same on all normals, nobody knows what is the lamp's.
+    Without ambient light: the part that is the same on all normals may belong to either.
     """
     photographs = level.photographs
     active = photographs.active
@@ -38,12 +40,12 @@ def lamps_of_prior(level: Level) -> Lamps:
             for image, weight in zip(images, good, strict=True)
         ]
     )
-    # What noise of the normals makes look like ambient light comes from the camera's side.
+    # Noise of the normals makes light from the camera's side look like ambient light.
     vector = lights[:, None, :3] + lights[:, None, 3:] * frontal
     return Lamps.distant(vector, np.zeros((len(lights), 1)))
 
 
-def relief_of_slopes(scaled: Floats, normals: Floats) -> Floats:
+def bas_relief_of_slopes(scaled: Floats, normals: Floats) -> Floats:
     """G (3, 3), a bas-relief transform with G^T b the nearest to the normals, up to lengths.
 
     scaled : b (P, 3); normals : (P, 3)
@@ -54,25 +56,25 @@ def relief_of_slopes(scaled: Floats, normals: Floats) -> Floats:
 
     >>> normals = np.array([[0.1, 0.0, -1.0], [0.0, 0.2, -1.0], [-0.3, 0.1, -1.0]])
     >>> G = np.array([[1, 0, 0], [0, 1, 0], [0.2, -0.1, 0.5]])
-    >>> relief_of_slopes(normals @ np.linalg.inv(G), normals).round(6).tolist()
+    >>> bas_relief_of_slopes(normals @ np.linalg.inv(G), normals).round(6).tolist()
     [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.2, -0.1, 0.5]]
     """
     facing = np.abs(scaled[:, 2]) > LEAST_FACING * np.linalg.norm(scaled, axis=1)
     if not facing.any():
         raise np.linalg.LinAlgError("no slopes")
-    slopes, aims = (each[facing, :2] / each[facing, 2:] for each in (scaled, normals))
+    slopes, targets = (each[facing, :2] / each[facing, 2:] for each in (scaled, normals))
     weight = np.ones(len(slopes))
     for _ in range(ROBUST_ROUNDS):
-        middle, aim = (weight @ each / weight.sum() for each in (slopes, aims))
-        moved, wanted = slopes - middle, aims - aim
-        square = float(weight @ (moved**2).sum(axis=1))
-        steepness = float(weight @ (moved * wanted).sum(axis=1)) / max(square, 1e-30)
-        off = np.linalg.norm(wanted - steepness * moved, axis=1)
-        weight = 1 / (1 + (off / (CAUCHY * np.median(off) + 1e-12)) ** 2)
-    if not abs(steepness) > 1e-9:
+        middle, target_middle = (weight @ each / weight.sum() for each in (slopes, targets))
+        centred, target = slopes - middle, targets - target_middle
+        square = float(weight @ (centred**2).sum(axis=1))
+        slope_ratio = float(weight @ (centred * target).sum(axis=1)) / max(square, 1e-30)
+        residual = np.linalg.norm(target - slope_ratio * centred, axis=1)
+        weight = 1 / (1 + (residual / (CAUCHY * np.median(residual) + 1e-12)) ** 2)
+    if not abs(slope_ratio) > 1e-9:
         raise np.linalg.LinAlgError("no slope")
-    mu, nu = (aim - steepness * middle) / steepness
-    return np.array([[1, 0, 0], [0, 1, 0], [mu, nu, 1 / steepness]])
+    mu, nu = (target_middle - slope_ratio * middle) / slope_ratio
+    return np.array([[1, 0, 0], [0, 1, 0], [mu, nu, 1 / slope_ratio]])
 
 
 def prior_normals(level: Level) -> Floats:

@@ -1,9 +1,9 @@
-"""One Gauss-Newton step of lights and depth together, down the bas-relief valley.
+"""One Gauss-Newton step of lights and depth together, along the bas-relief valley.
 
-A surface that is flattened, and lamps that are moved to match, explain photographs nearly as well.
-Steps of one alone creep there.  On large images the depth moves in cells, linearly between their
-centres; under near lamps, whose fall-off tells the relief, its whole detail becomes deeper or
-flatter as well: one more number beside the lights'.
+A surface that is flattened, and lights that are moved to match, explain photographs nearly as well:
+steps of one alone are short there.  On large images the depth moves in cells, linearly between
+their centres.  Under near lights, whose fall-off determines the scale of the relief, that scale is
+one more unknown beside the lights.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from scipy.sparse import csr_array, diags_array
 from rakelight.geometry.cells import Cells, cell_sums
 from rakelight.geometry.derivatives import gradient_image
 from rakelight.geometry.grid import Links
-from rakelight.geometry.normals import normal_lengths, squared_turn
+from rakelight.geometry.normals import normal_lengths, squared_normal_derivative
 from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.bas_relief import relief_scaling
 from rakelight.methods.multi_light.energy import (
     Fit,
     depth_negative_gradient,
     evaluated,
-    lamps_after,
     light_curvature,
     light_slope,
+    lights_after,
 )
 from rakelight.model import Floats, Mask
 from rakelight.photometry.images import applied
@@ -34,15 +34,16 @@ from rakelight.solve import assemble
 from rakelight.solve.gauss_newton import border
 from rakelight.solve.levenberg_marquardt import lowered
 
-# Weight of one-sided differences over mean ones in a joint step's matrix, of pixels or of cells.
+# Weight of one-sided differences over mean ones in the matrix of a joint step: of pixels
+# (ablation.md: halved 1.16, doubled 1.04), and of cells.
 STIFFNESS = 0.03
 CELL_STIFFNESS = 0.5
 
 
 def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
-    """One Gauss-Newton step of lights and depth together; refused, it makes the next one shorter.
+    """One Gauss-Newton step of lights and depth together; if refused, the next has more damping.
 
-    A refused one is not tried again: setting it up costs as much as all the rest.
+    It is not repeated at once: to set it up costs as much as all other steps.
     """
     lower, damping = lowered(
         fit, fit.joint_damping, lambda damping: after_joint_step(level, fit, most_cells, damping), 1
@@ -51,56 +52,56 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
 
 
 def after_joint_step(level: Level, fit: Fit, most_cells: int, damping: float) -> Fit:
-    """The fit after one Gauss-Newton step of lights and depth together, whatever its energy.
+    """The state after one Gauss-Newton step of lights and depth together, whatever its energy.
 
-    Above `most_cells` pixels the depth moves in cells, which is where the bas-relief valley lies;
-    the depth step that follows sees to the detail.
+    Above `most_cells` pixels the depth moves in cells, whose long wavelengths are those of the
+    bas-relief valley; the depth step that follows moves the detail.
 
     Along the valley the second derivatives nearly cancel, those of some pixels only with those of
-    the same.  Under near lamps they have to.  Under distant ones `project_bas_relief` sets the
-    relief, and the depth's, of all pixels, keep this step from sliding where errors of the
-    photographs lead.
+    the same pixels: under near lights all come from one sample.  Under distant ones
+    `project_bas_relief` sets the transform, and the depth's derivatives, of all pixels, keep this
+    step from drifting where errors of the model lead.
     """
     cell = cell_size(level, most_cells)
     cells, most = Cells.on(level.mask, cell), 2 * most_cells
-    some = level.photographs.some(most) if fit.near else None
-    tensor = damped_tensor(level, fit, damping, some)
+    sample = level.photographs.subsample(most) if fit.near else None
+    tensor = damped_tensor(level, fit, damping, sample)
     weight = fit.noise**2 * level.prior_weight * level.mask
-    force = depth_negative_gradient(level, fit)
+    negative_gradient = depth_negative_gradient(level, fit)
     hessian, mixed = light_curvature(level, fit, most, mixed=True)
     slope = light_slope(level, fit)
 
     # The gradient of a correction is, per pixel, 1/cell of its difference between cells.
     grid = Links.of(level.grid if cell == 1 else cells.inside)
     uphill = (grid.gradient / cell).T
-    stride = level.photographs.stride(most)
-    columns = uphill @ _sums_of_some(mixed, stride, cell, cells.inside)
-    whole = fit.near and cell > 1
-    if whole:
+    subsampling = level.photographs.subsampling(most)
+    columns = uphill @ _subsampled_sums(mixed, subsampling, cell, cells.inside)
+    relief_too = fit.near and cell > 1
+    if relief_too:
         relief = relief_scaling(level, fit.log_depth)
         gradient = gradient_image(relief, level.grid)
-        along, held = applied(tensor, gradient), weight * relief
+        along, weighted_relief = applied(tensor, gradient), weight * relief
         own = uphill @ cell_sums(along, cell)[cells.inside].ravel()
-        columns = np.column_stack([columns, own + cells.gather(held)[cells.inside]])
-        lights = np.tensordot(gradient[::stride, ::stride], mixed, 3)
-        knowledge = np.vdot(gradient, along) + np.vdot(relief, held)
-        hessian = np.block([[hessian, lights[:, None]], [lights, knowledge]])
-        slope = np.append(slope, -np.vdot(force, relief))
+        columns = np.column_stack([columns, own + cells.gather(weighted_relief)[cells.inside]])
+        lights = np.tensordot(gradient[::subsampling, ::subsampling], mixed, 3)
+        information = np.vdot(gradient, along) + np.vdot(relief, weighted_relief)
+        hessian = np.block([[hessian, lights[:, None]], [lights, information]])
+        slope = np.append(slope, -np.vdot(negative_gradient, relief))
 
     matrix = field_matrix(
         grid, cell_sums(tensor, cell) / cell**2,
         cell_sums(weight, cell), level.pairs if cell == 1 else None,
         STIFFNESS if cell == 1 else CELL_STIFFNESS,
     )  # fmt: skip
-    joint = border(matrix, cells.gather(force)[cells.inside], columns, hessian, slope)
+    joint = border(matrix, cells.gather(negative_gradient)[cells.inside], columns, hessian, slope)
     correction, numbers = joint.step(damping)
     field = np.zeros(cells.inside.shape)
     field[cells.inside] = correction
-    step = cells.spread(field)
-    if whole:
-        numbers, deeper = numbers[:-1], numbers[-1]
-        step += deeper * relief
-    return evaluated(level, fit, level.placed(fit.log_depth + step), lamps_after(fit, numbers))
+    step = cells.interpolate(field)
+    if relief_too:
+        numbers, relief_change = numbers[:-1], numbers[-1]
+        step += relief_change * relief
+    return evaluated(level, fit, level.placed(fit.log_depth + step), lights_after(fit, numbers))
 
 
 def cell_size(level: Level, most_cells: int) -> int:
@@ -111,46 +112,46 @@ def cell_size(level: Level, most_cells: int) -> int:
 def field_matrix(
     grid: Links, tensor: Floats, weight: Floats, pairs: Floats | None, stiffness: float
 ) -> Any:
-    """Sparse (P, P): the mean gradient's tensor terms, `stiffness` of the one-sided differences'.
+    """Sparse (P, P): tensor terms of the mean gradient, and `stiffness` of one-sided differences'.
 
-    Those alone would be stiffer than the energy is, and the steps along the valley short.
+    One-sided differences alone would be stiffer than the energy, and steps along the valley short.
     """
     uu, uv, vv = (1 - stiffness) * tensor[grid.mask].T
     across = np.stack([uv, np.zeros_like(uv)], axis=-1).ravel()[:-1]
     along = np.stack([uu, vv], axis=-1).ravel()
     both = diags_array((along, across, across), offsets=(0, 1, -1)).tocsr()
-    still = np.zeros((*grid.mask.shape, 2))
-    system = assemble(grid.mask, stiffness * tensor, still, weight, still[..., 0], pairs)
+    zeros = np.zeros((*grid.mask.shape, 2))
+    system = assemble(grid.mask, stiffness * tensor, zeros, weight, zeros[..., 0], pairs)
     return grid.gradient.T @ (both @ grid.gradient) + system.to_sparse()
 
 
-def _sums_of_some(mixed: Floats, stride: int, cell: int, inside: Mask) -> Floats:
-    """(2 C, K) sums over the C cells inside of (h, w, 2, K), which is of every stride-th pixel."""
-    if stride == cell == 1:
+def _subsampled_sums(mixed: Floats, subsampling: int, cell: int, inside: Mask) -> Floats:
+    """(2 C, K) sums over the C cells inside, of (h, w, 2, K) at subsampled pixels."""
+    if subsampling == cell == 1:
         return mixed[inside].reshape(-1, mixed.shape[-1])
-    rows, columns = (np.arange(size) * stride // cell for size in mixed.shape[:2])
-    place = (rows[:, None] * inside.shape[1] + columns).ravel()
-    ones, pixels = np.ones(place.size), np.arange(place.size)
-    gather = csr_array((ones, (place, pixels)), shape=(inside.size, place.size))
-    total = gather @ mixed.reshape(place.size, -1)
+    rows, columns = (np.arange(size) * subsampling // cell for size in mixed.shape[:2])
+    target_cell = (rows[:, None] * inside.shape[1] + columns).ravel()
+    ones, pixels = np.ones(target_cell.size), np.arange(target_cell.size)
+    gather = csr_array((ones, (target_cell, pixels)), shape=(inside.size, target_cell.size))
+    total = gather @ mixed.reshape(target_cell.size, -1)
     return np.asarray(total[inside.ravel()]).reshape(-1, mixed.shape[-1])
 
 
-def damped_tensor(level: Level, fit: Fit, damping: float, some: Mask | None = None) -> Floats:
-    """The tensor with what keeps a normal that the photographs leave open from turning far.
+def damped_tensor(level: Level, fit: Fit, damping: float, sample: Mask | None = None) -> Floats:
+    """M plus a damping that limits the step of normals that the photographs leave open.
 
-    The typical pixel's knowledge of its normal sets the measure.
-    some : (h, w) the pixels whose tensor stands for all, if not every pixel's does
+    Relative to the median over the pixels of the information on the normal.
+    some : (h, w) the pixels whose M, scaled up, stands for all of them; None for every pixel
     """
     camera = level.photographs.camera
-    gradient, tensor = fit.surface.gradient, fit.explanation.tensor.copy()
+    gradient, tensor = fit.surface.gradient, fit.linearization.jtwj.copy()
     length = normal_lengths(gradient[..., 0], gradient[..., 1], camera)
-    turn = squared_turn(length, camera)
+    dn_dg2 = squared_normal_derivative(length, camera)
     active = level.photographs.active
-    knowledge = np.median((tensor[..., 0] + tensor[..., 2])[active] / turn[active])
-    hold = damping * knowledge * turn * active
-    if some is not None:
-        tensor *= (np.count_nonzero(active) / np.count_nonzero(some) * some)[..., None]
-    tensor[..., 0] += hold
-    tensor[..., 2] += hold
+    information = np.median((tensor[..., 0] + tensor[..., 2])[active] / dn_dg2[active])
+    damping_term = damping * information * dn_dg2 * active
+    if sample is not None:
+        tensor *= (np.count_nonzero(active) / np.count_nonzero(sample) * sample)[..., None]
+    tensor[..., 0] += damping_term
+    tensor[..., 2] += damping_term
     return tensor

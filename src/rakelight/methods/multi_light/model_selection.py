@@ -1,4 +1,4 @@
-"""What the coarsest level decides: where to start, what lights there are, what the depth weighs."""
+"""What is chosen at the coarsest level: the start, the light model, the depth weight."""
 
 from __future__ import annotations
 
@@ -10,43 +10,45 @@ from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.energy import Fit, evaluated, first_fit, reset_scale
 from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.methods.multi_light.factored_start import factored_start
-from rakelight.methods.multi_light.initial_lights import lamps_of_prior
+from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.methods.multi_light.options import MultiLight
 from rakelight.methods.multi_light.steps import Descent, descend, refine_lights
 from rakelight.model import ProgressCallback
 from rakelight.photometry.images import Lamps
 
 # Factors of the first depth weight that are tried at the coarsest level.  The sensor's errors are
-# correlated over an unknown area, and count as that many times fewer.
+# correlated over an unknown area, and count that many times less (ablation.md: 1.07 either way).
 WEIGHT_FACTORS = (1e-3, 1e-2, 1e-1)
-# A factor is taken where it lowers the residuals' scale by more than its power of this: a
-# thousandth where it halves them (ablation.md: halved 0.84, doubled 1.07, one draw of 12 each).
+# A factor is taken where it multiplies `penalised_noise` by less than its power of this exponent: a
+# thousandth where it halves it (ablation.md: halved 0.84, doubled 1.07, one draw of 12 each).
 FACTOR_EXPONENT = np.log(2) / np.log(1e3)
-# Pixels of the object: a level of more is halved before the second start is sought, which is as
-# good there and faster (docs/results/random-captures.md).
+# Pixels of the object above which a level is halved for the factorisation, which is as good there
+# and faster (ablation.md: halved 0.98, doubled 1.12).
 FACTORED_PIXELS = 2000
-# Near or coloured lights are taken where they lower the energy by more than this, as a fraction,
-# over the number of photographs: the fewer these are, the more of anything more numbers explain.
-LEAST_GAIN = 0.5
-# The object's radius over the distance at which all near lights begin.
-FIRST_CLOSENESS = 0.15
-# Largest interquartile range of the lights' inverse distances, as a fraction of their median, of a
-# lamp in a hand.
+# Near or coloured lights are taken where they lower the energy by more than this fraction, divided
+# by the number of photographs: of few, more parameters explain more of anything (ablation.md: off
+# 1.07, halved 0.98, doubled 1.00).
+LEAST_ENERGY_GAIN = 0.5
+# The object's radius over the distance at which all near lights start (ablation.md: halved 1.01,
+# doubled 1.00).
+FIRST_RADIUS_OVER_DISTANCE = 0.15
+# Largest interquartile range of the lights' inverse distances, over their median, that is plausible
+# of a lamp in a hand (ablation.md: off 1.07, halved and doubled 1.00).
 MOST_VARIED_DISTANCES = 0.5
 
 
 def select_model(
     level: Level, options: MultiLight, progress: ProgressCallback, stage: str
 ) -> tuple[float, Descent]:
-    """The factor of the level's depth weight that fits best, and the descent with it.
+    """The factor of the level's depth weight that is chosen, and the descent with it.
 
-    From distant white lights with the same share of ambient light; near and coloured ones where
-    they explain much more.  Where near ones come out implausible, all is chosen again without.
+    From distant white lights with a shared ambient ratio; near and coloured ones where they explain
+    much more.  Where near lights come out implausible, all is chosen again with distant ones.
     """
-    fit = first_fit(level, level.prior, lamps_of_prior(level), shared_ambient=True)
+    fit = first_fit(level, level.prior, lights_of_prior(level), shared_ambient=True)
     simple = descend(level, fit, options, progress, stage)
     factored = factored_fit(level)
-    simple = second_start(level, simple, factored, options, progress)
+    simple = multi_start(level, simple, factored, options, progress)
     for distance in (options.distance, "distant"):
         these = replace(options, distance=distance)
         descent = select_lights(level, simple, these, progress)
@@ -66,14 +68,14 @@ def search_depth_weight(
     progress: ProgressCallback,
     factored: Fit | None = None,
 ) -> tuple[float, Descent]:
-    """The factor of the level's depth weight, and the descent with it, that explain the
-    photographs best for their price.
+    """The factor of the level's depth weight with the least penalised noise, and its descent.
 
-    factored : another fit to start from, where its residuals are smaller: under the whole weight
-        the descent may have been bent to the sensor's noise
+    factored : another state to start from, where its residuals are smaller: under the whole weight
+        the descent may have bent the lights to the sensor's noise
 
-    Correlated errors of the depth count less than their number.  How far they are correlated, only
-    a surface shows that follows the photographs, and too large a weight prevents it.
+    Correlated errors of the depth count less than their number.  The area over which they are
+    correlated shows only from a surface that follows the photographs, which too large a weight
+    prevents.
     """
     chosen, fit = (1.0, descent), descent.fit
     if options.depth_weight is not None:
@@ -83,37 +85,39 @@ def search_depth_weight(
     if fit.near:
         fit = with_near_lights(level, fit)
     for factor in WEIGHT_FACTORS:
-        price = factor**-FACTOR_EXPONENT
-        if floor * price >= least:
-            continue  # residuals under a smaller weight still are too large for this price
-        loose = level.weighted(factor)
+        penalty = factor**-FACTOR_EXPONENT
+        if floor * penalty >= least:
+            continue  # residuals under a smaller weight are too large already
+        weaker = level.weighted(factor)
         words = "try a smaller depth weight"
-        start = reset_scale(loose, fit)
+        start = reset_scale(weaker, fit)
         if factored is not None and not fit.near:
             start = min(
-                start, reset_scale(loose, factored), key=lambda each: each.explanation.spread
+                start,
+                reset_scale(weaker, factored),
+                key=lambda each: each.linearization.noise_sigma,
             )
-        tried = descend(loose, start, options, progress, words)
-        left = penalised_noise(level, tried.fit)
-        floor = max(floor, left)
-        if left * price < least and acceptable(level, tried.fit.lamps, options):
-            chosen, least = (factor, tried), left * price
+        trial = descend(weaker, start, options, progress, words)
+        penalised = penalised_noise(level, trial.fit)
+        floor = max(floor, penalised)
+        if penalised * penalty < least and acceptable(level, trial.fit.lamps, options):
+            chosen, least = (factor, trial), penalised * penalty
     return chosen
 
 
 def penalised_noise(level: Level, fit: Fit) -> float:
-    """The residuals' scale, times more the less alike the lights' intensities and the nearer they.
+    """The residuals' sigma, times penalties for lights of unequal intensity and for near ones.
 
     On low relief a flat surface explains photographs nearly as well as the right one, under lights
     of very different intensity, or so near that their fall-off makes the shading.
     """
-    alike = equal_intensity_energy(fit.lamps.vector) / (4 * len(fit.lamps.vector))
+    equal_intensity = equal_intensity_energy(fit.lamps.vector) / (4 * len(fit.lamps.vector))
     near = 1 + radius_over_distance(level, fit.lamps) ** 2
-    return float(fit.explanation.spread * np.exp(alike) * near)
+    return float(fit.linearization.noise_sigma * np.exp(equal_intensity) * near)
 
 
 def factored_fit(level: Level) -> Fit | None:
-    """The fit where the photographs' factors lead, or None; see `factored_start`."""
+    """The state at the photographs' factorisation, or None; see `factored_start`."""
     small = level if np.count_nonzero(level.mask) <= FACTORED_PIXELS else level.halved()
     found = factored_start(small)
     if found is None:
@@ -124,25 +128,25 @@ def factored_fit(level: Level) -> Fit | None:
     return first_fit(level, log_depth, lamps, shared_ambient=True)
 
 
-def second_start(
+def multi_start(
     level: Level,
     descent: Descent,
     factored: Fit | None,
     options: MultiLight,
     progress: ProgressCallback,
 ) -> Descent:
-    """The descent, or the one from another fit, if that ends lower."""
+    """The descent, or the one from the factorisation, if that ends at a lower energy."""
     if factored is None:
         return descent
-    tried = descend(level, factored, options, progress, "try the photographs' lamps")
-    before = evaluated(level, tried.fit, descent.fit.log_depth, descent.fit.lamps)
-    return tried if tried.fit.energy < before.energy else descent
+    trial = descend(level, factored, options, progress, "try the factorisation")
+    before = evaluated(level, trial.fit, descent.fit.log_depth, descent.fit.lamps)
+    return trial if trial.fit.energy < before.energy else descent
 
 
 def select_lights(
     level: Level, descent: Descent, options: MultiLight, progress: ProgressCallback
 ) -> Descent:
-    """The descent with coloured or near lamps, where these explain the photographs much better."""
+    """The descent with near or coloured lights, where these explain the photographs much better."""
     for wanted, free, already in (
         (options.distance, "near", descent.fit.near),
         (options.lamps, "coloured", descent.fit.lamps.ambient.shape[1] > 1),
@@ -152,13 +156,13 @@ def select_lights(
             continue
         freer = with_near_lights(level, before) if free == "near" else with_coloured_lights(before)
         # Both under the loss of the simpler lights.
-        alike = replace(before, near=freer.near)
-        enough = LEAST_GAIN / len(level.photographs) * before.energy
-        tried = descend(level, freer, options, progress, f"try {free} lamps")
-        after = evaluated(level, alike, tried.fit.log_depth, tried.fit.lamps)
+        simpler = replace(before, near=freer.near)
+        enough = LEAST_ENERGY_GAIN / len(level.photographs) * before.energy
+        trial = descend(level, freer, options, progress, f"try {free} lights")
+        after = evaluated(level, simpler, trial.fit.log_depth, trial.fit.lamps)
         gain = before.energy - after.energy
         if wanted == free or (gain > enough and distances_alike(after.lamps)):
-            descent = tried
+            descent = trial
     return descent
 
 
@@ -168,42 +172,46 @@ def acceptable(level: Level, lamps: Lamps, options: MultiLight) -> bool:
 
 
 def plausible(level: Level, lamps: Lamps) -> bool:
-    """Whether distances, if any, are those of a lamp in a hand: alike, and outside the object.
+    """Whether distances, if any, are a lamp's in a hand: about equal, and outside the object.
 
-    Where they only make up for another error of the model they come out at random, or tiny.
+    Where they only make up for another error of the model, they are random or tiny.
     """
     return distances_alike(lamps) and radius_over_distance(level, lamps) <= 1
 
 
 def radius_over_distance(level: Level, lamps: Lamps) -> float:
-    """The object's radius as a part of the lamps' distance."""
-    return float(np.median(lamps.closeness)) * object_radius(level)
+    """The object's radius over the lights' median distance."""
+    return float(np.median(lamps.inverse_distance)) * object_radius(level)
 
 
 def object_radius(level: Level) -> float:
-    """Of the object about its middle, metres."""
+    """The object's radius about its middle, metres."""
     return float(np.linalg.norm(level.points[level.mask], axis=-1).max())
 
 
 def distances_alike(lamps: Lamps) -> bool:
-    """Whether distances, if any, differ little."""
-    low, middle, high = np.quantile(lamps.closeness, [0.25, 0.5, 0.75])
+    """Whether the inverse distances have a small interquartile range over their median."""
+    low, middle, high = np.quantile(lamps.inverse_distance, [0.25, 0.5, 0.75])
     return bool(high - low <= MOST_VARIED_DISTANCES * middle)
 
 
 def with_near_lights(level: Level, fit: Fit) -> Fit:
-    """The fit with all lights at one distance, from which each may find its own.
+    """The state with all lights at one distance, from where each finds its own.
 
     Descents from infinity fail where fall-off makes most of a flat object's shading.
     """
-    closeness = np.full_like(fit.lamps.closeness, FIRST_CLOSENESS / object_radius(level))
-    lamps = replace(fit.lamps, closeness=closeness)
-    alike = first_fit(level, fit.log_depth, lamps, shared_ambient=fit.shared_ambient)
-    return replace(refine_lights(level, alike), near=True)
+    inverse_distance = np.full_like(
+        fit.lamps.inverse_distance, FIRST_RADIUS_OVER_DISTANCE / object_radius(level)
+    )
+    lamps = replace(fit.lamps, inverse_distance=inverse_distance)
+    equal_intensity = first_fit(level, fit.log_depth, lamps, shared_ambient=fit.shared_ambient)
+    return replace(refine_lights(level, equal_intensity), near=True)
 
 
 def with_coloured_lights(fit: Fit) -> Fit:
-    """The fit with a light of its own for each channel."""
+    """The state with a light of its own for each channel."""
     lamps = fit.lamps
-    each = (np.repeat(part, 3, axis=1) for part in (lamps.vector, lamps.ambient, lamps.closeness))
+    each = (
+        np.repeat(part, 3, axis=1) for part in (lamps.vector, lamps.ambient, lamps.inverse_distance)
+    )
     return replace(fit, lamps=Lamps(*each))

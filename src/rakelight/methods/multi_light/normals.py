@@ -1,14 +1,14 @@
-"""Normals finer than differences of a depth map: what each pixel's photographs say beyond those.
+"""Normals finer than differences of a depth map: one more Gauss-Newton step at each pixel.
 
-Between two pixels a depth map is straight; in a crease the surface is not, and the photographs saw
-it.  One more Gauss-Newton step, of each pixel's gradient g of log depth on its own, with the lights
-held and the albedo following:
+Between two pixels a depth map is straight; in a crease the surface is not, and the photographs show
+it.  The step moves each pixel's gradient g of log depth by itself, with the lights fixed and the
+albedo eliminated:
 
-    d = (M + h)^-1 b       M, b of `Explanation`,  h = sigma^2 / tau^2 |dn/dg|^2
+    d = (M + h)^-1 b       M, b of `Linearization`,  h = sigma^2 / tau^2 |dn/dg|^2
 
-tau is by how much the normals of the depth map are off, radians.  It is local, and follows from b:
-noise alone makes b M^-1 b twice sigma^2 on average, what exceeds that is the depth map's.  Where
-its normals fit, as on smooth surfaces, they stay: they average noise.
+tau is the error of the depth map's normals, radians, estimated locally: noise alone makes b M^-1 b
+twice sigma^2 on average, and what exceeds that is due to tau.  Where the depth map's normals fit,
+as on smooth surfaces, they stay: they average noise.
 """
 
 from __future__ import annotations
@@ -19,65 +19,70 @@ from dataclasses import replace
 import numpy as np
 
 from rakelight.geometry.blur import blurred
-from rakelight.geometry.normals import normal_lengths, normals_from_gradient, squared_turn
+from rakelight.geometry.normals import (
+    normal_lengths,
+    normals_from_gradient,
+    squared_normal_derivative,
+)
 from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.energy import Fit
 from rakelight.model import Floats
-from rakelight.photometry.images import Explanation
+from rakelight.photometry.images import Linearization
 from rakelight.solve.robust import variance_beyond
 
-# Over so many pixels the depth map's error is told from noise.
+# Standard deviation, pixels, of the Gaussian window in which tau is estimated.
 LOCAL_PX = 3.0
-# Residuals beyond the noise count so many times: part of them, all photographs share.
-SHARED = 2.0
+# Weight of a residual variance beyond the noise's: all photographs share some of the model's error,
+# which their number does not average out.
+MODEL_ERROR_FACTOR = 2.0
 TINY = 1e-30
 
 
-def fine_normals(level: Level, fit: Fit) -> tuple[Floats, Explanation]:
-    """(h, w, 3) unit normals, NaN where photographs say nothing, and what they explain.
+def fine_normals(level: Level, fit: Fit) -> tuple[Floats, Linearization]:
+    """(h, w, 3) unit normals, NaN where photographs have no information, and their linearization.
 
-    A pixel that they would explain worse, since the step is too long for a linear model, keeps the
-    depth map's.
+    A pixel whose residuals the step would enlarge, since it is too long for a linear model, keeps
+    the depth map's normal.
     """
     photographs, gradient = level.photographs, fit.surface.gradient
 
-    def explained(step: Floats) -> Explanation:
+    def linearized(step: Floats) -> Linearization:
         surface = replace(fit.surface, gradient=gradient + step)
-        return photographs.explain(
-            surface, fit.lamps, scale=fit.scales, start=fit.explanation.albedo
+        return photographs.linearize(
+            surface, fit.lamps, scale=fit.scales, start=fit.linearization.albedo
         )
 
-    step = gradient_step(level, fit, explained)
+    step = gradient_step(level, fit, linearized)
     u, v = np.moveaxis(gradient + step, -1, 0)
     normals, _ = normals_from_gradient(u, v, photographs.camera)
     normals[~photographs.active] = np.nan
-    return normals, explained(step)
+    return normals, linearized(step)
 
 
-def gradient_step(level: Level, fit: Fit, explained: Callable[[Floats], Explanation]) -> Floats:
+def gradient_step(level: Level, fit: Fit, linearized: Callable[[Floats], Linearization]) -> Floats:
     """(h, w, 2) the correction d of each pixel's gradient of log depth.
 
-    explained : how a correction explains the photographs
+    linearized : the photographs' linearization after a correction
     """
     camera, active = level.photographs.camera, level.photographs.active
     (uu, uv, vv), (u, v) = (
-        np.moveaxis(each, -1, 0) for each in (fit.explanation.tensor, fit.explanation.vector)
+        np.moveaxis(each, -1, 0) for each in (fit.linearization.jtwj, fit.linearization.rhs)
     )
     gradient = fit.surface.gradient
     length = normal_lengths(gradient[..., 0], gradient[..., 1], camera)
-    turn = squared_turn(length, camera)
-    knowledge = np.where(active, uu + vv, 0.0) / turn
-    least = 1e-6 * float(np.median(knowledge[active])) * turn
+    dn_dg2 = squared_normal_derivative(length, camera)
+    information = np.where(active, uu + vv, 0.0) / dn_dg2
+    least = 1e-6 * float(np.median(information[active])) * dn_dg2
     free = np.where(active[..., None], _solved(uu + least, uv, vv + least, u, v), 0.0)
-    # What no normal explains is noise, and worse: highlights, paints whose edges do not align.
-    left = explained(free).misfit
-    noise = fit.noise**2 + SHARED * variance_beyond(fit.noise, left)
-    told = blurred(u * free[..., 0] + v * free[..., 1] - 2 * noise, LOCAL_PX, active)
-    # A variance of the normal, radians squared: b has  M M tau^2 + M sigma^2.
-    variance = np.maximum(told, 0) / np.maximum(blurred(knowledge, LOCAL_PX, active), TINY)
-    hold = noise * turn / np.maximum(variance, TINY)
-    better = active & (left <= fit.explanation.misfit)
-    return np.where(better[..., None], _solved(uu + hold, uv, vv + hold, u, v), 0.0)
+    # Residuals that no normal explains: noise, highlights, edges of paint that do not align.
+    mean_abs_residual = linearized(free).mean_abs_residual
+    noise = fit.noise**2 + MODEL_ERROR_FACTOR * variance_beyond(fit.noise, mean_abs_residual)
+    excess = blurred(u * free[..., 0] + v * free[..., 1] - 2 * noise, LOCAL_PX, active)
+    # tau^2, radians squared: the covariance of b is  M M tau^2 + M sigma^2.
+    variance = np.maximum(excess, 0) / np.maximum(blurred(information, LOCAL_PX, active), TINY)
+    damping = noise * dn_dg2 / np.maximum(variance, TINY)
+    better = active & (mean_abs_residual <= fit.linearization.mean_abs_residual)
+    return np.where(better[..., None], _solved(uu + damping, uv, vv + damping, u, v), 0.0)
 
 
 def _solved(uu: Floats, uv: Floats, vv: Floats, u: Floats, v: Floats) -> Floats:

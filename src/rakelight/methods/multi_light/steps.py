@@ -13,9 +13,9 @@ from rakelight.methods.multi_light.energy import (
     Fit,
     depth_system,
     evaluated,
-    lamps_after,
     light_curvature,
     light_slope,
+    lights_after,
     update_scale,
 )
 from rakelight.methods.multi_light.joint_step import damped_tensor, joint_step
@@ -26,22 +26,24 @@ from rakelight.solve import solve
 from rakelight.solve.gauss_newton import damped_solution
 from rakelight.solve.levenberg_marquardt import lowered
 
-# The loss is fixed when the residuals' scale falls by less than to this part from one step to the
-# next (ablation.md: halved 1.00, doubled 1.05).
+# Scale of the residuals over that of the step before, above which the loss is fixed: so far it is
+# updated in each step (ablation.md: distance from 1 halved 1.00, doubled 1.05).
 NOISE_AT_REST = 0.95
-# How often a refused step is tried with more damping.
+# Tries of a step, each refused one with more damping (no draw of ablation.md changes by 5 %).
 TRIES = 3
-# Relative residual to which a depth step is solved: the next step starts from what it missed.
+# Relative residual to which a depth step is solved; the next step starts from the rest
+# (ablation.md: halved 1.00, doubled 0.99).
 STEP_TOLERANCE = 2e-2
-# Steps of the lights alone, and how many pixels are enough for their second derivatives.
+# Steps of the lights alone (ablation.md: halved 1.00, doubled 0.99), and number of pixels in the
+# sample for their second derivatives.
 LIGHT_STEPS, CURVATURE_PIXELS = 2, 2000
 
 
 @dataclass(frozen=True, slots=True)
 class Descent:
-    """Where steps at one level led: the fits under the last loss, and whether the energy rests.
+    """The result of steps at one level: the states under the last loss, and whether it converged.
 
-    steps : how many were taken, under earlier losses too
+    steps : number of steps, including those under earlier losses
     """
 
     fits: tuple[Fit, ...]
@@ -64,19 +66,20 @@ def descend(
     together: bool = True,
     thorough: bool = False,
 ) -> Descent:
-    """Gauss-Newton steps at one level until the energy rests.
+    """Gauss-Newton steps at one level until the energy has converged.
 
-    together : whether lights move with the depth
-    thorough : whether it rests only where an extrapolated step lowers nothing either
+    noisiest : largest sigma by which the priors are weighted
+    together : whether the lights move with the depth
+    thorough : whether converged also means that no extrapolated step lowers the energy
     """
     fits: list[Fit] = []
-    settled = converged = False
+    loss_fixed = converged = False
     for step in range(options.max_iterations):
         progress(Progress(stage, step + 1, options.max_iterations, fit.energy))
-        if not settled:
-            # The residuals' scale falls as they do; once it rests, it is one energy that falls.
+        if not loss_fixed:
+            # The scale of the loss falls with the residuals; then it is fixed.
             noise, fit = fit.noise, update_scale(level, fit, noisiest)
-            settled = step > 0 and fit.noise > NOISE_AT_REST * noise
+            loss_fixed = step > 0 and fit.noise > NOISE_AT_REST * noise
             fits = [fit]
         before = fit
         fit = depth_step(level, fit)
@@ -84,11 +87,11 @@ def descend(
             fit = joint_step(level, fit, options.coarse_pixels)
         fit = project_bas_relief(level, fit)
         small = options.tolerance * before.energy
-        if settled and (thorough or before.energy - fit.energy >= small):
+        if loss_fixed and (thorough or before.energy - fit.energy >= small):
             fit = extrapolated(level, before, fit)
-        converged = settled and before.energy - fit.energy < small
+        converged = loss_fixed and before.energy - fit.energy < small
         if converged and fit.energy > before.energy:
-            break  # what the photographs gained was a bas-relief that the sensor contradicts
+            break  # the gain was a bas-relief transform that the projection has undone
         fits.append(fit)
         if converged:
             break
@@ -96,7 +99,7 @@ def descend(
 
 
 def depth_step(level: Level, fit: Fit) -> Fit:
-    """One Gauss-Newton step of the depth, lights held; damped until the energy falls."""
+    """One Gauss-Newton step of the depth, lights fixed; damped until the energy falls."""
 
     def after(damping: float) -> Fit:
         system = depth_system(level, fit, damped_tensor(level, fit, damping))
@@ -104,81 +107,86 @@ def depth_step(level: Level, fit: Fit) -> Fit:
         if solution.status == "stalled":
             return fit  # refused, as it is no lower
         log_depth = level.placed(fit.log_depth + solution.value)
-        return evaluated(level, fit, log_depth, fit.lamps, turning=True)
+        return evaluated(level, fit, log_depth, fit.lamps, with_light_slope=True)
 
     lower, damping = lowered(fit, fit.depth_damping, after, TRIES)
     return replace(lower, depth_damping=damping)
 
 
 def project_bas_relief(level: Level, fit: Fit) -> Fit:
-    """The fit after the bas-relief transform that brings the surface closest to the sensor.
+    """The state after the bas-relief transform that brings the surface closest to the sensor.
 
-    Whatever becomes of the photographs' energy: distant lamps leave the transform open, and what
-    the energy says of it is the model's error, down which the surface would slide.  Near lamps
-    tell it, and joint steps see to it.
+    Whatever it does to the energy: distant lights leave the transform open, and the photographs'
+    energy along it is an error of the model, down which the surface would drift.  Near lights
+    determine it; there the joint steps do.
     """
     if fit.near:
         return fit
-    log_depth, turn = nearest_bas_relief(
+    log_depth, transform = nearest_bas_relief(
         level, fit.log_depth, fit.lamps, fit.equal_intensity_weight
     )
-    lamps = replace(fit.lamps, vector=fit.lamps.vector @ turn.T)
-    return evaluated(level, fit, log_depth, lamps, turning=True)
+    lamps = replace(fit.lamps, vector=fit.lamps.vector @ transform.T)
+    return evaluated(level, fit, log_depth, lamps, with_light_slope=True)
 
 
 def refine_lights(level: Level, fit: Fit) -> Fit:
-    """The fit after some steps of the lights alone."""
+    """The state after `LIGHT_STEPS` steps of the lights alone."""
     for _ in range(LIGHT_STEPS):
         fit = lights_step(level, fit)
     return fit
 
 
 def lights_step(level: Level, fit: Fit) -> Fit:
-    """One Gauss-Newton step of the lights, the depth held; damped until the energy falls."""
+    """One Gauss-Newton step of the lights, depth fixed; damped until the energy falls."""
     hessian, _ = light_curvature(level, fit, CURVATURE_PIXELS)
     slope = light_slope(level, fit)
 
     def after(damping: float) -> Fit:
         step = damped_solution(hessian, -slope, np.diag(hessian), damping)
-        return evaluated(level, fit, fit.log_depth, lamps_after(fit, step), turning=True)
+        return evaluated(level, fit, fit.log_depth, lights_after(fit, step), with_light_slope=True)
 
     lower, damping = lowered(fit, fit.lights_damping, after, TRIES)
     return replace(lower, lights_damping=damping)
 
 
 def extrapolated(level: Level, before: Fit, fit: Fit) -> Fit:
-    """The way from `before` to `fit` once more and further, for as long as the energy falls.
+    """The step from `before` to `fit`, lengthened and doubled for as long as the energy falls.
 
-    Where reweighting or the bas-relief valley make the steps short, they all point one way.
+    Where reweighting or the bas-relief valley makes steps short, they all have one direction.
     """
-    way = fit.log_depth - before.log_depth
-    lights = lamps_step(before.lamps, fit.lamps)
-    best, share = fit, 1.0
-    behind = [(0.0, before.energy), (1.0, fit.energy)]
-    while parabola_falls(behind, 1 + share):
-        tried = evaluated(level, fit, fit.log_depth + share * way, fit.lamps.moved(share * lights))
-        if not tried.energy < best.energy:
+    direction = fit.log_depth - before.log_depth
+    lights = lights_difference(before.lamps, fit.lamps)
+    best, factor = fit, 1.0
+    history = [(0.0, before.energy), (1.0, fit.energy)]
+    while parabola_falls(history, 1 + factor):
+        trial = evaluated(
+            level, fit, fit.log_depth + factor * direction, fit.lamps.moved(factor * lights)
+        )
+        if not trial.energy < best.energy:
             break
-        behind.append((1 + share, tried.energy))
-        best, share = tried, 2 * share
+        history.append((1 + factor, trial.energy))
+        best, factor = trial, 2 * factor
     return best
 
 
-def parabola_falls(behind: list[tuple[float, float]], place: float) -> bool:
-    """Whether the parabola through the last three (place, energy) is lower there than at the last.
+def parabola_falls(history: list[tuple[float, float]], position: float) -> bool:
+    """Whether the parabola through the last three (position, energy) is lower at `position`.
 
-    Two tell nothing of what is ahead.
+    Than at the last of them.  With fewer than three there is no parabola: True.
     """
-    if len(behind) < 3:
+    if len(history) < 3:
         return True
-    (first, high), (middle, low), (last, lowest) = behind[-3:]
+    (first, high), (middle, low), (last, lowest) = history[-3:]
     slope = (lowest - low) / (last - middle)
-    bend = (slope - (low - high) / (middle - first)) / (last - first)
-    return slope + bend * (place - middle) < 0
+    curvature = (slope - (low - high) / (middle - first)) / (last - first)
+    return slope + curvature * (position - middle) < 0
 
 
-def lamps_step(before: Lamps, after: Lamps) -> Floats:
-    """What `Lamps.moved` takes from one to the other."""
-    closer, ambient = after.closeness - before.closeness, after.ambient - before.ambient
-    change = [after.vector - before.vector, closer[..., None], ambient[..., None]]
+def lights_difference(before: Lamps, after: Lamps) -> Floats:
+    """(N, C, 5) the step of `Lamps.moved` from one to the other."""
+    inverse_distance, ambient = (
+        after.inverse_distance - before.inverse_distance,
+        after.ambient - before.ambient,
+    )
+    change = [after.vector - before.vector, inverse_distance[..., None], ambient[..., None]]
     return np.concatenate(change, axis=-1)

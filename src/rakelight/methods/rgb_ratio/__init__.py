@@ -9,9 +9,9 @@ ratio of two channels c, d, which leaves an equation that is linear in the gradi
 
     (I_c - rho_c phi_c) rho_d l_d . m = (I_d - rho_d phi_d) rho_c l_c . m
 
-Beyond the paper: the albedo is drawn to the few colours that most things are painted with, and
-an equation counts by how well the surface around it meets it.  Where paint passes for shape or
-the reverse, neighbouring equations contradict each other, and the sensor's depth stays.
+Beyond the paper: the albedo has a prior of the few colours that most objects have, and the weight
+of an equation depends on its residual around the pixel.  Where albedo is taken for shape or the
+reverse, neighbouring equations contradict each other, and the sensor's depth stays.
 """
 
 from __future__ import annotations
@@ -43,19 +43,21 @@ from rakelight.photometry.piecewise_albedo import edge_weights, piecewise_smooth
 from rakelight.prepare import Prepared
 from rakelight.solve import Solution, assemble, solve
 
-# No photograph is better than this (white is 1), the ratios' weights would be absurd.
+# Least standard deviation of a value (white is 1): with less the ratios' weights would be absurd.
 SMALLEST_NOISE = 1e-2
-# The weight of the sensor's depth, in white noise's: between these, and not changed by less than
-# a factor.
-LEAST_TRUST, MOST_TRUST, MORE = 0.03, 3.0, 1.5
-# So many pixels share an error of the ratios, whatever the depth's errors do.
-COHERENT_PIXELS = 0.2
-# A change of the depth this much larger than its detail lets expect is misread paint.
+# Bounds of the depth weight, 1/variance relative to white noise's, and the factor by which it has
+# to grow for another solve.
+LEAST_WEIGHT, MOST_WEIGHT, LEAST_INCREASE = 0.03, 3.0, 1.5
+# Area, pixels, over which errors of the ratios are correlated, whatever those of the depth.
+CORRELATION_AREA_PX = 0.2
+# Mean square of the depth's change, relative to what its first and second differences predict,
+# beyond which the change is a drift by misread albedo.
 DRIFT = 15.0
-# The weight of the sensor's slopes, errors of which are as large as the change and shared.
-SLOPE_TRUST = 0.01
+# Weight of the sensor's slopes, over 1 / mean square of their change.
+SLOPE_WEIGHT = 0.01
+# Least shading and albedo, where both are divided by.
 LEAST_SHADING, LEAST_ALBEDO = 0.02, 0.01
-# Light and albedo start from nothing; they find each other before the depth follows them.
+# Rounds of light and albedo before the first depth step.
 FIRST_ROUNDS = 2
 
 
@@ -69,7 +71,7 @@ class RgbRatio:
         edge of the paint.  Raised, faint edges become relief; lowered, noise breaks up the areas.
     sigma_d : depth difference between neighbours, metres, that is an edge of the paint too.
         Raised, areas reach across depth edges; lowered, steep slopes break them up.
-    lambda_palette : pull of the albedo towards the commonest colours around its own, relative to
+    lambda_palette : weight of the commonest colours, of those around the albedo, relative to
         the photograph.  Raised, faint paint becomes relief; 0 is the paper's albedo.
     laplacian : weight of the squared second differences of log depth, relative to the prior's
         weight in the middle.  Raised, noise and fine relief are smoothed away; 0 smooths nothing.
@@ -97,16 +99,18 @@ class RgbRatio:
             from_0=("lambda_rho", "lambda_palette", "laplacian", "max_iterations", "tolerance"),
             above_0=("sigma_c", "sigma_d"),
         )
-        trust = self.depth_weight
-        require_options(self, depth_weight=(trust is None or 0 < trust < np.inf, "above 0"))
+        depth_weight = self.depth_weight
+        require_options(
+            self, depth_weight=(depth_weight is None or 0 < depth_weight < np.inf, "above 0")
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
     """What is given: the photograph and the prepared depth.
 
-    image : (h, w, 3) linear light; noise : of its values
-    usable : (h, w, 3) which values say something of a normal
+    image : (h, w, 3) linear light; noise : standard deviation of its values
+    usable : (h, w, 3) which values depend on a normal
     links : which neighbours are on one surface; pairs : their weights, None without a jump
     prior : (h, w) log of the prepared depth, prior_weight : (h, w) its precision
     averaging : K, means over the sensor's pixels; None where those are about as small
@@ -130,8 +134,8 @@ class Scene:
 def rgb_ratio(prepared: Prepared, options: RgbRatio, progress: ProgressCallback) -> Estimate:
     """Refine the prepared depth by the RGB ratio model (3.3), from the first photograph."""
     scene = observed(prepared)
-    trust = options.depth_weight or LEAST_TRUST
-    most = options.depth_weight or MOST_TRUST
+    depth_weight = options.depth_weight or LEAST_WEIGHT
+    most = options.depth_weight or MOST_WEIGHT
     mask = prepared.mask
     log_depth = scene.prior
     albedo: Floats = np.ones((*mask.shape, 3))
@@ -139,25 +143,25 @@ def rgb_ratio(prepared: Prepared, options: RgbRatio, progress: ProgressCallback)
     tensor: Floats = np.zeros((*mask.shape, 3))
     moved = np.inf
     energies: list[float] = []
-    # Two channels make one equation, which nothing contradicts: then the depth is kept.
+    # Two channels make one equation, which nothing can contradict: then the depth is kept.
     rounds = 0 if dark_channels(scene.image[mask]) else options.max_iterations
     for done in range(rounds + 1):
         normals, length = scene.surface(log_depth)
         depth_m = np.exp(log_depth)
         for again in range(1 if done else FIRST_ROUNDS):
-            light = lights(scene, normals, albedo, light)
+            light = lights_step(scene, normals, albedo, light)
             first = done == again == 0
-            albedo, light = paint(scene, normals, depth_m, albedo, light, options, first)
+            albedo, light = albedo_step(scene, normals, depth_m, albedo, light, options, first)
         equations = Ratios(scene.image, scene.usable, scene.noise, albedo, light)
         energies.append(equations.energy(normals))
         if done == rounds or moved <= options.tolerance:
             break
         progress(Progress("refine", done + 1, rounds, energies[-1]))
-        found = weighed_depth(scene, equations, trust, most, log_depth, options.laplacian)
+        found = weighed_depth(scene, equations, depth_weight, most, log_depth, options.laplacian)
         if found is None:
             break  # refused: the depth stays, and has not come to rest
         before = log_depth
-        log_depth, tensor, trust = found
+        log_depth, tensor, depth_weight = found
         step = (log_depth - before) * prepared.depth_m / prepared.sigma_m
         moved = float(np.sqrt(np.mean(step[mask] ** 2)))
     _, length = scene.surface(log_depth)
@@ -177,7 +181,7 @@ def rgb_ratio(prepared: Prepared, options: RgbRatio, progress: ProgressCallback)
 
 
 def observed(prepared: Prepared) -> Scene:
-    """The first photograph, and the prepared depth as far as it is trusted."""
+    """The first photograph, and the prepared depth with its precision."""
     mask = prepared.mask
     values, usable = prepared.pixels(0)
     image = scatter(values.astype(np.float64), mask)
@@ -199,8 +203,8 @@ def observed(prepared: Prepared) -> Scene:
     )
 
 
-def lights(scene: Scene, normals: Floats, albedo: Floats, before: Floats) -> Floats:
-    """1. Each channel's lamp (3, 4), rho and n fixed."""
+def lights_step(scene: Scene, normals: Floats, albedo: Floats, before: Floats) -> Floats:
+    """1. Each channel's light (3, 4), rho and n fixed."""
     seen = has_gradient(scene.links)
     normals, image, rho = normals[seen], scene.image[seen], albedo[seen]
     weight = scene.usable[seen].astype(np.float64)
@@ -214,7 +218,7 @@ def lights(scene: Scene, normals: Floats, albedo: Floats, before: Floats) -> Flo
     )
 
 
-def paint(
+def albedo_step(
     scene: Scene, normals: Floats, depth_m: Floats, albedo: Floats, light: Floats,
     options: RgbRatio, first: bool,
 ) -> tuple[Floats, Floats]:  # fmt: skip
@@ -239,10 +243,12 @@ def paint(
     albedo = smoothed(albedo, target, weight)
     if options.lambda_palette > 0:
         color, alike = nearest_colors(np.log(albedo[mask]))
-        pull = options.lambda_palette * scatter(alike, mask)[..., None]
+        palette_weight = options.lambda_palette * scatter(alike, mask)[..., None]
         common = scatter(np.exp(color), mask)
-        total = weight + pull
-        target = (weight * target + pull * common) / np.maximum(total, np.finfo(float).tiny)
+        total = weight + palette_weight
+        target = (weight * target + palette_weight * common) / np.maximum(
+            total, np.finfo(float).tiny
+        )
         albedo = smoothed(albedo, target, total)
     gain = np.array([brightest(albedo[mask, c]) for c in range(3)])
     return albedo / gain, light * gain[:, None]
@@ -251,69 +257,71 @@ def paint(
 def weighed_depth(
     scene: Scene,
     equations: Ratios,
-    trust: float,
+    depth_weight: float,
     most: float,
     log_depth: Floats,
     laplacian: float,
 ) -> tuple[Floats, Floats, float] | None:
-    """3. The log depth, the tensor of its equations and the trust, raised to what is deserved.
+    """3. The log depth, the tensor of its equations, and the depth weight as it is estimated then.
 
     None where the solver does not find the depth.
     """
-    # The first solve meets the equations as they are, the second those that agree.
-    for doubt in (False, True):
-        solution, tensor = depth(scene, equations, trust, log_depth, doubt, laplacian)
+    # First least squares, then a robust loss about that surface.
+    for robust in (False, True):
+        solution, tensor = depth_step(scene, equations, depth_weight, log_depth, robust, laplacian)
         if not solution.converged:
             return None
         log_depth = solution.value
-    while (sound := min(deserved_trust(scene, log_depth, trust), most)) > MORE * trust:
-        trust = sound
-        solution, tensor = depth(scene, equations, trust, log_depth, True, laplacian)
+    while (
+        estimated := min(estimate_depth_weight(scene, log_depth, depth_weight), most)
+    ) > LEAST_INCREASE * depth_weight:
+        depth_weight = estimated
+        solution, tensor = depth_step(scene, equations, depth_weight, log_depth, True, laplacian)
         if not solution.converged:
             return None
         log_depth = solution.value
-    return log_depth, tensor, trust
+    return log_depth, tensor, depth_weight
 
 
-def depth(
+def depth_step(
     scene: Scene,
     equations: Ratios,
-    trust: float,
+    depth_weight: float,
     log_depth: Floats,
-    doubt: bool,
+    robust: bool,
     laplacian: float,
 ) -> tuple[Solution, Floats]:
     """The log depth (h, w), light and rho fixed, and the tensor (h, w, 3) of its equations.
 
-    doubt : whether equations count less where the surface `log_depth` does not meet them
+    robust : whether equations have less weight where their residual at `log_depth` is large
     """
     camera, mask = scene.prepared.camera, scene.prepared.mask
-    ratios, aim = equations.terms(*scene.surface(log_depth), camera, doubt)
+    ratios, rhs = equations.terms(*scene.surface(log_depth), camera, robust)
     tensor = ratios
-    if doubt:  # where the equations say little, the sensor's slopes stay
+    if robust:  # where the equations have little weight, the sensor's slopes stay
         slopes, changed = (
             np.stack(mean_gradient(image, scene.links), axis=-1)
             for image in (scene.prior, log_depth - scene.prior)
         )
-        weight = SLOPE_TRUST / max(float(np.median(changed[mask] ** 2)), 1e-12)
-        tensor, aim = ratios + weight * np.array([1.0, 0.0, 1.0]), aim + weight * slopes
-    held = trust * scene.prior_weight
-    smooth = laplacian * float(np.median(held[mask])) or None
-    sensor = data_terms(scene.averaging, held, scene.prior)
+        weight = SLOPE_WEIGHT / max(float(np.median(changed[mask] ** 2)), 1e-12)
+        tensor, rhs = ratios + weight * np.array([1.0, 0.0, 1.0]), rhs + weight * slopes
+    weighted = depth_weight * scene.prior_weight
+    smooth = laplacian * float(np.median(weighted[mask])) or None
+    sensor = data_terms(scene.averaging, weighted, scene.prior)
     system = assemble(
-        mask, tensor, aim, pair_weights=scene.pairs, laplacian_weight=smooth, **sensor
+        mask, tensor, rhs, pair_weights=scene.pairs, laplacian_weight=smooth, **sensor
     )
     return solve(system, start=log_depth, tolerance=1e-3), ratios
 
 
-def deserved_trust(scene: Scene, log_depth: Floats, trust: float) -> float:
-    """The weight of the sensor's depth that the change of the depth under `trust` asks for.
+def estimate_depth_weight(scene: Scene, log_depth: Floats, depth_weight: float) -> float:
+    """The weight of the sensor's depth, from the depth's change under `depth_weight`.
 
-    Errors e of the sensor that hang together over l pixels say that much less than independent
-    ones.  If there is one such length, <e^2> / <|de|^2> and <|de|^2> / <|dde|^2> are both about
-    l^2; of a surface that follows misread paint, the first is much larger, and more trust is due.
-    White noise, l = 1/2 after preparation, leaves hardly an error in the shape as a whole: hence
-    the second term.  (Medians, so that jumps do not count.)
+    Errors e of the sensor that are correlated over l pixels count l^2 times less than independent
+    ones.  If there is one such length, <e^2> / <|de|^2> and <|de|^2> / <|dde|^2> are about l^2; of
+    a surface that follows misread albedo the first is much larger, and the weight has to grow.
+    White noise, l = 1/2 after preparation, has hardly an error in the shape as a whole: hence the
+    second term.  (Medians, so that jumps do not count.)
     """
     change = np.where(scene.prepared.mask, log_depth - scene.prior, np.nan)
     steps = [np.diff(change, axis=axis) for axis in (0, 1)]
@@ -323,15 +331,15 @@ def deserved_trust(scene: Scene, log_depth: Floats, trust: float) -> float:
         for images in ([change - np.nanmedian(change)], steps, bends)
     )
     if whole * bent > DRIFT * steep**2:
-        trust = 3 * trust
+        depth_weight = 3 * depth_weight
     rough = bent / max(steep, 1e-30)
-    return max(trust, COHERENT_PIXELS * rough, 1.5 * COHERENT_PIXELS * rough**2)
+    return max(depth_weight, CORRELATION_AREA_PX * rough, 1.5 * CORRELATION_AREA_PX * rough**2)
 
 
 def _median(values: Floats) -> float:
-    """Of those that are numbers; 0 where there are none, as of bends where nothing is wide."""
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else 0.0
+    """Median of the finite values; 0 where there are none, as on an object one pixel wide."""
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if finite.size else 0.0
 
 
 METHOD = Method("rgb-ratio", rgb_ratio, RgbRatio)

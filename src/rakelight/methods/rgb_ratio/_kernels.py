@@ -7,17 +7,17 @@ import numpy as np
 
 from rakelight.jit import helper, kernel
 
-# Three pairs of three channels are worth two independent equations.
+# Weight of an equation: the three pairs of channels are only two independent ones.
 PAIR_SHARE = 2.0 / 3.0
-# Below this part of its lamp a channel is in the lamp's own shadow: its ratios say nothing.
+# Least cosine between normal and light: with less the pixel is in attached shadow, without ratios.
 SHADOW = 0.05
-# (rho l . n)^2 of a pair is taken to be at least this: no equation is exact.
+# Least sum of (rho l . n)^2 of a pair in the equation's variance: no equation is exact.
 DIMMEST = 1e-4
 
 
 @helper
 def seen(light, usable, normal, shade):
-    """Fill shade (3) with l . n of the channels, NaN where one says nothing."""
+    """Fill shade (3) with l . n of the channels, NaN where one is not usable."""
     for c in range(3):
         x, y, z = light[c, 0], light[c, 1], light[c, 2]
         shade[c] = x * normal[0] + y * normal[1] + z * normal[2]
@@ -44,12 +44,12 @@ def ratio_squares(first_row, last_row, image, usable, albedo, light, noise, norm
 
 @kernel
 def ratio_terms(
-    first_row, last_row, image, usable, albedo, light, noise, normals, length, optics, worse,
-    cauchy, tensor, aim,
+    first_row, last_row, image, usable, albedo, light, noise, normals, length, optics,
+    variance_factor, cauchy, tensor, rhs,
 ):  # fmt: skip
     """Sums over the pairs: tensor (h, w, 3) and aim (h, w, 2) of the gradient of log depth.
 
-    worse : (h, w) what every variance is multiplied by; cauchy : scale of the loss, 0 for squares
+    variance_factor : (h, w) of every variance; cauchy : scale of the loss, 0 for squares
     """
     width = image.shape[1]
     fx, fy, cx, cy = optics
@@ -67,7 +67,7 @@ def ratio_terms(
                 variance = max(one * one + other * other, DIMMEST) * noise * noise
                 if not np.isfinite(variance):
                     continue
-                variance *= worse[row, column]
+                variance *= variance_factor[row, column]
                 first = (I[c] - rho[c] * light[c, 3]) * rho[d]
                 second = (I[d] - rho[d] * light[d, 3]) * rho[c]
                 q_n = first * shade[d] - second * shade[c]
@@ -80,5 +80,5 @@ def ratio_terms(
                 tensor[row, column, 0] += weight * j_u * j_u
                 tensor[row, column, 1] += weight * j_u * j_v
                 tensor[row, column, 2] += weight * j_v * j_v
-                aim[row, column, 0] += weight * j_u * q_z
-                aim[row, column, 1] += weight * j_v * q_z
+                rhs[row, column, 0] += weight * j_u * q_z
+                rhs[row, column, 1] += weight * j_v * q_z

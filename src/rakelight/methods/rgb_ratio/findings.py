@@ -1,4 +1,4 @@
-"""What speaks against a photograph under three coloured lamps, and what to do about it."""
+"""Findings about a photograph under three coloured lamps."""
 
 from __future__ import annotations
 
@@ -9,17 +9,19 @@ import numpy as np
 from rakelight.model import SATURATED, Finding, Floats
 from rakelight.prepare import Prepared
 
+# Limits of the findings: angle between two lamps; median of a channel over the brightest's; range
+# of the channels' means over their mean; fraction of saturated values.
 CLOSEST_DEG, DARK, EQUAL_MEANS, MANY_SATURATED = 30.0, 0.05, 0.02, 0.01
 
 
 def dark_channels(image: Floats) -> list[int]:
-    """Which channels of the picture (P, 3) show next to nothing of the object."""
+    """Which channels of the picture (P, 3) are dark on the object."""
     level = np.median(image, axis=0)
     return [c for c in range(3) if level[c] < DARK * level.max()]
 
 
 def rgb_findings(prepared: Prepared, image: Floats, light: Floats) -> tuple[Finding, ...]:
-    """What speaks against the picture (P, 3) or its lamps (3, 4)."""
+    """Findings about the picture (P, 3) and its lights (3, 4)."""
     findings = []
     names, level = ("red", "green", "blue"), np.median(image, axis=0)
     dark = dark_channels(image)

@@ -17,7 +17,8 @@ from rakelight.jit import in_parts
 from rakelight.model import Camera, Floats, Mask
 from rakelight.solve.robust import CAUCHY
 
-# The neighbourhood over which equations have to agree, and what their disagreement counts.
+# Standard deviation, pixels, of the window in which squared residuals are averaged; factor of that
+# mean in the variance of the equations.
 AGREE_PX, DISAGREEMENT = 4.0, 3.0
 
 
@@ -25,8 +26,8 @@ AGREE_PX, DISAGREEMENT = 4.0, 3.0
 class Ratios:
     """The equations of all pairs of channels, red-green, red-blue and green-blue.
 
-    image : (h, w, 3) linear light; usable : (h, w, 3) which values say something of a normal
-    noise : of the image's values; albedo : (h, w, 3); light : (3, 4) the lamps, phi last
+    image : (h, w, 3) linear light; usable : (h, w, 3) which values depend on a normal
+    noise : of the image's values; albedo : (h, w, 3); light : (3, 4), phi last
     """
 
     image: Floats
@@ -44,9 +45,9 @@ class Ratios:
         return image, np.ascontiguousarray(self.usable), albedo, light, float(self.noise)
 
     def squares(self, normals: Floats) -> Floats:
-        """(h, w, 3) squared misfit of normals (h, w, 3) in units of the photograph's noise.
+        """(h, w, 3) squared residuals of normals (h, w, 3) in units of the photograph's noise.
 
-        NaN where a channel of the pair does not see its lamp.
+        NaN where a channel of the pair is in shadow or not usable.
         """
         from rakelight.methods.rgb_ratio import _kernels
 
@@ -62,30 +63,32 @@ class Ratios:
         return float(np.log1p(squares / CAUCHY**2).mean()) if squares.size else 0.0
 
     def terms(
-        self, normals: Floats, length: Floats, camera: Camera, doubt: bool
+        self, normals: Floats, length: Floats, camera: Camera, robust: bool
     ) -> tuple[Floats, Floats]:
         """Tensor (h, w, 3) and vector (h, w, 2) of the gradient of log depth, as `assemble` takes.
 
         normals, length : (h, w, 3) and (h, w) of a surface, which fix the equations' noise
-        doubt : whether equations that this surface does not meet count less: one by one (Cauchy),
-            and all where those around disagree
+        robust : whether equations with large residuals at this surface have less weight: one by one
+            (Cauchy), and all where the mean around them is large
         """
         from rakelight.methods.rgb_ratio import _kernels
 
-        worse = np.ones(length.shape)
-        if doubt:
-            worse = np.maximum(worse, DISAGREEMENT * averaged(self.squares(normals)))
-        tensor, aim = np.zeros((*length.shape, 3)), np.zeros((*length.shape, 2))
+        variance_factor = np.ones(length.shape)
+        if robust:
+            variance_factor = np.maximum(
+                variance_factor, DISAGREEMENT * averaged(self.squares(normals))
+            )
+        tensor, rhs = np.zeros((*length.shape, 3)), np.zeros((*length.shape, 2))
         optics = (camera.fx, camera.fy, camera.cx, camera.cy)
         surface = (np.ascontiguousarray(normals, np.float64), np.ascontiguousarray(length))
-        cauchy = CAUCHY if doubt else 0.0
-        given = (*self._arrays, *surface, optics, worse, cauchy, tensor, aim)
+        cauchy = CAUCHY if robust else 0.0
+        given = (*self._arrays, *surface, optics, variance_factor, cauchy, tensor, rhs)
         in_parts(_kernels.ratio_terms, 0, len(length), length.size, *given)
-        return tensor, aim
+        return tensor, rhs
 
 
 def averaged(squares: Floats) -> Floats:
-    """(h, w) what `squares` (h, w, 3) are around each pixel, on average over those there are."""
+    """(h, w) mean of the finite `squares` (h, w, 3) around each pixel."""
     from scipy.ndimage import gaussian_filter
 
     there = np.isfinite(squares)

@@ -1,1 +1,1 @@
-"""Methods for one photograph: shape from shading, held by the depth camera."""
+"""Methods for one photograph: shape from shading, with the sensor's depth as a prior."""

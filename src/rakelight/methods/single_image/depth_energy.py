@@ -2,11 +2,11 @@
 
     minimise  sum c (rho S - I)^2 + f^2 (lambda_z1 (K dp)^2 + lambda_z2 (L (dp - q))^2)
 
-over log depth p, S = l . n + phi, the photograph being believed by c, 0..1; dp = p - p0 is the
-change of the prepared one, L the Laplacian and K the mean over a sensor's pixel, where that is
-larger; q is the fine relief that light from all sides shows (`hollows`).  f dp is the change in
-units of the pixel's footprint z / f on the surface, so that the weights have no unit.  With |m|
-fixed, S is linear in the gradient of p, and a step is one linear solve.
+over log depth p, with S = l . n + phi and a weight c of the photograph's shading, 0..1; dp = p - p0
+is the change of the prepared depth, L the Laplacian and K the mean over a sensor's pixel, where
+that is larger; q is the relief of the ambient-occlusion cue (`occlusion_height`).  f dp is the
+change in units of the pixel's footprint z / f on the surface, so that the weights have no unit.
+With |m| fixed, S is linear in the gradient of p, and a step is one linear solve.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rakelight.geometry.averaging import Averaging, data_misfit, data_terms
+from rakelight.geometry.averaging import Averaging, data_sum_of_squares, data_terms
 from rakelight.geometry.grid import (
     Links,
     differences,
@@ -26,22 +26,22 @@ from rakelight.geometry.grid import (
 from rakelight.geometry.normals import gradient_directions, normals_from_gradient
 from rakelight.methods.base import scatter
 from rakelight.methods.levels import NEARLY_ONE
-from rakelight.methods.single_image.reflectance_regions import brightness, paints
+from rakelight.methods.single_image.reflectance_regions import brightness, reflectance_regions
 from rakelight.methods.single_image.texture import (
     DARKEST,
-    believed,
-    fine_relief,
     from_afar,
-    without_relief,
+    shading_weight,
+    texture_likelihood,
+    without_texture,
 )
 from rakelight.model import MAD_TO_SIGMA, Camera, Floats, Mask, Progress, ProgressCallback
 from rakelight.photometry.piecewise_albedo import EdgeWeights, edge_weights
 from rakelight.prepare import Prepared
 from rakelight.solve import Solution, assemble, solve
 
-# A step with lagged |m| can overshoot; then a part of it is taken.
+# Fractions of a step that are tried in turn: with lagged |m| the whole may overshoot.
 SHARES = (1.0, 0.5, 0.25, 0.125)
-# Ridges are so many standard deviations brighter than their surroundings, at most.
+# Largest contrast of a ridge, in standard deviations of the contrast of texture.
 BRIGHTEST = 1.5
 
 
@@ -49,11 +49,11 @@ BRIGHTEST = 1.5
 class View:
     """The first photograph on the prepared window, (h, w) each.
 
-    exposure : the linear light that colours are in units of: of the object's typical pixel
+    exposure : linear light of the object's median pixel, the unit of colour and intensity
     colour : (h, w, 3), clipped values as they are; intensity : its `brightness`
-    areas : (h, w) each, where the object's `paints` are
-    usable : (h, w, 3); seen : whether any channel is usable and nothing is mixed into the pixel
-    relief : how surely what changes here is fine relief rather than paint, 0..1
+    regions : (h, w) each, the `reflectance_regions`
+    usable : (h, w, 3); seen : whether any channel is usable and all neighbours are on the surface
+    texture : likelihood that changes are shading of fine relief, not of the albedo, 0..1
     averaging : K, means over the sensor's pixels; None where those are about as small
     prior : prepared log depth; links : which neighbours are on one surface
     """
@@ -63,9 +63,9 @@ class View:
     colour: Floats
     usable: Mask
     intensity: Floats
-    areas: tuple[Mask, ...]
+    regions: tuple[Mask, ...]
     seen: Mask
-    relief: Floats
+    texture: Floats
     prior: Floats
     averaging: Averaging | None
     links: Links
@@ -78,23 +78,23 @@ class View:
 
     @classmethod
     def of(cls, prepared: Prepared) -> View:
-        """What the methods for one photograph see of `prepared`."""
+        """The view that the methods for one photograph take of `prepared`."""
         values, good = prepared.pixels(0)
         links = surface_links(prepared.depth_m, prepared.mask, prepared.camera)
         usable = scatter(1.0 * good, prepared.mask) > 0
         seen = usable.any(axis=-1) & surrounded(links)
-        told = values.mean(axis=-1)[seen[prepared.mask]]
-        exposure = max(float(np.median(told)), np.finfo(float).tiny) if told.size else 1.0
+        observed = values.mean(axis=-1)[seen[prepared.mask]]
+        exposure = max(float(np.median(observed)), np.finfo(float).tiny) if observed.size else 1.0
         colour = scatter(values / exposure, prepared.mask)
-        areas = tuple(paints(colour, prepared.mask))
+        regions = tuple(reflectance_regions(colour, prepared.mask))
         return cls(
             exposure,
             colour,
             usable,
             brightness(colour, usable, prepared.mask),
-            areas,
+            regions,
             seen,
-            fine_relief(colour, links, areas),
+            texture_likelihood(colour, links, regions),
             np.log(np.where(prepared.mask, prepared.depth_m, 1.0)),
             prepared.sensor.averaging(prepared.mask) if prepared.factor > NEARLY_ONE else None,
             links,
@@ -106,32 +106,32 @@ class View:
         return normals_from_gradient(*mean_gradient(log_depth, self.links), self.camera)
 
     def edges(self, sigma_c: float, sigma_d: float, tau: float) -> EdgeWeights:
-        """How surely neighbours are of one paint."""
-        color = without_relief(self.intensity, self.relief, self.areas)[..., None]
+        """Weights of the links between neighbours: small where the albedo may change."""
+        color = without_texture(self.intensity, self.texture, self.regions)[..., None]
         depth_m = np.exp(self.prior)
         return edge_weights(color, depth_m, self.mask, sigma_c=sigma_c, sigma_d=sigma_d, tau=tau)
 
     def contrast(self) -> Floats:
-        """(h, w) of fine relief with its surroundings, relative; 0 where that says nothing.
+        """(h, w) of texture with its surroundings, relative; 0 where there is no information.
 
-        Hollows may be black, but no ridge is lit from more than all sides: what is much brighter
-        than usual is a highlight or a lining.
+        Valleys may be black, but no ridge is brighter than the ambient light makes it: what is much
+        brighter than usual is a highlight or another albedo.
         """
-        plain = np.maximum(from_afar(self.intensity, self.areas), DARKEST)
+        plain = np.maximum(from_afar(self.intensity, self.regions), DARKEST)
         found = np.where(self.seen, self.intensity / plain - 1, 0.0)
-        sure = self.seen & (self.relief > 0.5)
+        sure = self.seen & (self.texture > 0.5)
         if not sure.any():
             return np.zeros(self.mask.shape)
         usual = MAD_TO_SIGMA * float(np.median(np.abs(found[sure])))
-        return np.asarray(self.relief * np.minimum(found, BRIGHTEST * usual))
+        return np.asarray(self.texture * np.minimum(found, BRIGHTEST * usual))
 
-    def believed(self, doubt: float) -> Floats:
-        """How far shading is believed, (h, w) 0..1: see `fine_relief.believed`."""
-        return believed(self.colour, self.relief, self.links, doubt)
+    def shading_weight(self, doubt: float) -> Floats:
+        """(h, w) 0..1, the weight c of the shading: see `texture.shading_weight`."""
+        return shading_weight(self.colour, self.texture, self.links, doubt)
 
 
 def surrounded(links: Links) -> Mask:
-    """(h, w) which pixels have all four neighbours: those at a border also see what is behind."""
+    """(h, w) which pixels have all four neighbours: those at a border mix with the background."""
     sides = [side for axis in (0, 1) for side in neighbours(links, axis)]
     return np.asarray(np.logical_and.reduce(sides))
 
@@ -150,46 +150,46 @@ class Fit:
 class Depth:
     """The energy  sum c (rho S - I)^2 + f^2 (lambda_z1 (K dp)^2 + lambda_z2 (L (dp - q))^2).
 
-    dp = p - p0; L is the Laplacian; aim : (h, w) the intensity that rho S is to have
-    believed : (h, w) c, how far it is believed, 0..1; expected : (h, w) q, log metres
-    accuracy : to which a step is solved, relative to what the prepared depth leaves unexplained
+    dp = p - p0; L is the Laplacian; target : (h, w) the intensity that rho S is to have
+    shading_weight : (h, w) c, 0..1; expected : (h, w) q, log metres
+    accuracy : to which a step is solved, relative to the residual of the prepared depth
     """
 
     view: View
     light: Floats
     albedo: Floats
-    aim: Floats
+    target: Floats
     lambda_z1: float
     lambda_z2: float
-    believed: Floats
+    shading_weight: Floats
     accuracy: float
     expected: Floats
 
     @property
-    def held(self) -> Floats:
+    def prior_weight(self) -> Floats:
         """(h, w) the weight of the prepared depth, lambda_z1 f^2."""
         weight = self.lambda_z1 * self.view.camera.fx * self.view.camera.fy
         return np.full(self.view.mask.shape, weight)
 
     def linear(self, length: Floats) -> tuple[Floats, Floats, Floats]:
         """a_u, a_v and c, (h, w) each, of the residual  a . grad p + c  with |m| = `length`."""
-        weight = np.where(self.view.seen, np.sqrt(self.believed), 0.0)
+        weight = np.where(self.view.seen, np.sqrt(self.shading_weight), 0.0)
         scale = weight * self.albedo
         u, v = (d @ self.light[:3] for d in gradient_directions(self.view.camera))
-        miss = scale * (self.light[3] - self.light[2] / length) - weight * self.aim
-        return scale * u / length, scale * v / length, miss
+        constant = scale * (self.light[3] - self.light[2] / length) - weight * self.target
+        return scale * u / length, scale * v / length, constant
 
     def step(self, log_depth: Floats) -> Solution:
         """The minimiser with |m| of `log_depth`: linear."""
-        u, v, miss = self.linear(self.view.normals(log_depth)[1])
+        u, v, constant = self.linear(self.view.normals(log_depth)[1])
         squared = self.view.camera.fx * self.view.camera.fy
         links, prior = self.view.links, self.view.prior
         system = assemble(
             links.mask,
             np.stack([u * u, u * v, v * v], axis=-1),
-            -np.stack([u * miss, v * miss], axis=-1),
+            -np.stack([u * constant, v * constant], axis=-1),
             pair_weights=links.pairs,
-            **data_terms(self.view.averaging, self.held, prior),
+            **data_terms(self.view.averaging, self.prior_weight, prior),
             laplacian_weight=self.lambda_z2 * squared if self.lambda_z2 else None,
             laplacian_target=laplacian(prior + self.expected, links.mask),
         )
@@ -202,18 +202,18 @@ class Depth:
         """The energy, photometry being the mean over the one-sided differences (see `solve`)."""
         view = self.view
         slopes = self.linear(view.normals(log_depth)[1])
-        residual, bent = slopes[2], np.zeros(view.mask.shape)
+        residual, second_order = slopes[2], np.zeros(view.mask.shape)
         for axis, slope in ((1, slopes[0]), (0, slopes[1])):
             forward, backward = differences(log_depth, view.links, axis)
             ahead, behind = neighbours(view.links, axis)
             both = np.where(ahead & behind, forward - backward, 0.0)
             residual = residual + slope * (forward + backward) / np.maximum(1.0 * ahead + behind, 1)
-            bent += (slope * both) ** 2 / 4
+            second_order += (slope * both) ** 2 / 4
         moved = log_depth - view.prior
         curved = laplacian(moved - self.expected, view.mask)
-        held = data_misfit(view.averaging, self.held, moved, view.mask)
+        prior_term = data_sum_of_squares(view.averaging, self.prior_weight, moved, view.mask)
         smooth = self.lambda_z2 * view.camera.fx * view.camera.fy * curved**2
-        return held + float((residual**2 + bent + smooth)[view.mask].sum())
+        return prior_term + float((residual**2 + second_order + smooth)[view.mask].sum())
 
     def fixed_point(self, rounds: int, tolerance: float, progress: ProgressCallback) -> Fit:
         """From the prepared depth on, until no step lowers the energy by more than `tolerance`.
@@ -234,7 +234,7 @@ class Depth:
                 energy = self.energy(tried)
                 if energy < energies[-1]:
                     break
-            else:  # at rest, as far as lagging can tell
+            else:  # no fraction of the lagged step lowers the energy
                 tried, energy = now, energies[-1]
             gain = energies[-1] - energy
             now = tried

@@ -7,7 +7,7 @@ The intensity I, the `brightness` of the channels in linear light, is explained 
 without attached shadows.  Light, then albedo, then depth, each once:
 
     l, phi   least squares of I on (n, 1) with rho = 1, n from the prepared depth; robust, so that
-             paints other than the commonest do not count
+             regions of another albedo than the commonest do not count
     rho      sum_p (rho S - I)^2 + lambda_rho sum_links w (rho_p - rho_q)^2,   S = l . n + phi
     z        sum_p c (rho S(z) - I)^2 + lambda_z1 (dz)^2 + lambda_z2 (laplace dz)^2
 
@@ -15,11 +15,11 @@ by fixed point, |m| of the normals lagged.  dz = z - z0, the change of the prepa
 units of the pixel's footprint z / f on the surface, so that the weights have no unit; in log
 depth p that makes it f (p - p0).  The published energy has laplace z; but the prepared depth is
 smooth already, and to flatten its rims and noses costs more than any weight of it gains.  Beyond
-the paper, c = 1 / (1 + (doubt * change of colour)^2): where the colour changes, so does the paint;
-but fine relief, such as yarn, is told from paint and believed (`fine_relief`); what phi says of it,
-which l . n + phi leaves out, is the change that smoothness expects (`hollows`).
+the paper, c = 1 / (1 + (doubt * change of colour)^2): where the colour changes, the albedo does,
+unless it is the shading of fine relief, such as yarn (`texture_likelihood`); its ambient occlusion,
+which l . n + phi leaves out, is the change that the smoothness expects (`occlusion_height`).
 
-One photograph does not tell paint from relief: this is a baseline to compare with.
+From one photograph albedo and relief are ambiguous: this is a baseline to compare with.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from rakelight.methods.base import Estimate, Method, brightest, first_only, require_ranges
-from rakelight.methods.single_image.ambient_occlusion import hollows
+from rakelight.methods.single_image.ambient_occlusion import occlusion_height
 from rakelight.methods.single_image.depth_energy import Depth, Fit, View
 from rakelight.model import MAD_TO_SIGMA, Finding, Floats, Lights, ProgressCallback
 from rakelight.photometry.lighting import estimate_light
 from rakelight.photometry.piecewise_albedo import EdgeWeights, piecewise_smooth
 from rakelight.prepare import Prepared
 
-# Shading below this part of its mean says nothing about the albedo under it.
+# Least shading, over its mean, that the intensity is divided by.
 DIM = 0.05
-# Tukey's loss is 95 % efficient on Gaussian noise of deviation s / 4.685; rounds of its weights.
+# Tukey's constant, in standard deviations: 95 % efficient on Gaussian noise; rounds of its weights.
 TUKEY, LIGHT_ROUNDS = 4.685, 8
-# What the photograph says does not ask for more.
+# Relative residuals to which albedo and depth are solved: the photograph does not determine more.
 ALBEDO_ACCURACY, DEPTH_ACCURACY = 1e-2, 1e-1
 AMBIGUOUS = Finding(
     "warning",
@@ -63,14 +63,14 @@ class FusionLike:
         paint.
     sigma_d : depth difference in metres between neighbours of different paint.  Raised, paint
         is joined across steps; lowered, it may change wherever the surface is steep.
-    lambda_z1 : trust in the prepared depth, per pixel footprint.  Raised, the depth stays;
+    lambda_z1 : weight of the prepared depth, per pixel footprint.  Raised, the depth stays;
         lowered, it follows the shading, errors of the light included.
     lambda_z2 : smoothness of the depth, of its change, per pixel footprint.  Raised, fine relief
         goes; lowered, paint and noise are carved into the surface.
     doubt : not of the paper.  Where the colour changes by 1 / doubt (relative) per pixel, shading
         counts half, for paint changes there too, unless it is fine relief.  Raised, the depth
-        stays wherever it is painted; 0 believes the shading everywhere.
-    smooth : False leaves lambda_z2, the doubt and the hollows out: the paper's "not smooth".
+        stays wherever it is painted; 0 weighs the shading the same everywhere.
+    smooth : False leaves out lambda_z2, doubt and ambient occlusion: the paper's "not smooth".
     max_iterations : rounds of the fixed point; more than it needs do no harm.
     tolerance : the rounds end when the energy falls by less than this part of it in one.
     """
@@ -105,32 +105,34 @@ def fusion_like(prepared: Prepared, options: FusionLike, progress: ProgressCallb
 
 
 def depth_energy(
-    view: View, light: Floats, rho: Floats, aim: Floats, options: FusionLike, accuracy: float
+    view: View, light: Floats, rho: Floats, target: Floats, options: FusionLike, accuracy: float
 ) -> Depth:
-    """The energy of the depth; without smoothness, it is as published: no doubt, no hollows."""
-    strength, doubt = (options.lambda_z2, options.doubt) if options.smooth else (0.0, 0.0)
-    believed = view.believed(doubt)
+    """The energy of the depth; without smoothness, as published: no doubt, no occlusion."""
+    smoothness, doubt = (options.lambda_z2, options.doubt) if options.smooth else (0.0, 0.0)
+    shading_weight = view.shading_weight(doubt)
     expected: Floats = np.zeros(view.mask.shape)
-    if strength:
+    if smoothness:
         normals, _ = view.normals(view.prior)
-        height, explained = hollows(view.contrast(), light, normals, view.mask)
+        height, explained = occlusion_height(view.contrast(), light, normals, view.mask)
         expected = -height / view.camera.fx
-        aim = aim - explained * rho * shading(view, light)
-    return Depth(view, light, rho, aim, options.lambda_z1, strength, believed, accuracy, expected)
+        target = target - explained * rho * shading(view, light)
+    return Depth(
+        view, light, rho, target, options.lambda_z1, smoothness, shading_weight, accuracy, expected
+    )
 
 
 def harmonics(view: View) -> Floats:
     """The light (l_x, l_y, l_z, phi): robust least squares (Tukey) of the intensity on (n, 1).
 
-    The commonest paint says what the light is; pixels of another are outliers.
+    Of the commonest albedo; pixels of another are outliers.
     """
     normals, intensity = view.normals(view.prior)[0][view.seen], view.intensity[view.seen]
     ones = np.ones((len(intensity), 1))
     light = np.array([0.0, 0.0, 0.0, float(np.median(intensity)) if len(intensity) else 0.0])
     for _ in range(LIGHT_ROUNDS if len(intensity) else 0):
-        miss = intensity - normals @ light[:3] - light[3]
-        spread = MAD_TO_SIGMA * float(np.median(np.abs(miss)))
-        weight = np.maximum(1 - (miss / max(TUKEY * spread, 1e-9)) ** 2, 0) ** 2
+        residual = intensity - normals @ light[:3] - light[3]
+        sigma = MAD_TO_SIGMA * float(np.median(np.abs(residual)))
+        weight = np.maximum(1 - (residual / max(TUKEY * sigma, 1e-9)) ** 2, 0) ** 2
         light = estimate_light(intensity[:, None], weight[:, None], ones, normals)
     return light
 
@@ -142,7 +144,7 @@ def shading(view: View, light: Floats, log_depth: Floats | None = None) -> Float
 
 
 def albedo(
-    view: View, shade: Floats, edges: EdgeWeights, strength: float, accuracy: float,
+    view: View, shade: Floats, edges: EdgeWeights, smoothness: float, accuracy: float,
     coloured: bool = False,
 ) -> Floats:  # fmt: skip
     """The albedo of the intensity, (h, w), or coloured, (h, w, 3), under a shading (h, w)."""
@@ -152,25 +154,25 @@ def albedo(
     if coloured:
         image, seen, shade = view.colour, view.usable, np.repeat(shade[..., None], 3, axis=-1)
     weight = np.where(seen, shade**2, 0.0)
-    return piecewise_smooth(image / shade, weight, edges, strength, view.mask, tolerance=accuracy)
+    return piecewise_smooth(image / shade, weight, edges, smoothness, view.mask, tolerance=accuracy)
 
 
 def finished(
-    prepared: Prepared, depth: Depth, edges: EdgeWeights, strength: float, accuracy: float,
+    prepared: Prepared, depth: Depth, edges: EdgeWeights, smoothness: float, accuracy: float,
     fit: Fit, method: str,
 ) -> Estimate:  # fmt: skip
     """The estimate: the albedo of each channel, shared out so that its 99th percentile is 1.
 
-    Confidence is modest, for one photograph never settles a normal: 0 where the depth was left
-    as it was, rising to one half where it moved by more than the pixel's footprint, and less
-    where the shading is not believed.
+    The confidence is low, since one photograph never determines a normal: 0 where the depth was not
+    changed, rising to one half where it moved by more than the pixel's footprint, times the weight
+    of the shading.
     """
     view, light = depth.view, depth.light
     shade = shading(view, light, fit.log_depth)
-    color = albedo(view, shade, edges, strength, accuracy, coloured=True) * view.exposure
+    color = albedo(view, shade, edges, smoothness, accuracy, coloured=True) * view.exposure
     gain = brightest(color[view.mask])
     moved = view.camera.fx * np.abs(fit.log_depth - view.prior)
-    confidence = depth.believed * (1 - np.exp(-moved)) / 2
+    confidence = depth.shading_weight * (1 - np.exp(-moved)) / 2
     return Estimate(
         log_depth=fit.log_depth,
         albedo=np.where(view.mask[..., None], color / gain, 0.0),

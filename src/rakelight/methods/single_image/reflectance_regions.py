@@ -1,14 +1,14 @@
-"""The paints of one photograph: where they are, and how bright each pixel of them is.
+"""The reflectance regions of one photograph, and the brightness of each pixel.
 
-Shading multiplies all channels of a paint alike: the colour of a pixel is S u, u being the
-direction of its paint's colour.  Channels have about the same noise in linear light, so that by
+Shading multiplies all channels of a region alike: the colour of a pixel is S u, u being the
+direction of its region's colour.  Channels have about the same noise in linear light, so that by
 least squares
 
     S = sum u_c I_c / sum u_c^2        over the usable channels c
 
-A channel that the paint hardly reflects, or that is clipped, then does not blur what another shows:
-on red yarn whose green and blue are black, S is the red channel.  u is the mean colour around the
-pixel, clipped values as they are, which they are nearly.
+A channel that the region hardly reflects, or that is clipped, then does not blur the others: on red
+yarn whose green and blue are black, S is the red channel.  u is the mean colour around the pixel,
+with clipped values as they are, a good approximation.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from rakelight.methods.single_image.texture import DARKEST
 from rakelight.model import Floats, Mask
 from rakelight.photometry.color_modes import commonest_colors
 
-# The paint around a pixel has the mean colour of so many pixels, and is so much of the object.
+# Standard deviation, pixels, of the blur that gives the mean colour around a pixel; least fraction
+# of the object that is a region.
 PAINT_PX, LEAST_AREA = 3.0, 0.05
 
 
@@ -40,40 +41,40 @@ def brightness(colour: Floats, usable: Mask, mask: Mask) -> Floats:
     counted = np.where(usable.any(axis=-1, keepdims=True), usable, True) * paint
     tiny = np.finfo(float).tiny
     found = (counted * colour).sum(axis=-1) / np.maximum((counted * paint).sum(axis=-1), tiny)
-    told = found[mask & usable.any(axis=-1)]
-    return np.asarray(found / max(float(np.median(told)), tiny) if told.size else found)
+    observed = found[mask & usable.any(axis=-1)]
+    return np.asarray(found / max(float(np.median(observed)), tiny) if observed.size else found)
 
 
-def paints(colour: Floats, mask: Mask) -> list[Mask]:
-    """Where each paint of an object (h, w) is, told by the direction of its colours (h, w, 3).
+def reflectance_regions(colour: Floats, mask: Mask) -> list[Mask]:
+    """The regions of an object (h, w) with one direction of colour (h, w, 3), a mask of each.
 
-    A pixel belongs to a paint if it has that colour itself and the pixels around it have, too: not
-    at a border, nor where a lining shows through.
+    A pixel belongs to a region if it has its colour itself and the pixels around it have, too: not
+    at a border, nor where another albedo shows through.
 
     >>> colour = np.tile([0.5, 0.0, 0.0], (1, 40, 1))
     >>> colour[0, 20:] = 0.5
     >>> colour[0, 5] = [0.5, 0.4, 0.4]
-    >>> areas = paints(colour, np.ones((1, 40), bool))
-    >>> [bool(area[0, [2, 35]].tolist() in ([True, False], [False, True])) for area in areas]
+    >>> regions = reflectance_regions(colour, np.ones((1, 40), bool))
+    >>> [bool(region[0, [2, 35]].tolist() in ([True, False], [False, True])) for region in regions]
     [True, True]
-    >>> any(area[0, 5] for area in areas)
+    >>> any(region[0, 5] for region in regions)
     False
     """
     if not mask.any():
         return []
     around = blurred(colour, PAINT_PX, mask)
     colors, label = commonest_colors(direction(around)[mask])
-    # The dark has no colour.
+    # Dark pixels take the colour around them.
     dark = colour.sum(axis=-1) < DARKEST * np.median(colour.sum(axis=-1)[mask])
     alone = direction(np.where(dark[..., None], around, colour))[mask]
     own = ((colors**2).sum(axis=1) / 2 - alone @ colors.T).argmin(axis=1)
-    areas = []
+    regions = []
     for k in range(len(colors)):
-        area = np.zeros(mask.shape, dtype=bool)
-        area[mask] = (label == k) & (own == k)
-        if np.count_nonzero(area) > LEAST_AREA * np.count_nonzero(mask):
-            areas.append(area)
-    return areas
+        region = np.zeros(mask.shape, dtype=bool)
+        region[mask] = (label == k) & (own == k)
+        if np.count_nonzero(region) > LEAST_AREA * np.count_nonzero(mask):
+            regions.append(region)
+    return regions
 
 
 def direction(colour: Floats) -> Floats:

@@ -35,7 +35,7 @@ from rakelight.model import Floats, ProgressCallback
 from rakelight.photometry.piecewise_albedo import EdgeWeights, piecewise_smooth
 from rakelight.prepare import Prepared
 
-# The published method solves its systems to the end; this is as good.
+# Relative residual to which systems are solved; the published method solves them exactly.
 ACCURACY = 1e-3
 
 
@@ -75,12 +75,12 @@ def rgbd_fusion(prepared: Prepared, options: RgbdFusion, progress: ProgressCallb
     return finished(prepared, depth, edges, options.lambda_rho, ACCURACY, fit, "rgbd-fusion")
 
 
-def ambient(view: View, left: Floats, edges: EdgeWeights, options: RgbdFusion) -> Floats:
-    """The ambient light beta (h, w) from what light and albedo `left` (h, w) of the intensity."""
+def ambient(view: View, remaining: Floats, edges: EdgeWeights, options: RgbdFusion) -> Floats:
+    """The ambient light beta (h, w) from the residual of light and albedo, `remaining` (h, w)."""
     # (beta - t)^2 + b beta^2 is, but for a constant, (1 + b) (beta - t / (1 + b))^2.
-    pull = view.seen + options.lambda_beta2
-    target = np.where(view.seen, left, 0.0) / np.maximum(pull, np.finfo(float).tiny)
-    return piecewise_smooth(target, pull, edges, options.lambda_beta1, view.mask)
+    weight = view.seen + options.lambda_beta2
+    target = np.where(view.seen, remaining, 0.0) / np.maximum(weight, np.finfo(float).tiny)
+    return piecewise_smooth(target, weight, edges, options.lambda_beta1, view.mask)
 
 
 METHOD = Method("rgbd-fusion", rgbd_fusion, RgbdFusion)

@@ -1,17 +1,16 @@
-"""Paint or relief: what the colours of one photograph say about its shading.
+"""Albedo or relief: which changes of one photograph are shading of fine relief (texture).
 
-Paint changes the colour; shading makes it darker or brighter.  But a fold is more colourful than
-its ridge, for light goes to and fro in it, and cameras add their own.  So colour that changes is
-paint, unless it is the shading of fine relief, such as yarn:
+Another albedo has another colour; shading makes it darker or brighter.  But a valley is more
+saturated than its ridge, by interreflection, and cameras add colour errors.  So a change of colour
+is taken for one of the albedo, unless it is texture, such as yarn:
 
-- it varies from pixel to pixel, and from afar there is nothing of it; edges and stains are seen
-  from afar too;
-- all its colours lie on one line, from the dark to the bright of one paint;
+- it varies from pixel to pixel, and blur removes it; edges and stains remain in a blurred image;
+- all its colours lie on one line, from the dark to the bright of one albedo;
 - it has no strokes as sharp as drawn ones;
-- it is the rule on the object, not the exception.
+- most of the object has it.
 
-Where an object has several paints, each is looked at by itself: their borders are no relief, but
-the yarn beside them is.
+Where an object has several reflectance regions, each is looked at by itself: the borders between
+them are no texture, but the yarn beside them is.
 """
 
 from __future__ import annotations
@@ -24,91 +23,92 @@ from rakelight.geometry.blur import blurred
 from rakelight.geometry.grid import Links, differences, neighbours
 from rakelight.model import Floats, Mask
 
-# Where the photograph is seen: near, its noise averaged, and from afar.  Paint's colour is alike
-# within the third, a texture within the last.
+# Standard deviations of Gaussian blurs, pixels: that averages noise; that removes texture; within
+# which the colour of a region is compared; and over which the statistics of texture are averaged.
 NEAR_PX, AFAR_PX, ALIKE_PX, TEXTURE_PX = 1.0, 4.0, 3.0, 6.0
-# Darker colours, relative to the object's typical one, are noise.
+# Least value that counts as colour, over the object's median: darker ones are noise.
 DARKEST = 0.03
-# Evidence against fine relief has the weight 1 at: what is left from afar of the change per pixel;
-# the part of the colour that is off the line; the change of log brightness per pixel.
+# Where each kind of evidence against texture makes the odds even: the change per pixel that remains
+# after `AFAR_PX`, over that before; the share of the change of colour off the line; the change of
+# log brightness per pixel.
 LASTING, OFF_LINE, SHARP = 0.2, 0.13, 0.22
-# So much of the object looking like fine relief makes it even odds; and the highest odds.
+# Fraction of the object that looks like texture at which the prior odds are even; the highest odds.
 RULE, SUREST = 0.28, 10.0
 
 
-def fine_relief(colour: Floats, links: Links, areas: Sequence[Mask] = ()) -> Floats:
-    """How surely the changes of a photograph (h, w, 3) are fine relief in one paint, (h, w) 0..1.
+def texture_likelihood(colour: Floats, links: Links, regions: Sequence[Mask] = ()) -> Floats:
+    """(h, w) 0..1, likelihood that the changes of a photograph (h, w, 3) are texture of one albedo.
 
-    colour : linear light, the object's typical one about 1, clipped values as they are
-    areas : (h, w) each, of one paint, looked at by themselves; the whole unless given
+    colour : linear light, the object's median about 1, clipped values as they are
+    regions : (h, w) each, of one albedo, looked at by themselves; the whole unless given
 
     >>> rng, mask = np.random.default_rng(0), np.ones((40, 40), bool)
     >>> yarn = 1 + 0.4 * np.sin(np.arange(40))[:, None, None] * [1.0, 0.8, 0.9]
     >>> stain = 1 + 0.4 * (np.arange(40) > 20)[:, None, None] * [1.0, 0.8, 0.9]
     >>> for photograph in (yarn, stain):
-    ...     print(fine_relief(photograph.repeat(40, axis=1), Links.of(mask)).mean().round(1))
+    ...     print(texture_likelihood(photograph.repeat(40, axis=1), Links.of(mask)).mean().round(1))
     1.0
     0.0
     """
     mask = links.mask
     likely = np.zeros(mask.shape)
-    for area in areas or (mask,):
-        likely += np.where(area, 1 / (1 + evidence_against(colour, within(links, area))), 0.0)
+    for region in regions or (mask,):
+        likely += np.where(region, 1 / (1 + evidence_against(colour, within(links, region))), 0.0)
     rule = float(likely[mask].mean()) if mask.any() else 0.0
     odds = min((rule / RULE) ** 8, SUREST) * likely / np.maximum(1 - likely, 1e-12)
     return np.where(mask, odds / (1 + odds), 0.0)
 
 
 def evidence_against(colour: Floats, links: Links) -> Floats:
-    """(h, w) >= 0, what speaks against fine relief in an area of one paint; 1 is even odds."""
+    """(h, w) >= 0, evidence against texture in a region of one albedo; 1 is even odds."""
     near, afar = (blurred(colour, px, links.mask) for px in (NEAR_PX, AFAR_PX))
-    rough, left = (
+    rough, remaining = (
         blurred(change(logarithm(each), links), TEXTURE_PX, links.mask) for each in (near, afar)
     )
-    lasting = np.sqrt(left / np.maximum(rough, 1e-12))
+    lasting = np.sqrt(remaining / np.maximum(rough, 1e-12))
     dark = logarithm(near.mean(axis=-1, keepdims=True))
     sharp = np.sqrt(blurred(change(dark, links), TEXTURE_PX, links.mask))
-    # What a channel that the paint hardly reflects does is mostly noise; see `paints`.
+    # A channel that the region hardly reflects is mostly noise; see `reflectance_regions`.
     paint = near[links.mask].mean(axis=0) if links.mask.any() else np.ones(3)
     against = (lasting / LASTING) ** 8 + (off_line(near * paint, links) / OFF_LINE) ** 4
     return np.asarray(against + (sharp / SHARP) ** 8)
 
 
-def within(links: Links, area: Mask) -> Links:
-    """The links of `links` inside an area (h, w)."""
-    inside = Links.of(links.mask & area)
+def within(links: Links, region: Mask) -> Links:
+    """The links of `links` inside a region (h, w)."""
+    inside = Links.of(links.mask & region)
     return Links(inside.mask, links.right & inside.right, links.down & inside.down)
 
 
-def believed(colour: Floats, relief: Floats, links: Links, doubt: float) -> Floats:
-    """How far shading is believed, (h, w) 0..1: less where the colour changes, as paint does.
+def shading_weight(colour: Floats, texture: Floats, links: Links, doubt: float) -> Floats:
+    """(h, w) 0..1, the weight of the shading: less where colour, and so albedo, changes.
 
-    relief : (h, w) what `fine_relief` says of `colour` (h, w, 3); there it is believed all the same
-    doubt : the inverse of the change per pixel, relative, that halves it; 0 believes everything
+    texture : (h, w) `texture_likelihood` of `colour` (h, w, 3), which raises the weight
+    doubt : inverse of the relative change per pixel that halves it; 0 for a weight of 1 everywhere
     """
     if not doubt:
         return np.ones(links.mask.shape)
     near = blurred(colour, NEAR_PX, links.mask)
     hue = logarithm(near) - logarithm(near.mean(axis=-1, keepdims=True))
-    painted = blurred(change(hue, links), ALIKE_PX, links.mask)
-    return np.asarray(1 - (1 - relief) * (1 - 1 / (1 + doubt**2 * painted)))
+    colour_change = blurred(change(hue, links), ALIKE_PX, links.mask)
+    return np.asarray(1 - (1 - texture) * (1 - 1 / (1 + doubt**2 * colour_change)))
 
 
-def without_relief(intensity: Floats, relief: Floats, areas: Sequence[Mask]) -> Floats:
-    """An intensity (h, w) with its fine relief taken away: what it is from afar."""
-    return np.asarray(intensity - relief * (intensity - from_afar(intensity, areas)))
+def without_texture(intensity: Floats, texture: Floats, regions: Sequence[Mask]) -> Floats:
+    """An intensity (h, w) without its texture: blurred where there is some."""
+    return np.asarray(intensity - texture * (intensity - from_afar(intensity, regions)))
 
 
-def from_afar(intensity: Floats, areas: Sequence[Mask]) -> Floats:
-    """An intensity (h, w) averaged over `AFAR_PX` within each of the areas (h, w) of one paint."""
+def from_afar(intensity: Floats, regions: Sequence[Mask]) -> Floats:
+    """An intensity (h, w) averaged over `AFAR_PX` within each of the regions (h, w)."""
     seen = intensity.copy()
-    for area in areas:
-        seen[area] = blurred(intensity, AFAR_PX, area)[area]
+    for region in regions:
+        seen[region] = blurred(intensity, AFAR_PX, region)[region]
     return seen
 
 
 def off_line(colour: Floats, links: Links) -> Floats:
-    """(h, w) the part of the change of `colour` (h, w, 3) that is not along one line, 0..2/3."""
+    """(h, w) the share of the change of `colour` (h, w, 3) that is not along one line, 0..2/3."""
     products = np.zeros((*links.mask.shape, 6))
     first, second = np.triu_indices(3)
     for axis in (0, 1):
@@ -134,5 +134,5 @@ def change(image: Floats, links: Links) -> Floats:
 
 
 def logarithm(colour: Floats) -> Floats:
-    """The log of linear light, noise in the dark left out."""
+    """The log of linear light, clipped at `DARKEST`, below which is noise."""
     return np.asarray(np.log(np.maximum(colour, DARKEST)))
