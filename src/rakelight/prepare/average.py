@@ -64,18 +64,22 @@ def noise_sigma(
     object_m = depth if on_object is None else np.where(on_object, depth, np.nan)
     if maps_m is not None and len(maps_m) > 1:
         share = scatter(maps_m) / single
-        known = np.isfinite(share) & np.isfinite(object_m)
-        typical = float(np.median(share[known])) if known.any() else 0.0
+        finite = np.isfinite(share) & np.isfinite(object_m)
+        typical = float(np.median(share[finite])) if finite.any() else 0.0
         if typical >= REPEATED:
             # Where all maps gave the same step of a coarse scale they are not free of noise.
             single = single * np.maximum(np.where(np.isfinite(share), share, 0), typical / 2)
-    bends = np.concatenate(
+    second_differences = np.concatenate(
         [np.diff(object_m, n=2, axis=axis).ravel() for axis in (0, 1) if depth.shape[axis] > 2]
         or [np.zeros(0)]
     )
-    bends = np.abs(bends[np.isfinite(bends)])
+    second_differences = np.abs(second_differences[np.isfinite(second_differences)])
     # The second difference of white noise has variance (1 + 4 + 1) sigma^2.
-    own = MAD_TO_SIGMA * np.median(bends) / np.sqrt(6) if bends.size else 0.0
+    own = (
+        MAD_TO_SIGMA * np.median(second_differences) / np.sqrt(6)
+        if second_differences.size
+        else 0.0
+    )
     return np.asarray(np.maximum(single, own))
 
 
@@ -99,8 +103,8 @@ def scatter(depth_m: Floats) -> Floats:
         uniform_filter(image.sum(axis=0, dtype=np.float64), NEIGHBOURHOOD_PX, mode="constant")
         for image in (squares, both)
     )
-    some = count > 0.5 / NEIGHBOURHOOD_PX**2
-    return np.where(some, np.sqrt(np.maximum(total, 0) / np.where(some, count, 1)), np.nan)
+    enough = count > 0.5 / NEIGHBOURHOOD_PX**2
+    return np.where(enough, np.sqrt(np.maximum(total, 0) / np.where(enough, count, 1)), np.nan)
 
 
 def _inliers(depth_m: Floats) -> tuple[Floats, Mask]:
@@ -126,5 +130,5 @@ def _width(steps: Floats) -> float:
 
     Deviations from the median of a few maps would be too small.
     """
-    known = steps[np.isfinite(steps)]
-    return float(MAD_TO_SIGMA * np.median(known) / np.sqrt(2)) if known.size else 0.0
+    finite = steps[np.isfinite(steps)]
+    return float(MAD_TO_SIGMA * np.median(finite) / np.sqrt(2)) if finite.size else 0.0

@@ -68,16 +68,16 @@ def flying(depth_m: Floats, sigma_m: Floats, camera: Camera) -> Mask:
     >>> flying(depth, 0.001 * depth, camera).tolist()
     [[False, False, False, True, False, False]]
     """
-    reach = STEEP_STEPS + 1
+    margin = STEEP_STEPS + 1
     height, width = depth_m.shape
-    padded = np.pad(depth_m, reach, constant_values=np.nan)
-    sigma = np.pad(sigma_m, reach, constant_values=np.nan)
+    padded = np.pad(depth_m, margin, constant_values=np.nan)
+    sigma = np.pad(sigma_m, margin, constant_values=np.nan)
     found = np.zeros(padded.shape, dtype=bool)
-    here = tuple(slice(reach, reach + side) for side in (height, width))
+    here = tuple(slice(margin, margin + side) for side in (height, width))
     for dy, dx in DIRECTIONS:
         ahead, behind = (
             tuple(
-                slice(reach + sign * step, reach + sign * step + side)
+                slice(margin + sign * step, margin + sign * step + side)
                 for step, side in ((dy, height), (dx, width))
             )
             for sign in (1, -1)
@@ -89,10 +89,10 @@ def flying(depth_m: Floats, sigma_m: Floats, camera: Camera) -> Mask:
         between = (np.abs(step[0]) > allowed) & (np.abs(step[1]) > allowed)
         between &= np.sign(step[0]) == np.sign(step[1])
         rows, columns = np.nonzero(between)
-        at = rows + reach, columns + reach
+        at = rows + margin, columns + margin
         for side in (1, -1):
             # Steps away from the pixel: the one to it, then those of the surface that leads there.
-            line = [padded[at[0] + side * k * dy, at[1] + side * k * dx] for k in range(reach + 1)]
+            line = [padded[at[0] + side * k * dy, at[1] + side * k * dx] for k in range(margin + 1)]
             rise = np.diff(line, axis=0) * np.sign(line[1] - line[0])
             # Where the map ends sooner fewer steps have to do; what ends at once may be anything.
             steep = rise[1] > steepest[rows, columns]

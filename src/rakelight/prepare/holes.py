@@ -52,12 +52,14 @@ def thin_finding(mask: Mask) -> tuple[Finding, ...]:
     """
     from scipy.ndimage import label
 
-    parts, _ = label(mask)
-    wide = np.unique(parts[has_gradient(mask)])
-    thin = mask & ~np.isin(parts, wide)
-    if not (len(wide) and thin.any()):
+    components, _ = label(mask)
+    wide = np.unique(components[has_gradient(mask)])
+    degenerate = mask & ~np.isin(components, wide)
+    if not (len(wide) and degenerate.any()):
         return ()
-    message = f"parts of the mask nowhere two pixels wide keep the prepared depth: {_places(thin)}"
+    message = (
+        f"parts of the mask nowhere two pixels wide keep the prepared depth: {_places(degenerate)}"
+    )
     return (Finding("note", "thin-parts", message, "leave them out of mask.png"),)
 
 
@@ -97,9 +99,9 @@ def _places(mask: Mask) -> str:
     """
     from scipy.ndimage import find_objects, label
 
-    parts, count = label(mask, np.ones((3, 3)))
-    sizes = np.bincount(parts.ravel())[1:]
-    corners = [(columns.start, rows.start) for rows, columns in find_objects(parts)]
+    components, count = label(mask, np.ones((3, 3)))
+    sizes = np.bincount(components.ravel())[1:]
+    corners = [(columns.start, rows.start) for rows, columns in find_objects(components)]
     first, *others = np.argsort(-sizes, kind="stable")[:LISTED]
     words = [f"{sizes[first]} pixel{'s' if sizes[first] > 1 else ''} at {corners[first]}"]
     words += [f"{sizes[i]} at {corners[i]}" for i in others]

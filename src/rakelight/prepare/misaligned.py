@@ -23,7 +23,7 @@ LEAST_PX, LEAST_BEYOND_PX = 2.0, 1.5
 # It is so many standard errors, and explains this part of how far the outlines are apart.
 ERRORS, EXPLAINED = 5.0, 0.55
 # Outlines are right to about this; along them, so many pixels share an error.
-OUTLINE_PX, COHERENT_PX = 0.5, 10.0
+OUTLINE_PX, CORRELATION_PX = 0.5, 10.0
 # Shifted by so much of the object's width, and so many pixels, the depth is of another place.
 FARTHEST, FARTHEST_PX, SURELY_EXPLAINED = 0.1, 5.0, 0.8
 # An outline of fewer pixels says nothing; the depth goes on so far beyond the image.
@@ -46,8 +46,8 @@ class Displacement:
     shift: Floats
     error: float
     beyond: float
-    spread: float
-    unshifted_spread: float
+    sigma: float
+    unshifted_sigma: float
 
     @property
     def length(self) -> float:
@@ -57,7 +57,7 @@ class Displacement:
     @property
     def explained(self) -> float:
         """Which part of the distances between the outlines is the shift's."""
-        return 1 - self.spread / self.unshifted_spread
+        return 1 - self.sigma / self.unshifted_sigma
 
     @property
     def plain(self) -> bool:
@@ -66,7 +66,7 @@ class Displacement:
         return self.length >= least and self.explained >= EXPLAINED
 
 
-def misaligned(capture: Capture) -> tuple[Finding, ...]:
+def depth_shift(capture: Capture) -> tuple[Finding, ...]:
     """A warning where the depth map is shifted against the photographs, with the pixels.
 
     Raises CaptureError where that is beyond doubt and more than a tenth of the object's width.
@@ -98,11 +98,11 @@ def seen_by_sensor(capture: Capture) -> tuple[Mask, float]:
     depth, _ = sensed(replace(capture, depth_m=capture.depth_m[:1]))
     grid = SensorGrid(depth.shape, capture.camera.shape)
     number, count = surfaces(depth, capture.camera.resized(*depth.shape[::-1]))
-    known = number >= 0
-    inside = np.bincount(number[known & grid.touched(capture.mask)], minlength=count)
-    own = inside >= 0.5 * np.bincount(number[known], minlength=count)
+    measured = number >= 0
+    inside = np.bincount(number[measured & grid.touched(capture.mask)], minlength=count)
+    own = inside >= 0.5 * np.bincount(number[measured], minlength=count)
     own[inside == inside.max(initial=0)] = True
-    return np.asarray(binary_fill_holes(known & np.append(own, False)[number])), grid.factor
+    return np.asarray(binary_fill_holes(measured & np.append(own, False)[number])), grid.factor
 
 
 def displacement(mask: Mask, seen: Mask) -> Displacement | None:
@@ -136,28 +136,28 @@ def displacement(mask: Mask, seen: Mask) -> Displacement | None:
         along = [distances(x[:2] + step) - distances(x[:2] - step) for step in steps]
         return np.stack([*along, -np.ones(len(at))], axis=-1)
 
-    def left(x: Floats) -> Floats:
+    def residuals(x: Floats) -> Floats:
         return np.asarray(distances(x[:2]) - x[2])
 
     # Thin parts are found again from where the whole lies only.
     whole = np.array([np.mean(np.nonzero(part), axis=1)[::-1] for part in (mask, seen)])
     starts = np.zeros(3), np.append(whole[1] - whole[0], 0.0)
-    fits = [least_squares(left, start, slopes, loss="soft_l1") for start in starts]
+    fits = [least_squares(residuals, start, slopes, loss="soft_l1") for start in starts]
     x = min(fits, key=lambda fit: fit.cost).x
     there = at + x[:2] + AROUND_PX
     if ((there < 0) | (there > np.array(inward.shape[::-1]) - 1)).any(axis=1).mean() > BEYOND:
         return None  # distances out there are no longer of `seen`, all alike
-    spread = _spread(left(x))
-    sound = slopes(x)[np.abs(left(x)) < 3 * spread]
-    variance = COHERENT_PX * spread**2 * np.linalg.pinv(sound.T @ sound).diagonal()
+    sigma = _robust_sigma(residuals(x))
+    inliers = slopes(x)[np.abs(residuals(x)) < 3 * sigma]
+    variance = CORRELATION_PX * sigma**2 * np.linalg.pinv(inliers.T @ inliers).diagonal()
     error = float(np.sqrt(variance[:2].max()))
-    return Displacement(x[:2], error, float(x[2]), spread, _spread(distances(np.zeros(2))))
+    return Displacement(x[:2], error, float(x[2]), sigma, _robust_sigma(distances(np.zeros(2))))
 
 
-def _spread(distances: Floats) -> float:
+def _robust_sigma(distances: Floats) -> float:
     """Standard deviation without outliers, not below what an outline is known to."""
-    off = np.abs(distances - np.median(distances))
-    return max(float(np.quantile(off, 0.68)), OUTLINE_PX)
+    deviation = np.abs(distances - np.median(distances))
+    return max(float(np.quantile(deviation, 0.68)), OUTLINE_PX)
 
 
 def _signed_distance(mask: Mask) -> Floats:

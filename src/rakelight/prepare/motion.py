@@ -33,7 +33,7 @@ MOST = 0.65
 MOVED_PX, MOVED_DEVIATIONS = 0.6, 3.0
 
 
-def motion(capture: Capture) -> tuple[Finding, ...]:
+def camera_motion(capture: Capture) -> tuple[Finding, ...]:
     """A warning where photographs lie beside the others, with the pixels and their names.
 
     Nothing is said unless the shifts of most photographs are known: a bare surface without
@@ -75,13 +75,13 @@ def stood_still(capture: Capture) -> tuple[Floats, Array]:
     step = max(round(max(capture.mask[window].shape) / SIDE_PX), 1)
     pictures = [detail(each[window], step) for each in capture.photographs]
     brightness = [float(each[window][::4, ::4].mean()) for each in capture.photographs]
-    shifts, spread = _followed(pictures, int(np.argsort(brightness)[count // 2]))
-    if np.isfinite(spread).mean() < MOST:
+    shifts, deviation = _tracked(pictures, int(np.argsort(brightness)[count // 2]))
+    if np.isfinite(deviation).mean() < MOST:
         return np.full((count, 2), np.nan), np.zeros(count, dtype=bool)
     apart = np.hypot(*(shifts[:, None] - shifts).transpose(2, 0, 1))
     most = apart[np.argmax((apart < MOVED_PX).sum(axis=1))] < MOVED_PX
     shifts -= np.median(shifts[most], axis=0)
-    return step * shifts, np.hypot(*shifts.T) > np.fmax(MOVED_PX, MOVED_DEVIATIONS * spread)
+    return step * shifts, np.hypot(*shifts.T) > np.fmax(MOVED_PX, MOVED_DEVIATIONS * deviation)
 
 
 def detail(photograph: Array, step: int) -> Array:
@@ -97,15 +97,15 @@ def detail(photograph: Array, step: int) -> Array:
     return np.asarray(np.clip(128 + 50 * fine / contrast, 0, 255), np.uint8)
 
 
-def _followed(pictures: list[Array], reference: int) -> tuple[Floats, Floats]:
+def _tracked(pictures: list[Array], reference: int) -> tuple[Floats, Floats]:
     """(N, 2) shifts from the reference and (N,) the corners' median deviation; NaN = not known."""
-    shifts, spread = np.full((len(pictures), 2), np.nan), np.full(len(pictures), np.nan)
+    shifts, deviation = np.full((len(pictures), 2), np.nan), np.full(len(pictures), np.nan)
     first = pictures[reference]
     corners: Array | None = cv2.goodFeaturesToTrack(first, CORNERS, CORNER_QUALITY, APART_PX)
     if corners is None:
-        return shifts, spread
+        return shifts, deviation
 
-    def follow(source: Array, target: Array, points: Array) -> tuple[Array, Array]:
+    def track(source: Array, target: Array, points: Array) -> tuple[Array, Array]:
         there, found, _ = cv2.calcOpticalFlowPyrLK(
             source, target, points, np.empty_like(points),
             winSize=(WINDOW_PX, WINDOW_PX), maxLevel=LEVELS,
@@ -113,15 +113,15 @@ def _followed(pictures: list[Array], reference: int) -> tuple[Floats, Floats]:
         return np.asarray(there), np.asarray(found).ravel() > 0
 
     for i, picture in enumerate(pictures):
-        there, found = follow(first, picture, corners)
-        back, also = follow(picture, first, there)
-        sound = found & also
-        sound &= np.abs(back - corners).max(axis=(1, 2)) < BACK_PX
-        if sound.sum() < FEWEST:
+        there, found = track(first, picture, corners)
+        back, also = track(picture, first, there)
+        consistent = found & also
+        consistent &= np.abs(back - corners).max(axis=(1, 2)) < BACK_PX
+        if consistent.sum() < FEWEST:
             continue
-        flow = (there - corners)[sound, 0]
+        flow = (there - corners)[consistent, 0]
         middle = np.median(flow, axis=0)
         off = np.abs(flow - middle)
         if (off.max(axis=1) < SAME_PX).mean() >= AGREEING:
-            shifts[i], spread[i] = middle, np.median(off, axis=0).max()
-    return shifts, spread
+            shifts[i], deviation[i] = middle, np.median(off, axis=0).max()
+    return shifts, deviation

@@ -9,7 +9,7 @@ from rakelight.model import Array, Floats
 from rakelight.prepare.inpaint import dilate, nearest_fill
 
 # A spline's ripple beside a jump falls to a quarter with every pixel.
-RIPPLE_PX = 4
+RINGING_PX = 4
 
 
 def upsample(
@@ -47,14 +47,14 @@ def upsample(
     mesh = np.meshgrid(*places, indexing="ij")
     smooth = np.asarray(map_coordinates(log_depth, mesh, order=3, mode="nearest"))
     if links.cut:
-        beside = dilate(_at_a_jump(links), RIPPLE_PX) & links.mask
-        home = [
+        near_jump = dilate(_at_a_jump(links), RINGING_PX) & links.mask
+        sensor_pixel = [
             np.clip(np.round(p).astype(int), 0, n - 1)
             for p, n in zip(places, depth_m.shape, strict=True)
         ]
-        at = np.nonzero(beside[np.ix_(*home)])
+        at = np.nonzero(near_jump[np.ix_(*sensor_pixel)])
         here = [place[index] for place, index in zip(places, at, strict=True)]
-        own = [place[index] for place, index in zip(home, at, strict=True)]
+        own = [place[index] for place, index in zip(sensor_pixel, at, strict=True)]
         smooth[at] = _continued(log_depth, links, here, own)
     return np.asarray(np.exp(smooth))
 
