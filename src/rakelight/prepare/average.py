@@ -6,9 +6,9 @@ import numpy as np
 
 from rakelight.model import MAD_TO_SIGMA, Floats, Mask, SensorNoise
 
-# Maps that differ by less than this fraction of what the sensor model says repeat each other.
+# Scatter of the maps over the sensor model's, below which they are copies of one measurement.
 REPEATED = 0.1
-# Scatter is averaged over so many pixels along each side: two maps alone say little of a pixel.
+# Side, pixels, of the window in which scatter is averaged: that of two maps alone is noisy.
 NEIGHBOURHOOD_PX = 7
 
 
@@ -48,8 +48,8 @@ def noise_sigma(
     Otherwise the larger of two things.  One is what the maps differ by from each other, pixel by
     pixel, and for a single map, or maps that repeat each other, the sensor model a z^2
     (Khoshelham & Elberink 2012).  The other is the pixel-to-pixel noise of `depth_m` itself, read
-    from its second differences.  An average of several maps is trusted no more than one: what a
-    fixed sensor gets wrong about a fixed object, it gets wrong every time.
+    from its second differences.  An average of several maps has the precision of one: the
+    errors of a fixed sensor on a fixed object repeat.
 
     >>> flat = np.full((32, 32), 2.0)
     >>> round(float(noise_sigma(flat)[0, 0]), 7)

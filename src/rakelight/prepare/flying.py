@@ -7,21 +7,20 @@ import numpy as np
 from rakelight.geometry.grid import STEEPEST
 from rakelight.model import Camera, Floats, Mask
 
-# A step to a neighbour that is no more than this many pixel widths deep may be a crease.
+# Largest step to a neighbour, pixel widths, that may be a crease.
 CREASE = 3.0
-# So many steps in a row are a slope; a jump that the optics blur is over in fewer.
+# Steps in a row that make a slope: a jump that the optics blur has fewer.
 SLOPE_STEPS = 3
-# The same where the first is steeper than a surface can be seen: the middle of a blurred jump.
+# The same where the first is steeper than a visible surface: the middle of a blurred jump.
 STEEP_STEPS = 4
-# How much steeper a round surface becomes from one pixel to the next.
+# Largest ratio of a step to the slope before it on a round surface.
 STEEPENING = 3.0
+# Noise widths that are allowed for.
 SIGMAS = 3.0
 DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
-
-
-# What is no farther from a neighbour than this part of the depth may be a limb, or thin.
+# Largest step to a neighbour, over the depth, that may belong to a limb or to something narrow.
 ASTRAY = 0.05
-# With fewer measured neighbours, of eight, a pixel may be the end of something thin.
+# Least number of measured neighbours, of eight: with fewer a pixel may be the end of a wire.
 NEIGHBOURS = 4
 
 

@@ -1,4 +1,4 @@
-"""Holes in the depth: which ones the photographs carry, and what nobody saw."""
+"""Holes in the depth: which ones are filled by the photographs, and which have neither."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from rakelight.model import Array, Finding, Mask
 from rakelight.prepare.inpaint import dilate
 from rakelight.prepare.linear import usable
 
-# Photographs know slopes.  Over so many depth pixels (16 mm for 1 mm pixels) a slope that is off
-# by 2 degrees adds up to half a millimetre, the noise of a good sensor; further it is a guess.
+# Distance, depth pixels, up to which a hole is filled.  Photographs determine slopes: over 16 depth
+# pixels (16 mm for 1 mm pixels) a slope error of 2 degrees adds up to half a millimetre, the noise
+# of a good sensor.
 REACH_PX = 16
 LISTED = 4  # parts that a message names
 

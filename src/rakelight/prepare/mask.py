@@ -19,20 +19,23 @@ REMEDY = (
     "draw the object white on black at the photographs' size and save it as mask.png, or give "
     "mask=, (H, W) bool, with the arrays"
 )
-# The outer part of the image that background reaches; depth often ends a little before it.
+# Width of the frame, over the image's side, which background reaches; depth may end before it.
 FRAME = 0.04
-# Tables and walls: so much of the depth, so much of the frame, as flat as this.
+# Of tables and walls: least fraction of the depth, least fraction of the frame, flatness in metres.
 PLANE_SHARE, PLANE_FRAME, FLAT_M = 0.08, 0.04, 0.005
+# Most planes; random trials for each (RANSAC), and points in the sample.
 PLANES, TRIALS, SAMPLE = 4, 300, 3000
-# An object has this share of the image's pixels; nearness counts against size by this power.
+# Least fraction of the image's pixels of an object; exponent of nearness against size.
 SMALLEST, NEARNESS = 0.002, 6
-# Parts belong together across a gap of so many pixels where the jump is no more than this share of
-# the object's width, or where the object is this share of all around the part.
+# Largest gap, pixels, between parts of one object; largest jump between them, over the object's
+# width; or the object's fraction of the surroundings of a part.
 GAP_PX, PART_JUMP, PART_WITHIN = 4, 0.05, 0.5
-# Colour decides within so many depth pixels of the outline that depth gives.
+# Distance, depth pixels, from the outline by depth, within which colour decides.
 COLOUR_PX = 4
+# Iterations of GrabCut, and least number of pixels for a colour model.
 GRABCUTS, FEWEST_COLOURS = 3, 50
-# Beyond these the answer is doubtful.
+# Limits for a warning: score of the second choice over the first's; agreement of depth and colour;
+# fraction of the outline at the frame; fraction of the image.
 RIVAL, AGREEMENT, AT_FRAME, TINY = 0.3, 0.8, 0.03, 0.005
 
 

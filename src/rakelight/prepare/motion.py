@@ -1,8 +1,8 @@
-"""Whether the camera stood still: how far each photograph lies beside the others.
+"""Camera motion: how far each photograph is shifted against the others.
 
-Lamps change what a surface looks like, so photographs are compared by the detail that light leaves
-alone: logarithms without their low frequencies, of equal contrast everywhere.  Corners of one
-photograph are followed into each of the others and back (Shi & Tomasi 1994, Lucas & Kanade 1981).
+Lights change what a surface looks like, so photographs are compared by the detail that light hardly
+changes: logarithms without their low frequencies, of equal contrast everywhere.  Corners of one
+photograph are tracked into each of the others and back (Shi & Tomasi 1994, Lucas & Kanade 1981).
 Those of paint, seams and background agree about a motion; those of shading and shadows do not.
 """
 
@@ -15,29 +15,31 @@ from rakelight.errors import listed
 from rakelight.geometry.grid import bounding_window
 from rakelight.model import Array, Capture, Finding, Floats
 
-# The object and so much around it, a share of its width, for what stands behind it.
+# Margin around the object, over its width, for the background behind it.
 MARGIN = 0.1
-# Photographs are compared at so many pixels along the window's longer side, or few more.
+# Pixels along the window's longer side at which photographs are compared, at the least.
 SIDE_PX = 400
-# Detail is what is smaller than this; below so much of the bright parts there is only noise.
+# Side, pixels, of the box blur whose result is subtracted; noise floor, over the bright parts'
+# value; least contrast of the logarithms.
 DETAIL_PX, FLOOR, FLAT = 25, 0.05, 0.02
+# Corners: most, least quality over the best one's, least distance in pixels.
 CORNERS, CORNER_QUALITY, APART_PX = 200, 0.02, 5
+# Window, pixels, and pyramid levels of Lucas-Kanade.
 WINDOW_PX, LEVELS = 15, 3
-# A corner is followed when the way back ends so near, and agrees with the median so near, pixels.
+# Largest error, pixels, of a corner tracked there and back; largest distance from the median shift.
 BACK_PX, SAME_PX = 0.2, 0.5
-# A shift is known from so many corners of which this share agree.
+# Least number of corners for a shift, and least fraction of them that agree with the median.
 FEWEST, AGREEING = 30, 0.6
-# Of so many of the photographs, or nothing is said.
+# Least fraction of the photographs that have a shift.
 MOST = 0.65
-# Light alone moves corners by less than this, pixels and median deviations of the corners.
+# Largest shift that light alone causes: pixels, and median deviations of the corners.
 MOVED_PX, MOVED_DEVIATIONS = 0.6, 3.0
 
 
 def camera_motion(capture: Capture) -> tuple[Finding, ...]:
-    """A warning where photographs lie beside the others, with the pixels and their names.
+    """A warning where photographs are shifted against the others, with the pixels and their names.
 
-    Nothing is said unless the shifts of most photographs are known: a bare surface without
-    texture shows nothing but what the lamps make of it.
+    None unless most photographs have a shift: without texture a surface shows shading alone.
     """
     shifts, moved = stood_still(capture)
     if not moved.any():

@@ -8,9 +8,9 @@ from rakelight.geometry.camera import back_project
 from rakelight.geometry.grid import Links, mean_gradient, surface_links
 from rakelight.model import Array, Camera, Floats, RigidTransform
 
-# A border's tangent plane and the triangles beside it differ by no more than this many pixels.
+# Largest difference, pixel widths, of a border's tangent plane and triangles of the same surface.
 SAME_SURFACE_PX = 4.0
-# What is nearer to the camera than this, or so large in its picture, is no measured surface.
+# Least distance from the camera, metres, and largest extent, pixels, of a triangle that is drawn.
 NEAREST_M, LARGEST_PX = 0.01, 16
 
 

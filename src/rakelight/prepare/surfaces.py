@@ -7,7 +7,7 @@ import numpy as np
 from rakelight.geometry.grid import STEEPEST, connected, surface_links
 from rakelight.model import Array, Camera, Floats, Mask
 
-# What shows beside the object lies behind it within so many pixels.
+# Distance, pixels, within which a measurement beside the object is compared with its depth.
 BESIDE_PX = 2
 
 

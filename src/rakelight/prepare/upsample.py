@@ -8,7 +8,8 @@ from rakelight.geometry.grid import Links, mean_gradient, pair_slices
 from rakelight.model import Array, Floats
 from rakelight.prepare.inpaint import dilate, nearest_fill
 
-# A spline's ripple beside a jump falls to a quarter with every pixel.
+# Distance from a jump, pixels, beyond which a spline's ringing is negligible: it falls to a quarter
+# with every pixel.
 RINGING_PX = 4
 
 
@@ -24,9 +25,9 @@ def upsample(
     window : the rows and columns of the new grid that are wanted
 
     Log depth is interpolated by cubic splines between pixel centres, which keep slopes and bends
-    (OpenCV's bicubic kernel ripples on a slope); the object is first continued outwards, so that
+    (OpenCV's bicubic kernel does not on a slope); the object is first continued outwards, so that
     its border is not mixed with what lies behind.  The values outside are that continuation.
-    Splines ripple at jumps too: beside those, each pixel continues the surface that its sensor
+    Splines ring at jumps, too: near those, each pixel continues the surface that its sensor
     pixel is on.
 
     >>> depth = np.exp(np.arange(24.0))[None, :].repeat(4, axis=0)
