@@ -40,7 +40,7 @@ def test_the_costs_derivative_is_its_slope():
     given = problem()
     rng = np.random.default_rng(1)
     A = np.eye(3) + 0.1 * rng.normal(size=(3, 3))
-    weighted = reweighted(Weighted(given, given.known / 0.01, 0.1), A)
+    weighted = reweighted(Weighted(given, given.determined / 0.01, 0.1), A)
     _, derivative = weighted.cost(A.ravel())
     for axis in range(9):
         step = 1e-6 * np.eye(9)[axis]
@@ -52,7 +52,7 @@ def test_the_costs_derivative_is_its_slope():
 def test_a_matrix_and_its_multiples_cost_the_same():
     given = problem()
     A = np.eye(3) + 0.1 * np.random.default_rng(1).normal(size=(3, 3))
-    weighted = Weighted(given, given.known / 0.01, 0.1)
+    weighted = Weighted(given, given.determined / 0.01, 0.1)
     one, other = (weighted.cost(scale * A.ravel())[0] for scale in (1.0, 7.0))
     assert other == pytest.approx(one, rel=1e-9)
 
