@@ -70,7 +70,7 @@ OFF: dict[str, Any] = {
     "outliers.LEAST_EXPLAINED": 2.0,
     "factored_start.SHADOW": 0.0,
     "factored_start.FREEDOM": 1e9,
-    "held_back.LEAST_GAIN": np.inf,
+    "held_back.LARGEST_RATIO": np.inf,
     "guarded.LOOKS": 0,
     "robust.CAUCHY": 1e9,
 }

@@ -25,7 +25,7 @@ from rakelight.errors import RakelightError
 from rakelight.methods import load_method
 from rakelight.model import Capture, silent
 from rakelight.pipeline.guarded import surface
-from rakelight.pipeline.held_back import LEAST_GAIN, predict
+from rakelight.pipeline.held_back import LARGEST_RATIO, predict
 from rakelight.prepare import prepare
 from rakelight.synthetic import draw, render_draw
 
@@ -122,7 +122,7 @@ def main() -> None:
         gains = np.array([gain for gain, _ in rows])
         gains, odd = gains[np.isfinite(gains)], [count > 0 for _, count in rows]
         low, high = gains.min(), gains.max()
-        kept = share((gains > LEAST_GAIN).tolist())
+        kept = share((gains > LARGEST_RATIO).tolist())
         print(f"{name}: error ratio {low:.2f} to {high:.2f}, kept {kept}, odd in {share(odd)}")
 
 

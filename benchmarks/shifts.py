@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 
 from rakelight import load_capture
-from rakelight.check.camera_motion import motion
-from rakelight.check.depth_shift import misaligned
+from rakelight.check.camera_motion import camera_motion
+from rakelight.check.depth_shift import depth_shift
 from rakelight.errors import CaptureError
 from rakelight.model import Capture, Finding
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
@@ -75,7 +75,7 @@ def main(folders: list[str]) -> None:
     for name, capture in scenes:
         for axis, (x, y) in AXES.items():
             for px in DEPTH_SHIFTS:
-                words = said(misaligned, depth_moved(capture, px * x, px * y))
+                words = said(depth_shift, depth_moved(capture, px * x, px * y))
                 print(f"| {name} | {px} {axis} | {words} |")
     print("\n| capture | photographs | shifted | said |\n| --- | --- | --- | --- |")
     for name, capture in scenes:
@@ -84,7 +84,7 @@ def main(folders: list[str]) -> None:
             continue
         for which in ((last // 3, last // 3), (last // 2 + 1, last)):
             for px in CAMERA_SHIFTS:
-                words = said(motion, camera_moved(capture, *which, px, 0))
+                words = said(camera_motion, camera_moved(capture, *which, px, 0))
                 print(f"| {name} | {which[0]} to {which[1]} | {px} right | {words} |")
 
 

@@ -11,7 +11,7 @@ from rakelight.methods import load_method
 from rakelight.metrics import evaluate
 from rakelight.model import RigidTransform
 from rakelight.pipeline import refine
-from rakelight.pipeline.pose import motion, registered, turned
+from rakelight.pipeline.pose import image_motion, registered, rotated
 from rakelight.prepare.register import project
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
@@ -25,8 +25,8 @@ OPTIONS = load_method("multi-light").options()
 
 def off_by(px=(0.0, 0.0), roll_deg=0.0):
     """A depth camera whose picture of the object is shifted and turned by so much."""
-    motion = [0, 0, np.radians(roll_deg), px[0] * PIXEL_M, px[1] * PIXEL_M, 0]
-    return turned(HERE, np.array(motion), MIDDLE)
+    image_motion = [0, 0, np.radians(roll_deg), px[0] * PIXEL_M, px[1] * PIXEL_M, 0]
+    return rotated(HERE, np.array(image_motion), MIDDLE)
 
 
 def scene(pose=None, shape="head", **changes):
@@ -145,11 +145,11 @@ def test_the_motion_of_points_is_that_of_the_pose():
     depth = 0.7 + 0.1 * np.random.default_rng(0).random(CAMERA.shape)
     points, middle, xi = back_project(depth, CAMERA), np.array([0.01, 0.02, 0.7]), np.zeros(6)
     before = project(points, HERE, CAMERA)
-    u, v, ahead = motion(depth, CAMERA, middle)
+    u, v, ahead = image_motion(depth, CAMERA, middle)
     for k in range(6):
         xi[:] = 0
         xi[k] = 1e-6
-        after = project(points, turned(HERE, xi, middle), CAMERA)
+        after = project(points, rotated(HERE, xi, middle), CAMERA)
         np.testing.assert_allclose(u[..., k], (after - before)[..., 0] / 1e-6, atol=0.05)
         np.testing.assert_allclose(v[..., k], (after - before)[..., 1] / 1e-6, atol=0.05)
         np.testing.assert_allclose(

@@ -94,9 +94,9 @@ def capture_from_arrays(
         else:
             marked = _mask(mask, camera.shape)
         capture = replace(capture, mask=marked)
-        told = check_object(capture, factor, holes)
+        object_findings = check_object(capture, factor, holes)
         exposed = validate.check_exposure(pixels, capture.mask, shown, "photographs")
-    return replace(capture, findings=(*assumed, *found, *told, *exposed))
+    return replace(capture, findings=(*assumed, *found, *object_findings, *exposed))
 
 
 @contextmanager
@@ -242,12 +242,12 @@ def _depth(depth: Any) -> tuple[Floats, Array]:
 
 def _refuse_negative(depth_m: Floats) -> None:
     """Raise CaptureError where most of the depth (K, h, w) is negative: another frame's z."""
-    told = depth_m[np.isfinite(depth_m) & (depth_m != 0)]
-    if told.size and np.mean(told < 0) > _MOSTLY_NEGATIVE:
+    nonzero_m = depth_m[np.isfinite(depth_m) & (depth_m != 0)]
+    if nonzero_m.size and np.mean(nonzero_m < 0) > _MOSTLY_NEGATIVE:
         raise CaptureError(
             "negative depth",
             source="depth",
-            seen=f"median {float(np.median(told)):.3g} m",
+            seen=f"median {float(np.median(nonzero_m)):.3g} m",
             needed="metres along the optical axis, positive",
             remedy="-depth, if z points backwards in its frame",
         )

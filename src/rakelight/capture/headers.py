@@ -1,7 +1,7 @@
 """What an image file says about itself, checked before any pixel is decoded.
 
 Decoders disagree about damaged files, turn some pictures by their EXIF tag and not others, and
-believe any size they are told.  So the few bytes that matter are read here.
+accept any size that a file states.  So the few bytes that matter are read here.
 """
 
 from __future__ import annotations

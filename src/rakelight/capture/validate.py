@@ -278,8 +278,8 @@ def check_exposure(
         brightest = np.maximum(np.maximum(r, g), b)
         too_dark = brightest <= BLACK * white
         # Where one channel clips, the others still say how bright the light was.
-        told = [(v > BLACK * white) & (v < SATURATED * white) for v in (r, g, b)]
-        usable += told[0] | told[1] | told[2]
+        usable_channels = [(v > BLACK * white) & (v < SATURATED * white) for v in (r, g, b)]
+        usable += usable_channels[0] | usable_channels[1] | usable_channels[2]
         saturated.append(float((brightest >= SATURATED * white).mean()))
         black.append(float(too_dark.mean()))
     if len(photographs) >= NEEDED_PHOTOGRAPHS:

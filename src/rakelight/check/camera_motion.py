@@ -1,8 +1,8 @@
-"""Whether the camera stood still: how far each photograph lies beside the others.
+"""Camera motion: how far each photograph is shifted against the others.
 
-Lamps change what a surface looks like, so photographs are compared by the detail that light leaves
-alone: logarithms without their low frequencies, of equal contrast everywhere.  Corners of one
-photograph are followed into each of the others and back (Shi & Tomasi 1994, Lucas & Kanade 1981).
+Lights change what a surface looks like, so photographs are compared by the detail that light hardly
+changes: logarithms without their low frequencies, of equal contrast everywhere.  Corners of one
+photograph are tracked into each of the others and back (Shi & Tomasi 1994, Lucas & Kanade 1981).
 Those of paint, seams and background agree about a motion; those of shading and shadows do not.
 """
 
@@ -15,29 +15,31 @@ from rakelight.errors import listed
 from rakelight.geometry.grid import bounding_window
 from rakelight.model import Array, Capture, Finding, Floats
 
-# The object and so much around it, a share of its width, for what stands behind it.
+# Margin around the object, over its width, for the background behind it.
 MARGIN = 0.1
-# Photographs are compared at so many pixels along the window's longer side, or few more.
+# Pixels along the window's longer side at which photographs are compared, at the least.
 SIDE_PX = 400
-# Detail is what is smaller than this; below so much of the bright parts there is only noise.
+# Side, pixels, of the box blur whose result is subtracted; noise floor, over the bright parts'
+# value; least contrast of the logarithms.
 DETAIL_PX, FLOOR, FLAT = 25, 0.05, 0.02
+# Corners: most, least quality over the best one's, least distance in pixels.
 CORNERS, CORNER_QUALITY, APART_PX = 200, 0.02, 5
+# Window, pixels, and pyramid levels of Lucas-Kanade.
 WINDOW_PX, LEVELS = 15, 3
-# A corner is followed when the way back ends so near, and agrees with the median so near, pixels.
+# Largest error, pixels, of a corner tracked there and back; largest distance from the median shift.
 BACK_PX, SAME_PX = 0.2, 0.5
-# A shift is known from so many corners of which this share agree.
+# Least number of corners for a shift, and least fraction of them that agree with the median.
 FEWEST, AGREEING = 30, 0.6
-# Of so many of the photographs, or nothing is said.
+# Least fraction of the photographs that have a shift.
 MOST = 0.65
-# Light alone moves corners by less than this, pixels and median deviations of the corners.
+# Largest shift that light alone causes: pixels, and median deviations of the corners.
 MOVED_PX, MOVED_DEVIATIONS = 0.6, 3.0
 
 
-def motion(capture: Capture) -> tuple[Finding, ...]:
-    """A warning where photographs lie beside the others, with the pixels and their names.
+def camera_motion(capture: Capture) -> tuple[Finding, ...]:
+    """A warning where photographs are shifted against the others, with the pixels and their names.
 
-    Nothing is said unless the shifts of most photographs are known: a bare surface without
-    texture shows nothing but what the lamps make of it.
+    None unless most photographs have a shift: without texture a surface shows shading alone.
     """
     shifts, moved = stood_still(capture)
     if not moved.any():
@@ -75,13 +77,13 @@ def stood_still(capture: Capture) -> tuple[Floats, Array]:
     step = max(round(max(capture.mask[window].shape) / SIDE_PX), 1)
     pictures = [detail(each[window], step) for each in capture.photographs]
     brightness = [float(each[window][::4, ::4].mean()) for each in capture.photographs]
-    shifts, spread = _followed(pictures, int(np.argsort(brightness)[count // 2]))
-    if np.isfinite(spread).mean() < MOST:
+    shifts, deviation = _tracked(pictures, int(np.argsort(brightness)[count // 2]))
+    if np.isfinite(deviation).mean() < MOST:
         return np.full((count, 2), np.nan), np.zeros(count, dtype=bool)
     apart = np.hypot(*(shifts[:, None] - shifts).transpose(2, 0, 1))
     most = apart[np.argmax((apart < MOVED_PX).sum(axis=1))] < MOVED_PX
     shifts -= np.median(shifts[most], axis=0)
-    return step * shifts, np.hypot(*shifts.T) > np.fmax(MOVED_PX, MOVED_DEVIATIONS * spread)
+    return step * shifts, np.hypot(*shifts.T) > np.fmax(MOVED_PX, MOVED_DEVIATIONS * deviation)
 
 
 def detail(photograph: Array, step: int) -> Array:
@@ -97,15 +99,15 @@ def detail(photograph: Array, step: int) -> Array:
     return np.asarray(np.clip(128 + 50 * fine / contrast, 0, 255), np.uint8)
 
 
-def _followed(pictures: list[Array], reference: int) -> tuple[Floats, Floats]:
+def _tracked(pictures: list[Array], reference: int) -> tuple[Floats, Floats]:
     """(N, 2) shifts from the reference and (N,) the corners' median deviation; NaN = not known."""
-    shifts, spread = np.full((len(pictures), 2), np.nan), np.full(len(pictures), np.nan)
+    shifts, deviation = np.full((len(pictures), 2), np.nan), np.full(len(pictures), np.nan)
     first = pictures[reference]
     corners: Array | None = cv2.goodFeaturesToTrack(first, CORNERS, CORNER_QUALITY, APART_PX)
     if corners is None:
-        return shifts, spread
+        return shifts, deviation
 
-    def follow(source: Array, target: Array, points: Array) -> tuple[Array, Array]:
+    def track(source: Array, target: Array, points: Array) -> tuple[Array, Array]:
         there, found, _ = cv2.calcOpticalFlowPyrLK(
             source, target, points, np.empty_like(points),
             winSize=(WINDOW_PX, WINDOW_PX), maxLevel=LEVELS,
@@ -113,15 +115,15 @@ def _followed(pictures: list[Array], reference: int) -> tuple[Floats, Floats]:
         return np.asarray(there), np.asarray(found).ravel() > 0
 
     for i, picture in enumerate(pictures):
-        there, found = follow(first, picture, corners)
-        back, also = follow(picture, first, there)
-        sound = found & also
-        sound &= np.abs(back - corners).max(axis=(1, 2)) < BACK_PX
-        if sound.sum() < FEWEST:
+        there, found = track(first, picture, corners)
+        back, also = track(picture, first, there)
+        consistent = found & also
+        consistent &= np.abs(back - corners).max(axis=(1, 2)) < BACK_PX
+        if consistent.sum() < FEWEST:
             continue
-        flow = (there - corners)[sound, 0]
+        flow = (there - corners)[consistent, 0]
         middle = np.median(flow, axis=0)
         off = np.abs(flow - middle)
         if (off.max(axis=1) < SAME_PX).mean() >= AGREEING:
-            shifts[i], spread[i] = middle, np.median(off, axis=0).max()
-    return shifts, spread
+            shifts[i], deviation[i] = middle, np.median(off, axis=0).max()
+    return shifts, deviation

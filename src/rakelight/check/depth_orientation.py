@@ -1,10 +1,10 @@
 """Whether the depth lies on the photographs the right way round.
 
-Slopes of a surface decide how bright it is under each lamp, so images of low rank that hold the
-photographs' relative shading (`relative_shading`) also hold the depth's slopes, as a linear
-combination, whatever the lamps are.  Which part of the slopes' variance they hold is measured for
-the depth as it is and turned or mirrored in every way that fits the image.  Reversed relief is
-held as well: of that see `inside_out`.
+Slopes of a surface determine its brightness under each light, so the principal components of the
+photographs' relative shading (`relative_shading`) explain the depth's slopes, by a linear
+combination, whatever the lights are.  The fraction of the slopes' variance that they explain is
+compared for the depth as it is and turned or mirrored in every way that fits the image.  Reversed
+relief is explained as well: of that see `inside_out`.
 """
 
 from __future__ import annotations
@@ -33,14 +33,13 @@ TURNS: dict[str, Callable[[Array], Array]] = {
     "mirrored along a diagonal": lambda image: image.T,
     "mirrored along the other diagonal": lambda image: image[::-1, ::-1].T,
 }
-# Two turns fit alike where their evidence, see below, differs by less.
+# Difference of the evidence, see below, up to which two turns fit alike.
 ALIKE = 0.1
-# Of the slopes' variance, what the photographs leave unexplained as it is, over what they leave
-# unexplained turned, as a logarithm: a warning, and beyond doubt.
+# Evidence for a warning, and beyond doubt.
 LIKELY, SURELY = 0.15, 0.25
-# The turned depth has to explain at least this part of its slopes' variance.
+# Least fraction of the turned slopes' variance that the photographs explain.
 EXPLAINED = 0.25
-# The depth turned covers at least this part of what it covers as it is.
+# Least fraction of the pixels that the turned depth covers, too.
 COVERED = 0.25
 
 

@@ -1,4 +1,4 @@
-"""Whether the depth map lies on the photographs: the object's outline in both.
+"""Depth shift: whether the depth map is registered to the photographs, by the object's outlines.
 
 The mask is drawn on the photographs; the depth map ends, or jumps, where the object does.  Of a
 registered depth map the outline lies on the mask's, or all around it a little outside or inside.
@@ -18,17 +18,18 @@ from rakelight.model import Capture, Finding, Floats, Mask
 from rakelight.prepare.sensor import SensorGrid, sensed
 from rakelight.prepare.surfaces import surfaces
 
-# Depth pixels: a shift is at least this, and this much more than the outline lies off all around.
+# Least shift, depth pixels, and least excess over the distance of the outlines all around.
 LEAST_PX, LEAST_BEYOND_PX = 2.0, 1.5
-# It is so many standard errors, and explains this part of how far the outlines are apart.
+# Least shift in standard errors, and least fraction of the outlines' distances that it explains.
 ERRORS, EXPLAINED = 5.0, 0.55
-# Outlines are right to about this; along them, so many pixels share an error.
-OUTLINE_PX, COHERENT_PX = 0.5, 10.0
-# Shifted by so much of the object's width, and so many pixels, the depth is of another place.
+# Error of an outline, depth pixels, and the length along it over which errors are correlated.
+OUTLINE_PX, CORRELATION_PX = 0.5, 10.0
+# Shift over the object's width, shift in pixels, and fraction explained, beyond which the depth is
+# that of another place.
 FARTHEST, FARTHEST_PX, SURELY_EXPLAINED = 0.1, 5.0, 0.8
-# An outline of fewer pixels says nothing; the depth goes on so far beyond the image.
+# Least pixels of an outline; pixels by which the depth is continued beyond the image.
 FEWEST, AROUND_PX = 40, 40
-# Of the outline at most this share may lie beyond that, shifted.
+# Largest fraction of the shifted outline beyond that continuation.
 BEYOND = 0.05
 
 REMEDY = "give the depth camera's own [depth_intrinsics] and [depth_to_color]"
@@ -40,14 +41,14 @@ class Displacement:
 
     shift : (2,) right and down; error : its standard error
     beyond : how far it lies outside all around
-    spread, unshifted_spread : what is left of the distances, and what would be without a shift
+    sigma, unshifted_sigma : robust standard deviation of the distances, with and without shift
     """
 
     shift: Floats
     error: float
     beyond: float
-    spread: float
-    unshifted_spread: float
+    sigma: float
+    unshifted_sigma: float
 
     @property
     def length(self) -> float:
@@ -56,8 +57,8 @@ class Displacement:
 
     @property
     def explained(self) -> float:
-        """Which part of the distances between the outlines is the shift's."""
-        return 1 - self.spread / self.unshifted_spread
+        """Fraction of the distances between the outlines that the shift explains."""
+        return 1 - self.sigma / self.unshifted_sigma
 
     @property
     def plain(self) -> bool:
@@ -66,7 +67,7 @@ class Displacement:
         return self.length >= least and self.explained >= EXPLAINED
 
 
-def misaligned(capture: Capture) -> tuple[Finding, ...]:
+def depth_shift(capture: Capture) -> tuple[Finding, ...]:
     """A warning where the depth map is shifted against the photographs, with the pixels.
 
     Raises CaptureError where that is beyond doubt and more than a tenth of the object's width.
@@ -98,11 +99,11 @@ def seen_by_sensor(capture: Capture) -> tuple[Mask, float]:
     depth, _ = sensed(replace(capture, depth_m=capture.depth_m[:1]))
     grid = SensorGrid(depth.shape, capture.camera.shape)
     number, count = surfaces(depth, capture.camera.resized(*depth.shape[::-1]))
-    known = number >= 0
-    inside = np.bincount(number[known & grid.touched(capture.mask)], minlength=count)
-    own = inside >= 0.5 * np.bincount(number[known], minlength=count)
+    measured = number >= 0
+    inside = np.bincount(number[measured & grid.touched(capture.mask)], minlength=count)
+    own = inside >= 0.5 * np.bincount(number[measured], minlength=count)
     own[inside == inside.max(initial=0)] = True
-    return np.asarray(binary_fill_holes(known & np.append(own, False)[number])), grid.factor
+    return np.asarray(binary_fill_holes(measured & np.append(own, False)[number])), grid.factor
 
 
 def displacement(mask: Mask, seen: Mask) -> Displacement | None:
@@ -136,28 +137,28 @@ def displacement(mask: Mask, seen: Mask) -> Displacement | None:
         along = [distances(x[:2] + step) - distances(x[:2] - step) for step in steps]
         return np.stack([*along, -np.ones(len(at))], axis=-1)
 
-    def left(x: Floats) -> Floats:
+    def residuals(x: Floats) -> Floats:
         return np.asarray(distances(x[:2]) - x[2])
 
-    # Thin parts are found again from where the whole lies only.
+    # A start at the shift of the centroids as well: narrow parts have local minima.
     whole = np.array([np.mean(np.nonzero(part), axis=1)[::-1] for part in (mask, seen)])
     starts = np.zeros(3), np.append(whole[1] - whole[0], 0.0)
-    fits = [least_squares(left, start, slopes, loss="soft_l1") for start in starts]
+    fits = [least_squares(residuals, start, slopes, loss="soft_l1") for start in starts]
     x = min(fits, key=lambda fit: fit.cost).x
     there = at + x[:2] + AROUND_PX
     if ((there < 0) | (there > np.array(inward.shape[::-1]) - 1)).any(axis=1).mean() > BEYOND:
-        return None  # distances out there are no longer of `seen`, all alike
-    spread = _spread(left(x))
-    sound = slopes(x)[np.abs(left(x)) < 3 * spread]
-    variance = COHERENT_PX * spread**2 * np.linalg.pinv(sound.T @ sound).diagonal()
+        return None  # distances out there are constant, no longer those of `seen`
+    sigma = _robust_sigma(residuals(x))
+    inliers = slopes(x)[np.abs(residuals(x)) < 3 * sigma]
+    variance = CORRELATION_PX * sigma**2 * np.linalg.pinv(inliers.T @ inliers).diagonal()
     error = float(np.sqrt(variance[:2].max()))
-    return Displacement(x[:2], error, float(x[2]), spread, _spread(distances(np.zeros(2))))
+    return Displacement(x[:2], error, float(x[2]), sigma, _robust_sigma(distances(np.zeros(2))))
 
 
-def _spread(distances: Floats) -> float:
-    """Standard deviation without outliers, not below what an outline is known to."""
-    off = np.abs(distances - np.median(distances))
-    return max(float(np.quantile(off, 0.68)), OUTLINE_PX)
+def _robust_sigma(distances: Floats) -> float:
+    """Robust standard deviation, at least the error of an outline."""
+    deviation = np.abs(distances - np.median(distances))
+    return max(float(np.quantile(deviation, 0.68)), OUTLINE_PX)
 
 
 def _signed_distance(mask: Mask) -> Floats:

@@ -1,7 +1,7 @@
 """Whether the depth grows where it should fall: disparity, or inverted depth, taken for depth.
 
-Photographs do not tell relief from its mirror image in depth (the bas-relief ambiguity), but the
-object's outline does.  What stands before a background is nearer than that; and a solid object
+Photographs do not distinguish relief from its mirror image in depth (the bas-relief ambiguity), but
+the object's outline does.  What stands before a background is nearer than that; and a solid object
 turns away from the camera towards its outline, so its depth grows there.
 """
 
@@ -19,7 +19,7 @@ from rakelight.prepare.sensor import SensorGrid, sensed
 # Of the square root of the object's area: smoothing of the depth, and width of the border in which
 # slopes are taken, inside the outline, and the background is looked at, outside it.
 SMOOTHING, BORDER = 0.02, 0.1
-# A border of fewer pixels shows nothing.
+# Least pixels of a border.
 FEWEST = 10
 # The first pixels inside the outline see some of the background.
 MIXED_PX = 1.5

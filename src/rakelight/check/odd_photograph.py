@@ -9,16 +9,16 @@ import numpy as np
 from rakelight.errors import listed
 from rakelight.model import Finding, Floats, Mask
 
-# A photograph is suspect where the others predict it this many times worse than the typical one,
-# both in light and as a fraction of its own brightness: a dark photograph's noise is large beside
-# its brightness, a bright one's model errors are large in light.
+# Ratio of a photograph's prediction error to the median one's, above which it is suspect; both in
+# light and relative to its own brightness, since a dark photograph's noise is large relative to its
+# brightness, and a bright one's model errors are large in light.
 ODD = 2.5
-# It shows something else where its error is this part of its own variation over the object, and
-# `ODD` times as much of it as of the typical one.
+# Error over the photograph's own variation on the object, above which it shows something else, if
+# that is `ODD` times the median one's, too.
 UNEXPLAINED = 0.5
-# With fewer photographs the prediction of each hangs on a few others, and says nothing of it.
+# Least number of photographs: with fewer each prediction depends on a few others.
 FEWEST = 6
-# More of them than this are no exceptions: then the typical photograph is not the right one.
+# Largest fraction of odd photographs: with more the median one may be wrong.
 MOST = 0.34
 
 
@@ -35,14 +35,14 @@ class Oddity:
 
     @property
     def either(self) -> Mask:
-        """(N,) those of which something is to be said."""
+        """(N,) suspect or foreign."""
         return self.suspect | self.foreign
 
     @property
     def least_help(self) -> float:
         """Others' errors without the suspects, over those with them, have to be below this.
 
-        One photograph of N, `ODD` times as wrong as the rest, has about `ODD / N` of the say.
+        Of N photographs, one with `ODD` times the others' error has about `ODD / N` of the weight.
         """
         return 1 - ODD * np.count_nonzero(self.either) / len(self.suspect)
 

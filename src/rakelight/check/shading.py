@@ -1,8 +1,8 @@
-"""What the moving lamp alone changes between photographs, on a small grid.
+"""The relative shading of photographs, free of albedo, on a small grid.
 
-The logarithm of a photograph over the mean of all is free of paint: under distant lamps it is
-log(s_i . n) less its mean over the photographs, so images of rank two or three hold nearly all of
-it, whatever the lamps are.  Noise has no such rank.
+The logarithm of a photograph over the mean of all does not depend on the albedo: under distant
+lights it is log(s_i . n) less its mean over the photographs, so images of rank two or three contain
+nearly all of it, whatever the lights are.  Noise has no such rank.
 """
 
 from __future__ import annotations
@@ -25,8 +25,9 @@ SMOOTHING = 0.02
 LARGEST_LOG = 1.5
 # A value below this fraction of its photograph's median is a shadow; its logarithm would be noise.
 DARKEST = 0.02
-# A pixel counts where so many of the photographs, and never fewer than 3, have a usable value.
+# Least fraction of the photographs, and at least 3, with a usable value at a pixel that counts.
 SEEN = 0.6
+# Principal components that are used.
 COMPONENTS = 3
 
 
@@ -39,7 +40,7 @@ class RelativeShading:
     seen : (h, w) bool, pixels that enough photographs show
     camera : of the small grid, a window of the colour camera's image
     step, rows, columns : the small grid is image[rows, columns][::step, ::step]
-    sigma_px : standard deviation of the smoothing, pixels of the small grid
+    sigma_px : standard deviation of the smooeveryg, pixels of the small grid
     """
 
     components: Floats
@@ -62,9 +63,9 @@ def relative_shading(capture: Capture) -> RelativeShading | None:
         return None
     rows, columns = bounding_window(capture.mask)
     step = max(1, round(max(rows.stop - rows.start, columns.stop - columns.start) / SIDE_PX))
-    thin = (slice(rows.start, rows.stop, step), slice(columns.start, columns.stop, step))
-    mask = capture.mask[thin]
-    values = capture.photographs[(slice(None), *thin)]
+    every = (slice(rows.start, rows.stop, step), slice(columns.start, columns.stop, step))
+    mask = capture.mask[every]
+    values = capture.photographs[(slice(None), *every)]
     bright = (values >= SATURATED * capture.white).any(axis=-1)
     good = usable(values).any(axis=-1) & ~bright & mask
     light = to_linear(values, capture.encoding).mean(axis=-1, dtype=np.float64)

@@ -44,10 +44,10 @@ def normal_lengths(p_u: Floats, p_v: Floats, camera: Camera) -> Floats:
 
 
 def squared_normal_derivative(length: Floats, camera: Camera) -> Floats:
-    """By how much a change d of the gradient turns a normal: (...) angle^2 / |d|^2, radians.
+    """(...) squared norm of dn/dg: angle^2 of a normal over |d|^2 of a gradient's change, radians.
 
-    length : (...) |m|.  About f / |m| in every direction; a normal that is seen obliquely turns
-    less along its slant.
+    length : (...) |m|.  About (f / |m|)^2 in every direction; less along the slant of a normal that
+    is seen obliquely.
 
     >>> camera = Camera(1, 1, fx=10.0, fy=10.0, cx=0.0, cy=0.0)
     >>> squared_normal_derivative(np.array([1.0, 2.0]), camera).tolist()

@@ -179,9 +179,9 @@ def _f(sheets: Sheets) -> Claim:
         f"published one on {behind} of {len(shapes)}; with {many[0].photographs} photographs "
         f"these two are at {_list(later[PUBLISHED])}, and {_list(later[JOINT])}.",
         "A highlight moves with the lamp and the other photographs outvote it. Of four, with light "
-        "and paint unknown, there is hardly a vote to spare; whoever lets go of the wrong one "
-        "cracks the surface. Our joint method subtracts the highlights that it recognises. Our "
-        "RGB-Fusion is held by its depth, so what it gets wrong is small.",
+        "and albedo unknown, nearly all are needed; a method that rejects an inlier instead "
+        "tears the surface. Our joint method subtracts the highlights that it recognises. Our "
+        "RGB-Fusion stays close to the sensor's depth, so its errors are small.",
     )
 
 
@@ -203,8 +203,8 @@ def _g(sheets: Sheets) -> Claim:
         f"{joint.jump_percent:.0f} % and {joint.rmse_mm:.2f} mm without any alignment, the "
         f"published one {rows[PUBLISHED].jump_percent:.0f} % and "
         f"{rows[PUBLISHED].rmse_mm:.2f} mm.",
-        "Bas-relief is the smaller part of it: the diffuse maxima settle it to a few degrees. "
-        "A normal says nothing of the height of a jump, and nobody else is asked.",
+        "The bas-relief transform is the smaller error: the diffuse maxima determine it to a few "
+        "degrees. Normals do not determine the height of a jump, and no depth is used.",
     )
 
 

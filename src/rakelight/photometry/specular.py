@@ -15,7 +15,7 @@ import numpy as np
 from rakelight.model import Floats
 
 # Exponents of the lobes, each half as wide as the one before: 24, 12 and 6 degrees at half of their
-# maximum (ablation.md, highlights: halved 1.07, doubled 1.00).
+# maximum (ablation.md: halved 1.07, doubled 1.00).
 EXPONENTS = (8, 32, 128)
 # Residual of a pixel over the median, beyond which its weight falls (ablation.md: halved 1.07,
 # doubled 1.00); iterations of reweighting (the same).

@@ -1,4 +1,4 @@
-"""From a capture to a result: checks, preparation, a method, and what watches over it."""
+"""From a capture to a result: checks, preparation, a method, and its safeguards."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from rakelight.capture.arrays import checked_capture
-from rakelight.check.camera_motion import motion
+from rakelight.check.camera_motion import camera_motion
 from rakelight.check.depth_orientation import depth_orientation
-from rakelight.check.depth_shift import misaligned
+from rakelight.check.depth_shift import depth_shift
 from rakelight.check.inside_out import inside_out
 from rakelight.errors import CaptureError, InputError, MethodError
 from rakelight.jit import one_blas_thread
@@ -35,7 +35,7 @@ from rakelight.model import (
     Result,
     silent,
 )
-from rakelight.pipeline.degenerate import too_thin
+from rakelight.pipeline.degenerate import without_normals
 from rakelight.pipeline.guarded import guarded, surface
 from rakelight.pipeline.prediction import prediction_errors
 from rakelight.pipeline.saturated_albedo import bounded_albedo
@@ -140,12 +140,12 @@ def _refined(
             capture = _registered(capture, chosen, options, progress)
     registered_at = perf_counter()
     progress(Progress("prepare"))
-    # Beside the preparation, most of which runs on one core.
+    # Concurrent with the preparation, most of which runs on one core.
     with ThreadPoolExecutor(1) as beside:
         checks = beside.submit(
             lambda: (
-                *motion(capture),
-                *misaligned(capture),
+                *camera_motion(capture),
+                *depth_shift(capture),
                 *depth_orientation(capture),
                 *inside_out(capture),
             )
@@ -159,9 +159,9 @@ def _refined(
         checked = checks.result()
     prepared_at = perf_counter()
     with one_blas_thread():
-        thin = too_thin(prepared)
-        if thin is not None:
-            estimate = thin
+        degenerate = without_normals(prepared)
+        if degenerate is not None:
+            estimate = degenerate
         elif chosen.starts_from_depth:
             prepared, estimate = guarded(chosen.run, prepared, options, progress)
         else:
@@ -200,7 +200,7 @@ def _refined(
 
 
 def _embedded(prepared: Prepared, sigma: Floats | None) -> Floats | None:
-    """An expected error (h, w) in the full image, NaN outside; None where it is not known."""
+    """An expected error (h, w) in the full image, NaN outside; None without."""
     return None if sigma is None else prepared.embed(sigma, np.nan)
 
 

@@ -1,4 +1,4 @@
-"""Objects without normals: the prepared depth is all that is known of them."""
+"""Degenerate masks, without a pixel that has a normal: the result is the prepared depth."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rakelight.model import Finding, Lights
 from rakelight.prepare import Prepared
 
 
-def too_thin(prepared: Prepared) -> Estimate | None:
+def without_normals(prepared: Prepared) -> Estimate | None:
     """The prepared depth, where the object is nowhere two pixels wide and so has no normals.
 
     Raises CaptureError where no photograph has a usable value on the rest.

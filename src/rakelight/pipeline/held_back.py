@@ -1,18 +1,18 @@
 """How well photographs that are held back are predicted: by a refined surface, by the prepared one.
 
-A photograph's own say in a pixel's albedo and normal is taken away without refining again.  To
+A photograph's own influence on a pixel's albedo and normal is removed without refining again.  To
 first order the residuals e of a photograph that is left out of a least-squares fit are
 
     (1 - H)^-1 e,    H = J (J^T J)^-1 J^T                                     (PRESS, Allen 1974)
 
 H its own block of the hat matrix.  With rho eliminated, J~ being the derivatives with the gradient
-of log depth less their projection on the shading a, and with what the prepared depth says of that
-gradient, a precision L,
+of log depth less their projection on the shading a, and L the precision of that gradient by the
+prepared depth,
 
     H = diag(a_c^2 / sum a_c^2) + J~ (sum J~^T J~ + L)^-1 J~^T
 
 A surface that only explains noise predicts worse than the prepared depth, whose normals no
-photograph has moved: there H is its first part alone.
+photograph has changed: there H is its first term alone.
 """
 
 from __future__ import annotations
@@ -35,17 +35,18 @@ from rakelight.photometry.lighting import arriving, estimate_light
 from rakelight.pipeline.prediction import shadings
 from rakelight.prepare import Prepared
 
-# Refining has to predict held-back photographs by at least this much better: where they say nothing
-# the two errors are alike to 1 %, else the refined surface's is half or less.
-LEAST_GAIN = 0.95
-# With fewer photographs nothing is left to predict one by: two leave a normal and a paint open.
+# Largest ratio of the error of held-back photographs by the refined surface to that by the prepared
+# depth, for which refining counts: without information the two are alike to 1 %, else the ratio is
+# a half or less (ablation.md: off 1.00, doubled 1.08).
+LARGEST_RATIO = 0.95
+# Least number of photographs: from two, a normal and an albedo are undetermined.
 FEWEST = 4
-
-# Pixels that are compared: medians over so many are good to a few per cent.
-MOST_PIXELS = 4000
-# Rounds of lights and albedo in turn that explain photographs by the prepared depth; more change
-# the median error by less than a per cent.
-ROUNDS = 6
+# Pixels in the sample: its medians are good to a few per cent (ablation.md: halved 1.08, doubled
+# 1.00).
+SAMPLE_PIXELS = 4000
+# Alternations of lights and albedo for the prepared depth; more change the median error by less
+# than a per cent (ablation.md: halved 1.00).
+ALTERNATIONS = 6
 
 NO_BETTER = Finding(
     "warning",
@@ -65,7 +66,7 @@ class Prediction:
         NaN for a photograph without usable values
     brightness, variation : (N,) mean of the usable values, and their median deviation from their
         median
-    prepared_lights : that explain the photographs best by the prepared depth
+    prepared_lights : fitted to the photographs by the prepared depth
     """
 
     refined: Floats
@@ -109,8 +110,8 @@ def predict(
     if len(prepared) < FEWEST or len(lights) != len(prepared):
         return None
     before = surface_normals(prepared.depth_m, prepared.mask, prepared.camera)
-    known = prepared.mask & np.isfinite(normals).all(axis=-1) & np.isfinite(before).all(axis=-1)
-    sample = _sample(prepared, known)
+    finite = prepared.mask & np.isfinite(normals).all(axis=-1) & np.isfinite(before).all(axis=-1)
+    sample = _sample(prepared, finite)
     if not sample.good.any():
         return None
     shape = sample.images.shape
@@ -141,7 +142,7 @@ def predict(
 def kept(prepared: Prepared, lights: Lights) -> Estimate:
     """The prepared depth as an estimate, with the albedo that explains the photographs by it.
 
-    lights : that do the same.  The confidence is 0: the photographs determine nothing.
+    lights : fitted likewise.  The confidence is 0: the photographs determine nothing.
     """
     normals = surface_normals(prepared.depth_m, prepared.mask, prepared.camera)[prepared.mask]
     points = back_project(prepared.depth_m, prepared.camera)[prepared.mask]
@@ -165,13 +166,13 @@ def kept(prepared: Prepared, lights: Lights) -> Estimate:
     )
 
 
-def _sample(prepared: Prepared, known: Mask) -> _Sample:
-    """Values of about `MOST_PIXELS` of the known pixels (h, w), evenly spaced."""
-    chosen = np.flatnonzero(known)
-    chosen = chosen[:: max(1, -(-len(chosen) // MOST_PIXELS))]
-    few = np.zeros_like(prepared.mask)
-    few.flat[chosen] = True
-    part = replace(prepared, mask=few)
+def _sample(prepared: Prepared, finite: Mask) -> _Sample:
+    """Values of about `SAMPLE_PIXELS` of the pixels (h, w) that have normals, evenly spaced."""
+    chosen = np.flatnonzero(finite)
+    chosen = chosen[:: max(1, -(-len(chosen) // SAMPLE_PIXELS))]
+    sampled = np.zeros_like(prepared.mask)
+    sampled.flat[chosen] = True
+    part = replace(prepared, mask=sampled)
     images, good = zip(*(part.pixels(i) for i in range(len(prepared))), strict=True)
     return _Sample(np.stack(images).astype(np.float64), np.stack(good), chosen)
 
@@ -201,37 +202,37 @@ def _left_out(
     shading: Floats,
     slopes: Floats | None = None,
     change: Floats | None = None,
-    turn: Floats | None = None,
+    dn_dg2: Floats | None = None,
 ) -> Floats:
     """(N, P, 3) absolute error of every photograph, left out of its pixels' albedo and normals.
 
     shading : (N, P, 3) a of equation (3)
     slopes : (N, P, 3, 2) its derivatives with the gradient of log depth; None where that is fixed
-    change : (P, 2) from the gradient to the prepared depth's; turn : (P,) angle^2 of a normal per
-        squared change of the gradient
+    change : (P, 2) from the gradient to the prepared depth's; dn_dg2 : (P,) squared angle of a
+        normal over that change
     """
     images, good = sample.images, sample.good
     albedo, squares = _albedo(sample, shading)
     error = good * (images - albedo * shading)
     own = good * shading**2 / squares
-    if slopes is None or change is None or turn is None:
+    if slopes is None or change is None or dn_dg2 is None:
         return np.asarray(np.abs(error) / np.maximum(1 - own, 1e-6))
 
-    moved = good[..., None] * albedo[..., None] * slopes
-    along = (good[..., None] * shading[..., None] * moved).sum(axis=0) / squares[..., None]
-    moved -= good[..., None] * shading[..., None] * along
-    tensor = np.einsum("npci,npcj->pij", moved, moved)
-    # What the prepared depth says: normals are about as far from its own as the refined ones are.
+    projected = good[..., None] * albedo[..., None] * slopes
+    along = (good[..., None] * shading[..., None] * projected).sum(axis=0) / squares[..., None]
+    projected -= good[..., None] * shading[..., None] * along
+    tensor = np.einsum("npci,npcj->pij", projected, projected)
+    # Precision of the prepared depth's normals: their error is about the refined ones' change.
     noise = MAD_TO_SIGMA * float(np.median(np.abs(error[good]))) + 1e-6
     values = good.sum() / error.shape[1]
     noise *= np.sqrt(values / max(values - 5, 1.0))  # 3 albedos and 2 slopes a pixel are fitted
-    spread = float(np.mean(turn * (change**2).sum(axis=-1))) / 2
-    precision = noise**2 / max(spread, 1e-12) * turn
+    change_variance = float(np.mean(dn_dg2 * (change**2).sum(axis=-1))) / 2
+    precision = noise**2 / max(change_variance, 1e-12) * dn_dg2
     matrix = tensor + precision[:, None, None] * np.eye(2)
-    right = np.einsum("npci,npc->pi", moved, error) + precision[:, None] * change
+    right = np.einsum("npci,npc->pi", projected, error) + precision[:, None] * change
     inverse = np.linalg.inv(matrix)
-    error = error - good * np.einsum("npci,pij,pj->npc", moved, inverse, right)
-    hat = np.einsum("npci,pij,npdj->npcd", moved, inverse, moved)
+    error = error - good * np.einsum("npci,pij,pj->npc", projected, inverse, right)
+    hat = np.einsum("npci,pij,npdj->npcd", projected, inverse, projected)
     hat[..., range(3), range(3)] += own
     return np.abs(np.linalg.solve((1 + 1e-6) * np.eye(3) - hat, error[..., None])[..., 0])
 
@@ -250,7 +251,7 @@ def _lights_of(sample: _Sample, normals: Floats) -> Lights:
     images, good = sample.images, sample.good
     albedo = np.sum(good * images, axis=0) / np.maximum(good.sum(axis=0), 1)
     lights = np.tile([0.0, 0.0, -1.0, 0.0], (len(images), 1))
-    for _ in range(ROUNDS):
+    for _ in range(ALTERNATIONS):
         lights = np.array(
             [
                 estimate_light(image, use, albedo, normals, light[:3])

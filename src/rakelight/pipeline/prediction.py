@@ -1,11 +1,11 @@
-"""How well a result predicts a photograph that has no say in the paint.
+"""How well a result predicts a photograph that its albedo is not estimated from.
 
-Each photograph is rendered by equation (3) with its own lamp, the refined relief, and an albedo
+Each photograph is rendered by equation (3) with its own light, the refined relief, and an albedo
 that the other photographs alone determine:
 
     rho_-i = sum_{j != i} a_j I_j / sum_{j != i} a_j^2,    error_i = |rho_-i a_i - I_i|
 
-A relief that is wrong shades differently under every lamp, and then no albedo fits them all.
+A relief that is wrong shades differently under every light, and then no albedo fits them all.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from rakelight.model import Floats, Lights, Mask
 from rakelight.photometry.lighting import arriving
 from rakelight.prepare import Prepared
 
-# So many pixels say it within a few per cent.
+# Pixels in the sample: its medians are good to a few per cent.
 MOST_PIXELS = 20_000
 LEAST_PHOTOGRAPHS = 3
 
@@ -41,16 +41,16 @@ def prediction_errors(
     chosen = chosen[:: max(1, -(-len(chosen) // MOST_PIXELS))]
     points = back_project(depth_m, prepared.camera)
     shading = shadings(normals.reshape(-1, 3)[chosen], points.reshape(-1, 3)[chosen], lights)
-    few = np.zeros_like(prepared.mask)
-    few.flat[chosen] = True
-    sample = replace(prepared, mask=few)
+    sampled = np.zeros_like(prepared.mask)
+    sampled.flat[chosen] = True
+    sample = replace(prepared, mask=sampled)
     seen = [sample.pixels(i) for i in range(len(prepared))]
     images, good = (np.stack(part) for part in zip(*seen, strict=True))
     return leave_one_out(images, good, shading)
 
 
 def shadings(normals: Floats, points_m: Floats, lights: Lights) -> Floats:
-    """Shading (N, P, C) of P points under every light; near lamps fall off from their positions.
+    """Shading (N, P, C) of P points under every light; near lights fall off from their positions.
 
     >>> near, far = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 2.0])
     >>> toward, none, place = np.array([[[0.0, 0.0, -1.0]]]), np.zeros((1, 1)), np.zeros((1, 1, 3))
@@ -73,10 +73,15 @@ def leave_one_out(images: Floats, good: Mask, shading: Floats) -> tuple[float, .
     all_squares, all_products = squares.sum(axis=0), products.sum(axis=0)
     errors = []
     for i in range(len(images)):
-        left = all_squares - squares[i]
-        told = good[i] & (left > 1e-12)
-        albedo = np.divide(all_products - products[i], left, out=np.zeros_like(left), where=told)
-        off = np.abs(albedo * shading[i] - images[i])[told]
-        mean = float(images[i][told].mean()) if told.any() else 0.0
-        errors.append(round(float(np.median(off)) / mean, 9) if mean > 0 else float("nan"))
+        others_squares = all_squares - squares[i]
+        determined = good[i] & (others_squares > 1e-12)
+        albedo = np.divide(
+            all_products - products[i],
+            others_squares,
+            out=np.zeros_like(others_squares),
+            where=determined,
+        )
+        error = np.abs(albedo * shading[i] - images[i])[determined]
+        mean = float(images[i][determined].mean()) if determined.any() else 0.0
+        errors.append(round(float(np.median(error)) / mean, 9) if mean > 0 else float("nan"))
     return tuple(errors)

@@ -1,4 +1,4 @@
-"""The albedo where a channel has no value that counts: saturated, or in the dark of a shadow."""
+"""The albedo where all values of a channel are saturated or in shadow: a lower bound."""
 
 from __future__ import annotations
 
@@ -11,46 +11,47 @@ from rakelight.pipeline.prediction import shadings
 from rakelight.prepare import Prepared
 from rakelight.prepare.linear import linear_table, usable
 
-# Lamps that leave a saturated pixel this much darker than the brightest does are wrong there.
+# Least shading, over the largest at the pixel, of a saturated value that is used: where the model
+# predicts less it is wrong.
 DARK = 0.2
 
 
 def bounded_albedo(
     prepared: Prepared, depth_m: Floats, normals: Floats, estimate: Estimate
 ) -> tuple[Floats, tuple[Finding, ...]]:
-    """The estimate's albedo (h, w, 3), a lower bound where no value told it.
+    """The estimate's albedo (h, w, 3), a lower bound where no value determines it.
 
     depth_m, normals : (h, w), (h, w, 3) the refined surface in the prepared window
 
-    Without a value that counts a channel's albedo rho is left open, and 0.  But a saturated value
-    says that rho a_i is at least the brightest usable one, a_i the shading of equation (3), and a
+    Without a usable value a channel's albedo rho is undetermined, and 0.  But a saturated value
+    implies that rho a_i is at least the brightest usable one, a_i the shading of equation (3), a
     value I_i in a cast shadow that rho a_i is at least I_i:
 
         rho >= limit / min_i a_i                    over the photographs i that are saturated there
         rho >= sum_i a_i I_i / sum_i a_i^2          over those that are usable
 
-    Also a note that says how much of the object this is about.
+    Also a note with the share of the object where it is one.
     """
     albedo, lights = estimate.albedo, estimate.lights
     if len(lights) != len(prepared):
         return albedo, ()
-    unknown = (albedo <= 0) & prepared.mask[..., None]
-    rows, columns = np.nonzero(unknown.any(axis=-1))
-    unknown = unknown[rows, columns]
+    undetermined = (albedo <= 0) & prepared.mask[..., None]
+    rows, columns = np.nonzero(undetermined.any(axis=-1))
+    undetermined = undetermined[rows, columns]
     values = prepared.photographs[:, rows, columns]
     limit = int(np.ceil(SATURATED * np.iinfo(values.dtype).max))
     saturated, seen = values >= limit, usable(values)
     light = linear_table(values.dtype, prepared.encoding)
     points = back_project(depth_m, prepared.camera)
     shading = shadings(normals[rows, columns], points[rows, columns], lights)
-    told = saturated & (shading > DARK * shading.max(axis=0))
-    bright = light[limit] / np.where(told, shading, np.inf).min(axis=0)
+    bounding = saturated & (shading > DARK * shading.max(axis=0))
+    bright = light[limit] / np.where(bounding, shading, np.inf).min(axis=0)
     squares = np.sum(seen * shading**2, axis=0)
     dark = np.divide(
         np.sum(seen * shading * light[values], axis=0), squares,
         out=np.zeros_like(squares), where=squares > 0,
     )  # fmt: skip
-    least = np.where(unknown, np.maximum(bright, dark), 0.0)
+    least = np.where(undetermined, np.maximum(bright, dark), 0.0)
     if not least.any():
         return albedo, ()
     filled = albedo.copy()

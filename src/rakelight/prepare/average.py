@@ -6,9 +6,9 @@ import numpy as np
 
 from rakelight.model import MAD_TO_SIGMA, Floats, Mask, SensorNoise
 
-# Maps that differ by less than this fraction of what the sensor model says repeat each other.
+# Scatter of the maps over the sensor model's, below which they are copies of one measurement.
 REPEATED = 0.1
-# Scatter is averaged over so many pixels along each side: two maps alone say little of a pixel.
+# Side, pixels, of the window in which scatter is averaged: that of two maps alone is noisy.
 NEIGHBOURHOOD_PX = 7
 
 
@@ -48,8 +48,8 @@ def noise_sigma(
     Otherwise the larger of two things.  One is what the maps differ by from each other, pixel by
     pixel, and for a single map, or maps that repeat each other, the sensor model a z^2
     (Khoshelham & Elberink 2012).  The other is the pixel-to-pixel noise of `depth_m` itself, read
-    from its second differences.  An average of several maps is trusted no more than one: what a
-    fixed sensor gets wrong about a fixed object, it gets wrong every time.
+    from its second differences.  An average of several maps has the precision of one: the
+    errors of a fixed sensor on a fixed object repeat.
 
     >>> flat = np.full((32, 32), 2.0)
     >>> round(float(noise_sigma(flat)[0, 0]), 7)
@@ -64,18 +64,22 @@ def noise_sigma(
     object_m = depth if on_object is None else np.where(on_object, depth, np.nan)
     if maps_m is not None and len(maps_m) > 1:
         share = scatter(maps_m) / single
-        known = np.isfinite(share) & np.isfinite(object_m)
-        typical = float(np.median(share[known])) if known.any() else 0.0
+        finite = np.isfinite(share) & np.isfinite(object_m)
+        typical = float(np.median(share[finite])) if finite.any() else 0.0
         if typical >= REPEATED:
             # Where all maps gave the same step of a coarse scale they are not free of noise.
             single = single * np.maximum(np.where(np.isfinite(share), share, 0), typical / 2)
-    bends = np.concatenate(
+    second_differences = np.concatenate(
         [np.diff(object_m, n=2, axis=axis).ravel() for axis in (0, 1) if depth.shape[axis] > 2]
         or [np.zeros(0)]
     )
-    bends = np.abs(bends[np.isfinite(bends)])
+    second_differences = np.abs(second_differences[np.isfinite(second_differences)])
     # The second difference of white noise has variance (1 + 4 + 1) sigma^2.
-    own = MAD_TO_SIGMA * np.median(bends) / np.sqrt(6) if bends.size else 0.0
+    own = (
+        MAD_TO_SIGMA * np.median(second_differences) / np.sqrt(6)
+        if second_differences.size
+        else 0.0
+    )
     return np.asarray(np.maximum(single, own))
 
 
@@ -99,8 +103,8 @@ def scatter(depth_m: Floats) -> Floats:
         uniform_filter(image.sum(axis=0, dtype=np.float64), NEIGHBOURHOOD_PX, mode="constant")
         for image in (squares, both)
     )
-    some = count > 0.5 / NEIGHBOURHOOD_PX**2
-    return np.where(some, np.sqrt(np.maximum(total, 0) / np.where(some, count, 1)), np.nan)
+    enough = count > 0.5 / NEIGHBOURHOOD_PX**2
+    return np.where(enough, np.sqrt(np.maximum(total, 0) / np.where(enough, count, 1)), np.nan)
 
 
 def _inliers(depth_m: Floats) -> tuple[Floats, Mask]:
@@ -126,5 +130,5 @@ def _width(steps: Floats) -> float:
 
     Deviations from the median of a few maps would be too small.
     """
-    known = steps[np.isfinite(steps)]
-    return float(MAD_TO_SIGMA * np.median(known) / np.sqrt(2)) if known.size else 0.0
+    finite = steps[np.isfinite(steps)]
+    return float(MAD_TO_SIGMA * np.median(finite) / np.sqrt(2)) if finite.size else 0.0

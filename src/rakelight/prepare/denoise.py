@@ -7,6 +7,7 @@ import numpy as np
 
 from rakelight.model import Floats, Mask
 
+# Standard deviation of the spatial weights, pixels; of the depth weights, in noise widths.
 SPATIAL_SIGMA_PX = 2.5
 RANGE_SIGMAS = 3.0
 

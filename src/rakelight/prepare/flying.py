@@ -7,21 +7,20 @@ import numpy as np
 from rakelight.geometry.grid import STEEPEST
 from rakelight.model import Camera, Floats, Mask
 
-# A step to a neighbour that is no more than this many pixel widths deep may be a crease.
+# Largest step to a neighbour, pixel widths, that may be a crease.
 CREASE = 3.0
-# So many steps in a row are a slope; a jump that the optics blur is over in fewer.
+# Steps in a row that make a slope: a jump that the optics blur has fewer.
 SLOPE_STEPS = 3
-# The same where the first is steeper than a surface can be seen: the middle of a blurred jump.
+# The same where the first is steeper than a visible surface: the middle of a blurred jump.
 STEEP_STEPS = 4
-# How much steeper a round surface becomes from one pixel to the next.
+# Largest ratio of a step to the slope before it on a round surface.
 STEEPENING = 3.0
+# Noise widths that are allowed for.
 SIGMAS = 3.0
 DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
-
-
-# What is no farther from a neighbour than this part of the depth may be a limb, or thin.
+# Largest step to a neighbour, over the depth, that may belong to a limb or to something narrow.
 ASTRAY = 0.05
-# With fewer measured neighbours, of eight, a pixel may be the end of something thin.
+# Least number of measured neighbours, of eight: with fewer a pixel may be the end of a wire.
 NEIGHBOURS = 4
 
 
@@ -68,16 +67,16 @@ def flying(depth_m: Floats, sigma_m: Floats, camera: Camera) -> Mask:
     >>> flying(depth, 0.001 * depth, camera).tolist()
     [[False, False, False, True, False, False]]
     """
-    reach = STEEP_STEPS + 1
+    margin = STEEP_STEPS + 1
     height, width = depth_m.shape
-    padded = np.pad(depth_m, reach, constant_values=np.nan)
-    sigma = np.pad(sigma_m, reach, constant_values=np.nan)
+    padded = np.pad(depth_m, margin, constant_values=np.nan)
+    sigma = np.pad(sigma_m, margin, constant_values=np.nan)
     found = np.zeros(padded.shape, dtype=bool)
-    here = tuple(slice(reach, reach + side) for side in (height, width))
+    here = tuple(slice(margin, margin + side) for side in (height, width))
     for dy, dx in DIRECTIONS:
         ahead, behind = (
             tuple(
-                slice(reach + sign * step, reach + sign * step + side)
+                slice(margin + sign * step, margin + sign * step + side)
                 for step, side in ((dy, height), (dx, width))
             )
             for sign in (1, -1)
@@ -89,10 +88,10 @@ def flying(depth_m: Floats, sigma_m: Floats, camera: Camera) -> Mask:
         between = (np.abs(step[0]) > allowed) & (np.abs(step[1]) > allowed)
         between &= np.sign(step[0]) == np.sign(step[1])
         rows, columns = np.nonzero(between)
-        at = rows + reach, columns + reach
+        at = rows + margin, columns + margin
         for side in (1, -1):
             # Steps away from the pixel: the one to it, then those of the surface that leads there.
-            line = [padded[at[0] + side * k * dy, at[1] + side * k * dx] for k in range(reach + 1)]
+            line = [padded[at[0] + side * k * dy, at[1] + side * k * dx] for k in range(margin + 1)]
             rise = np.diff(line, axis=0) * np.sign(line[1] - line[0])
             # Where the map ends sooner fewer steps have to do; what ends at once may be anything.
             steep = rise[1] > steepest[rows, columns]

@@ -1,4 +1,4 @@
-"""Holes in the depth: which ones the photographs carry, and what nobody saw."""
+"""Holes in the depth: which ones are filled by the photographs, and which have neither."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from rakelight.model import Array, Finding, Mask
 from rakelight.prepare.inpaint import dilate
 from rakelight.prepare.linear import usable
 
-# Photographs know slopes.  Over so many depth pixels (16 mm for 1 mm pixels) a slope that is off
-# by 2 degrees adds up to half a millimetre, the noise of a good sensor; further it is a guess.
+# Distance, depth pixels, up to which a hole is filled.  Photographs determine slopes: over 16 depth
+# pixels (16 mm for 1 mm pixels) a slope error of 2 degrees adds up to half a millimetre, the noise
+# of a good sensor.
 REACH_PX = 16
 LISTED = 4  # parts that a message names
 
@@ -52,12 +53,14 @@ def thin_finding(mask: Mask) -> tuple[Finding, ...]:
     """
     from scipy.ndimage import label
 
-    parts, _ = label(mask)
-    wide = np.unique(parts[has_gradient(mask)])
-    thin = mask & ~np.isin(parts, wide)
-    if not (len(wide) and thin.any()):
+    components, _ = label(mask)
+    wide = np.unique(components[has_gradient(mask)])
+    degenerate = mask & ~np.isin(components, wide)
+    if not (len(wide) and degenerate.any()):
         return ()
-    message = f"parts of the mask nowhere two pixels wide keep the prepared depth: {_places(thin)}"
+    message = (
+        f"parts of the mask nowhere two pixels wide keep the prepared depth: {_places(degenerate)}"
+    )
     return (Finding("note", "thin-parts", message, "leave them out of mask.png"),)
 
 
@@ -97,9 +100,9 @@ def _places(mask: Mask) -> str:
     """
     from scipy.ndimage import find_objects, label
 
-    parts, count = label(mask, np.ones((3, 3)))
-    sizes = np.bincount(parts.ravel())[1:]
-    corners = [(columns.start, rows.start) for rows, columns in find_objects(parts)]
+    components, count = label(mask, np.ones((3, 3)))
+    sizes = np.bincount(components.ravel())[1:]
+    corners = [(columns.start, rows.start) for rows, columns in find_objects(components)]
     first, *others = np.argsort(-sizes, kind="stable")[:LISTED]
     words = [f"{sizes[first]} pixel{'s' if sizes[first] > 1 else ''} at {corners[first]}"]
     words += [f"{sizes[i]} at {corners[i]}" for i in others]

@@ -42,7 +42,7 @@ def srgb(linear: Floats) -> Floats:
 
 
 def usable(values: Array) -> Mask:
-    """Which channels of which pixels can be trusted: neither saturated nor black.
+    """Which channels of which pixels are usable: neither saturated nor black.
 
     Channel by channel: where red clips, green and blue still say how bright the light was.
 

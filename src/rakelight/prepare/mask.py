@@ -1,4 +1,4 @@
-"""The object nearest to the camera, cut out from depth and colour where nobody drew a mask."""
+"""The object nearest to the camera, segmented by depth and colour where there is no mask."""
 
 from __future__ import annotations
 
@@ -19,20 +19,23 @@ REMEDY = (
     "draw the object white on black at the photographs' size and save it as mask.png, or give "
     "mask=, (H, W) bool, with the arrays"
 )
-# The outer part of the image that background reaches; depth often ends a little before it.
+# Width of the frame, over the image's side, which background reaches; depth may end before it.
 FRAME = 0.04
-# Tables and walls: so much of the depth, so much of the frame, as flat as this.
+# Of tables and walls: least fraction of the depth, least fraction of the frame, flatness in metres.
 PLANE_SHARE, PLANE_FRAME, FLAT_M = 0.08, 0.04, 0.005
+# Most planes; random trials for each (RANSAC), and points in the sample.
 PLANES, TRIALS, SAMPLE = 4, 300, 3000
-# An object has this share of the image's pixels; nearness counts against size by this power.
+# Least fraction of the image's pixels of an object; exponent of nearness against size.
 SMALLEST, NEARNESS = 0.002, 6
-# Parts belong together across a gap of so many pixels where the jump is no more than this share of
-# the object's width, or where the object is this share of all around the part.
+# Largest gap, pixels, between parts of one object; largest jump between them, over the object's
+# width; or the object's fraction of the surroundings of a part.
 GAP_PX, PART_JUMP, PART_WITHIN = 4, 0.05, 0.5
-# Colour decides within so many depth pixels of the outline that depth gives.
+# Distance, depth pixels, from the outline by depth, within which colour decides.
 COLOUR_PX = 4
+# Iterations of GrabCut, and least number of pixels for a colour model.
 GRABCUTS, FEWEST_COLOURS = 3, 50
-# Beyond these the answer is doubtful.
+# Limits for a warning: score of the second choice over the first's; agreement of depth and colour;
+# fraction of the outline at the frame; fraction of the image.
 RIVAL, AGREEMENT, AT_FRAME, TINY = 0.3, 0.8, 0.03, 0.005
 
 
@@ -60,20 +63,20 @@ def cut_out(capture: Capture) -> tuple[Mask, tuple[Finding, ...]]:
         )
         return mask, (Finding("warning", "no-mask", message, REMEDY),)
     mask, agreement = outlined(found.mask, known, _picture(capture), grid)
-    doubts = list(found.doubts)
+    reasons = list(found.reasons)
     if agreement < AGREEMENT:
         mask = grid.spread(found.mask)
-        doubts.append("its colours are those of what is around it")
+        reasons.append("its colours are those of what is around it")
     if mask.mean() < TINY:
-        doubts.append("it is very small")
+        reasons.append("it is very small")
     low_m, high_m = np.quantile(depth[found.mask & known], [0.02, 0.98])
     message = (
         f"no mask: the nearest object was cut out, {mask.mean():.1%} of the image, "
         f"{low_m:.2f} to {high_m:.2f} m away"
     )
-    if doubts:
-        message += "; doubtful: " + ", ".join(doubts)
-    return mask, (Finding("warning" if doubts else "note", "no-mask", message, REMEDY),)
+    if reasons:
+        message += "; doubtful: " + ", ".join(reasons)
+    return mask, (Finding("warning" if reasons else "note", "no-mask", message, REMEDY),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +84,7 @@ class Found:
     """An object's mask (hs, ws) on the depth map, and why it may be the wrong one."""
 
     mask: Mask
-    doubts: tuple[str, ...] = ()
+    reasons: tuple[str, ...] = ()
 
 
 def nearest_object(depth_m: Floats, sigma_m: Floats, camera: Camera) -> Found | None:
@@ -94,13 +97,13 @@ def nearest_object(depth_m: Floats, sigma_m: Floats, camera: Camera) -> Found | 
         return None
     frame = _frame(known.shape)
     before = known & ~behind_planes(depth_m, sigma_m, camera, frame)
-    parts, count = surfaces(np.where(before, depth_m, np.nan), camera)
+    components, count = surfaces(np.where(before, depth_m, np.nan), camera)
     if count == 0:
         return None
-    area = np.bincount(parts[before], minlength=count)
-    at_frame = np.bincount(parts[before & frame], minlength=count) / np.count_nonzero(frame)
+    area = np.bincount(components[before], minlength=count)
+    at_frame = np.bincount(components[before & frame], minlength=count) / np.count_nonzero(frame)
     middle_m = np.array(
-        [np.median(part) for part in np.split(*_sorted(depth_m[before], parts[before], area))]
+        [np.median(part) for part in np.split(*_sorted(depth_m[before], components[before], area))]
     )
     large = area >= SMALLEST * known.size
     if not large.any():
@@ -111,15 +114,15 @@ def nearest_object(depth_m: Floats, sigma_m: Floats, camera: Camera) -> Found | 
     # What is all there is stands out from nothing, unless nothing is all around it.
     if score[best] == 0 or (at_frame[best] > AT_FRAME and area[best] > 0.9 * known.sum()):
         return None
-    chosen = _with_its_parts(best, parts, area, at_frame, depth_m, camera)
+    chosen = _with_its_parts(best, components, area, at_frame, depth_m, camera)
     others = np.setdiff1d(np.flatnonzero(large), chosen)
-    doubts = []
+    reasons = []
     if others.size and score[others].max() > RIVAL * score[best]:
         rival = others[np.argmax(score[others])]
-        doubts.append(f"another one is {middle_m[rival]:.2f} m away")
+        reasons.append(f"another one is {middle_m[rival]:.2f} m away")
     if at_frame[chosen].sum() > AT_FRAME:
-        doubts.append("it reaches the edge of the image")
-    return Found(_closed(np.isin(parts, chosen) & before, known), tuple(doubts))
+        reasons.append("it reaches the edge of the image")
+    return Found(_closed(np.isin(components, chosen) & before, known), tuple(reasons))
 
 
 def behind_planes(depth_m: Floats, sigma_m: Floats, camera: Camera, frame: Mask) -> Mask:
@@ -180,18 +183,18 @@ def _sorted(values: Floats, labels: Array, area: Array) -> tuple[Floats, Array]:
 
 
 def _with_its_parts(
-    best: int, parts: Array, area: Array, at_frame: Floats, depth_m: Floats, camera: Camera
+    best: int, components: Array, area: Array, at_frame: Floats, depth_m: Floats, camera: Camera
 ) -> Array:
     """The numbers of the surfaces that make up the object: beside it, at about its depth."""
-    chosen, mask = [best], parts == best
+    chosen, mask = [best], components == best
     width_m = np.sqrt(area[best]) * float(np.median(depth_m[mask])) / camera.fx
     while True:
-        around = dilate(mask, GAP_PX) & ~mask & (parts >= 0)
+        around = dilate(mask, GAP_PX) & ~mask & (components >= 0)
         fresh = []
-        for other in np.setdiff1d(np.unique(parts[around]), chosen):
+        for other in np.setdiff1d(np.unique(components[around]), chosen):
             if area[other] > area[best] or at_frame[other] > AT_FRAME:
                 continue
-            part = parts == other
+            part = components == other
             beside = dilate(part, GAP_PX) & ~part
             within = np.count_nonzero(beside & mask) / np.count_nonzero(beside)
             near_m, far_m = (
@@ -202,7 +205,7 @@ def _with_its_parts(
         if not fresh:
             return np.array(chosen)
         chosen += fresh
-        mask |= np.isin(parts, fresh)
+        mask |= np.isin(components, fresh)
 
 
 def _closed(mask: Mask, known: Mask) -> Mask:
@@ -239,7 +242,7 @@ def outlined(mask: Mask, known: Mask, picture: Array, grid: SensorGrid) -> tuple
 
     square = np.ones((3, 3), dtype=bool)
     inner = binary_erosion(mask, square, iterations=2, border_value=1)
-    # Thin parts have nothing within; there depth is believed as it is.
+    # Narrow parts have no interior; there the depth decides.
     thin = mask & ~dilate(inner, 4)
     elsewhere = binary_erosion(known & ~mask, square, iterations=1, border_value=1)
     elsewhere |= distance_transform_edt(~mask) > COLOUR_PX

@@ -8,9 +8,9 @@ from rakelight.geometry.camera import back_project
 from rakelight.geometry.grid import Links, mean_gradient, surface_links
 from rakelight.model import Array, Camera, Floats, RigidTransform
 
-# A border's tangent plane and the triangles beside it differ by no more than this many pixels.
+# Largest difference, pixel widths, of a border's tangent plane and triangles of the same surface.
 SAME_SURFACE_PX = 4.0
-# What is nearer to the camera than this, or so large in its picture, is no measured surface.
+# Least distance from the camera, metres, and largest extent, pixels, of a triangle that is drawn.
 NEAREST_M, LARGEST_PX = 0.01, 16
 
 
@@ -51,8 +51,8 @@ def register(
     >>> register(depth, 0.01 * depth, camera, right, camera)[0].tolist()[0]
     [nan, 2.0, 2.0, 2.0]
     """
-    known = np.isfinite(depth_m)
-    links = surface_links(np.where(known, depth_m, np.nan), known, camera)
+    measured = np.isfinite(depth_m)
+    links = surface_links(np.where(measured, depth_m, np.nan), measured, camera)
     points = project(back_project(depth_m, camera), pose, target)
     nearest = _Nearest(target)
     nearest.draw(*_triangles(points, sigma_m, links))
@@ -145,15 +145,15 @@ class _Nearest:
         behind_m : (h, w) a surface with which these triangles are one where they lie within a few
             pixel widths of it, so that there they are left out
         """
-        sound = np.isfinite(corners).all(axis=(1, 2))
-        corners, noise = corners[sound], noise[sound]
+        finite = np.isfinite(corners).all(axis=(1, 2))
+        corners, noise = corners[finite], noise[finite]
         low = np.ceil(corners[..., :2].min(axis=1)).astype(int)
         high = np.floor(corners[..., :2].max(axis=1)).astype(int)
         size = np.array([self.camera.width, self.camera.height])
         low, high = np.maximum(low, 0), np.minimum(high, size - 1)
         extent = high - low + 1
-        some = ((extent > 0) & (extent <= LARGEST_PX)).all(axis=1)
-        corners, noise, low, extent = corners[some], noise[some], low[some], extent[some]
+        small = ((extent > 0) & (extent <= LARGEST_PX)).all(axis=1)
+        corners, noise, low, extent = corners[small], noise[small], low[small], extent[small]
         edges = _edge_functions(corners)
         found: list[tuple[Array, Floats, Floats]] = []
         for dv in range(int(extent[:, 1].max(initial=0))):

@@ -182,7 +182,7 @@ def sensed(capture: Capture, mask: Mask | None = None) -> tuple[Floats, Floats]:
         pose = capture.depth_to_color or RigidTransform(np.eye(3), np.zeros(3))
         average = robust_average(capture.depth_m)
         points = project(back_project(average, capture.depth_camera), pose, capture.camera)
-        depth, sigma = _trusted(
+        depth, sigma = _without_outliers(
             average, capture, capture.depth_m, capture.depth_camera, _lookup(mask, points)
         )
         grid = sensor_grid(capture.camera, capture.depth_camera)
@@ -195,13 +195,13 @@ def sensed(capture: Capture, mask: Mask | None = None) -> tuple[Floats, Floats]:
         part = bounding_window(on_object, margin=NEIGHBOURHOOD_PX)
         maps_m = capture.depth_m[:, *part]
         camera = capture.camera.resized(shape[1], shape[0]).cropped(*part)
-        depth[part], sigma[part] = _trusted(
+        depth[part], sigma[part] = _without_outliers(
             robust_average(maps_m), capture, maps_m, camera, on_object[part]
         )
     return depth, sigma
 
 
-def _trusted(
+def _without_outliers(
     average: Floats, capture: Capture, maps_m: Floats, camera: Camera, on_object: Mask
 ) -> tuple[Floats, Floats]:
     """The average (h, w) of maps and its noise, without stray and flying pixels."""

@@ -7,7 +7,7 @@ import numpy as np
 from rakelight.geometry.grid import STEEPEST, connected, surface_links
 from rakelight.model import Array, Camera, Floats, Mask
 
-# What shows beside the object lies behind it within so many pixels.
+# Distance, pixels, within which a measurement beside the object is compared with its depth.
 BESIDE_PX = 2
 
 
@@ -36,8 +36,8 @@ def beside_the_object(depth_m: Floats, touched: Mask, covered: Mask, camera: Cam
     from scipy.ndimage import minimum_filter
 
     seen = touched & np.isfinite(depth_m)
-    parts, _ = surfaces(np.where(seen, depth_m, np.nan), camera)
-    own = seen & np.isin(parts, np.unique(parts[seen & covered]))
+    components, _ = surfaces(np.where(seen, depth_m, np.nan), camera)
+    own = seen & np.isin(components, np.unique(components[seen & covered]))
     nearest = minimum_filter(np.where(own, depth_m, np.inf), 2 * BESIDE_PX + 1)
     # Thin parts of the object need not touch the rest of it: only a jump tells.
     jump = 1 + STEEPEST / min(camera.fx, camera.fy)

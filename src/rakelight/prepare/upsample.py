@@ -8,8 +8,9 @@ from rakelight.geometry.grid import Links, mean_gradient, pair_slices
 from rakelight.model import Array, Floats
 from rakelight.prepare.inpaint import dilate, nearest_fill
 
-# A spline's ripple beside a jump falls to a quarter with every pixel.
-RIPPLE_PX = 4
+# Distance from a jump, pixels, beyond which a spline's ringing is negligible: it falls to a quarter
+# with every pixel.
+RINGING_PX = 4
 
 
 def upsample(
@@ -24,9 +25,9 @@ def upsample(
     window : the rows and columns of the new grid that are wanted
 
     Log depth is interpolated by cubic splines between pixel centres, which keep slopes and bends
-    (OpenCV's bicubic kernel ripples on a slope); the object is first continued outwards, so that
+    (OpenCV's bicubic kernel does not on a slope); the object is first continued outwards, so that
     its border is not mixed with what lies behind.  The values outside are that continuation.
-    Splines ripple at jumps too: beside those, each pixel continues the surface that its sensor
+    Splines ring at jumps, too: near those, each pixel continues the surface that its sensor
     pixel is on.
 
     >>> depth = np.exp(np.arange(24.0))[None, :].repeat(4, axis=0)
@@ -47,14 +48,14 @@ def upsample(
     mesh = np.meshgrid(*places, indexing="ij")
     smooth = np.asarray(map_coordinates(log_depth, mesh, order=3, mode="nearest"))
     if links.cut:
-        beside = dilate(_at_a_jump(links), RIPPLE_PX) & links.mask
-        home = [
+        near_jump = dilate(_at_a_jump(links), RINGING_PX) & links.mask
+        sensor_pixel = [
             np.clip(np.round(p).astype(int), 0, n - 1)
             for p, n in zip(places, depth_m.shape, strict=True)
         ]
-        at = np.nonzero(beside[np.ix_(*home)])
+        at = np.nonzero(near_jump[np.ix_(*sensor_pixel)])
         here = [place[index] for place, index in zip(places, at, strict=True)]
-        own = [place[index] for place, index in zip(home, at, strict=True)]
+        own = [place[index] for place, index in zip(sensor_pixel, at, strict=True)]
         smooth[at] = _continued(log_depth, links, here, own)
     return np.asarray(np.exp(smooth))
 

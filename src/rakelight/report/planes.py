@@ -1,4 +1,4 @@
-"""The maps that the viewer draws, packed into text: what viewer/planes.js reads.
+"""The maps that the viewer draws, encoded as text: what viewer/planes.js reads.
 
 Every map is cut to the object's window and, as rows of whole numbers, predicted from its
 neighbours, deflated and written in base64.
@@ -24,15 +24,15 @@ from rakelight.model import Array, Camera, Floats, Mask, Result
 from rakelight.prepare.linear import srgb
 
 MOST_TRIANGLES = 150_000
-# Maps are averaged over blocks until they have at most so many pixels, as textures and downloads
-# have their limits; and so many along each side.
+# Most pixels of a map, and along a side, for textures and downloads; larger maps are averaged.
 MOST_PIXELS, LONGEST_SIDE = 3_000_000, 4096
+# Largest code of a depth, and of a normal's octahedral coordinates.
 DEEPEST = 65535
 OCTAHEDRAL = 4095
 
 
 @dataclass(frozen=True, slots=True)
-class Plane:
+class EncodedMap:
     """One map: its name, bits per value (8 or 16), and its text, which is safe in HTML."""
 
     name: str
@@ -101,14 +101,14 @@ def viewer_maps(result: Result) -> Maps:
     return maps if factor == 1 else maps.shrink(factor)
 
 
-def pack(maps: Maps) -> tuple[list[Plane], dict[str, Any]]:
-    """The planes and what the viewer has to know to read them."""
+def pack(maps: Maps) -> tuple[list[EncodedMap], dict[str, Any]]:
+    """The encoded maps, and the facts that the viewer needs to decode them."""
     depths = np.stack([maps.before_m, maps.after_m])
     nearest, deepest = float(np.nanmin(depths)), float(np.nanmax(depths))
     step = max((deepest - nearest) / (DEEPEST - 1), 1e-9)
     planes = []
     for name, values in _values(maps, nearest, step):
-        planes.append(Plane(name, 8 * values.dtype.itemsize, encode(values)))
+        planes.append(EncodedMap(name, 8 * values.dtype.itemsize, encode(values)))
     camera = maps.camera
     sizes = {"width": camera.width, "height": camera.height}
     facts = {

@@ -16,13 +16,13 @@ import numpy as np
 
 from rakelight.jit import helper, kernel
 
-# Sums of couplings below this fraction of the diagonal give no direction to interpolate from.
+# Sum of couplings, over the diagonal, below which there is no direction to interpolate from.
 NO_COUPLING = np.float32(1e-6)
-# Of the diagonal; single precision cannot tell less from zero.
+# Least pivot, over the diagonal, in single precision.
 SMALLEST_PIVOT = np.float32(1e-6)
-# The same in double precision, for the diagonal of a coarse matrix.
+# Least pivot, over the diagonal of a coarse matrix, in double precision.
 SMALLEST_COARSE = 1e-14
-# More than rounding to single precision takes from a number.
+# Factor that exceeds the rounding error of single precision.
 ROUND_UP = 1 + float(np.finfo(np.float32).eps)
 
 

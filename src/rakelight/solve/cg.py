@@ -9,8 +9,7 @@ import numpy as np
 from rakelight.jit import in_parts
 from rakelight.model import Floats
 
-# The residual is updated, not recomputed; when it says "done" and the true one does not agree,
-# the iteration starts anew from the true one, so many times.
+# Restarts from the true residual, where the updated one has converged and the true one has not.
 RESTARTS = 3
 
 

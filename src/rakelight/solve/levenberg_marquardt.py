@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt damping: how strongly a step is held back, learnt from the last ones."""
+"""Levenberg-Marquardt damping, adapted to whether steps lower the energy."""
 
 from __future__ import annotations
 
@@ -6,19 +6,20 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 
-# A refused step is tried again with so many times the damping; an accepted one is followed by a
-# step with as many times less (ablation.md: halved 1.11, doubled 1.00).
+# Factor of the damping after a refused step, and its inverse after an accepted one (ablation.md:
+# halved 1.11, doubled 1.00).
 FACTOR = 8.0
-# Beyond this damping a step is next to nothing: the next one begins here.
+# Largest damping of the next step: with more a step is next to nothing (no draw of ablation.md
+# changes by 5 %).
 LARGEST = 1e2
 
 
 class Evaluated(Protocol):
-    """Unknowns with the energy that they have."""
+    """A state of the unknowns, with its energy."""
 
     @property
     def energy(self) -> float:
-        """What steps are to lower."""
+        """The energy that steps lower."""
 
 
 State = TypeVar("State", bound=Evaluated)
@@ -28,7 +29,7 @@ State = TypeVar("State", bound=Evaluated)
 class Damping:
     """The damping of the next step of one kind, a multiple of the diagonal of its matrix.
 
-    least : smaller ones make no difference, and a try with each costs as much as one that does
+    least : of the values: smaller ones make no difference, and a try costs as much with them
     """
 
     value: float

@@ -24,13 +24,13 @@ from rakelight.solve.cg import conjugate_gradients
 from rakelight.solve.direct import stencil_matrix
 from rakelight.solve.stencil import DepthSystem, Laplacian
 
-# A level with no more unknowns than this is solved by a dense factorisation.
+# Most unknowns of a level that is solved by a dense factorisation.
 COARSEST = 300
-# The smallest diagonal, of a mean of 1: single precision can hold what divides by it.
+# Least diagonal, over its mean: its inverse fits in single precision.
 SMALLEST_DIAGONAL = 1e-20
-# Added to the coarsest diagonal, as a part of it: more than rounding takes away.
+# Ridge of the coarsest matrix, over its diagonal: larger than the rounding error.
 RIDGE = 1e-12
-# Columns that one core relaxes side by side, at the least: fewer would not fill wide instructions.
+# Least number of columns that a core relaxes at once: fewer would not fill vector instructions.
 LEAST_COLUMNS = 64
 
 

@@ -25,12 +25,12 @@ from rakelight.model import Floats, Mask
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-# An unknown that no data weight reaches is held at its target by this part of its diagonal.
+# Weight, over its diagonal, that draws an unknown without data to its target.
 PIN = 1e-6
-# An extra term may know sums of unknowns only, and two parts in one sum may float against each
-# other: this part of its diagonal holds each unknown at its target.
+# Weight, over its diagonal, that draws each unknown of an extra term to its target: the term may
+# see sums of unknowns only, in which two components can move against each other.
 TRACE = 1e-6
-# Couplings and data weights below this part of the diagonal do not count as connections.
+# Coupling or data weight, over the diagonal, below which it is no connection.
 NEGLIGIBLE = 1e-8
 
 
