@@ -10,9 +10,8 @@ LONGEST = 60
 """Lines of a function from its def on, its docstring aside."""
 
 LONGER = {
-    ("shading/_kernels.py", "explain"): "a kernel: its loops share their arrays of scratch",
+    ("photometry/_kernels.py", "linearize"): "a kernel: its loops share their arrays of scratch",
     ("cli/synth.py", "command"): "a parameter for each option of the command",
-    ("methods/__init__.py", "_refined"): "the pipeline, which is to be a room of its own",
 }
 
 

@@ -140,23 +140,7 @@ def _refined(
             capture = _registered(capture, chosen, options, progress)
     registered_at = perf_counter()
     progress(Progress("prepare"))
-    # Concurrent with the preparation, most of which runs on one core.
-    with ThreadPoolExecutor(1) as beside:
-        checks = beside.submit(
-            lambda: (
-                *camera_motion(capture),
-                *depth_shift(capture),
-                *depth_orientation(capture),
-                *inside_out(capture),
-            )
-        )
-        prepared = prepare(capture, scale)
-        require_memory(
-            prepared.mask.size * chosen.bytes_per_pixel,
-            source=capture.source,
-            remedy="close other programs, choose a smaller --scale, or crop to the object",
-        )
-        checked = checks.result()
+    prepared, checked = _prepared(capture, chosen, scale)
     prepared_at = perf_counter()
     with one_blas_thread():
         degenerate = without_normals(prepared)
@@ -197,6 +181,32 @@ def _refined(
         depth_sigma=_embedded(prepared, estimate.depth_sigma),
         normal_sigma=_embedded(prepared, estimate.normal_sigma),
     )
+
+
+def _prepared(
+    capture: Capture, chosen: Method, scale: Scale
+) -> tuple[Prepared, tuple[Finding, ...]]:
+    """The prepared capture, and what the checks of it found.
+
+    Raises MachineError when there is too little memory for the method.
+    """
+    # Concurrent with the preparation, most of which runs on one core.
+    with ThreadPoolExecutor(1) as beside:
+        checks = beside.submit(
+            lambda: (
+                *camera_motion(capture),
+                *depth_shift(capture),
+                *depth_orientation(capture),
+                *inside_out(capture),
+            )
+        )
+        prepared = prepare(capture, scale)
+        require_memory(
+            prepared.mask.size * chosen.bytes_per_pixel,
+            source=capture.source,
+            remedy="close other programs, choose a smaller --scale, or crop to the object",
+        )
+        return prepared, checks.result()
 
 
 def _embedded(prepared: Prepared, sigma: Floats | None) -> Floats | None:
