@@ -37,7 +37,7 @@ from typing import Any
 import numpy as np
 
 from rakelight import RakelightError, refine
-from rakelight.metrics import evaluate
+from rakelight.metrics import evaluate_maps
 from rakelight.synthetic import draw, render_draw
 from random_captures import LIGHTING, one_thread, seeds
 
@@ -172,7 +172,7 @@ def refined(trial: Trial, method: str, folder: Path) -> dict[str, Any]:
             except RakelightError:
                 continue
             counted = truth.mask & capture.mask & np.isfinite(result.prepared_depth)
-            found = evaluate(result.depth, result.normals, truth, counted)
+            found = evaluate_maps(result.depth, result.normals, truth, counted)
             errors[file.stem] = (found.normals.mae_deg, found.depth.rmse_mm)
     except Exception as error:  # a value that the method cannot work with is a result
         return {**record, "failed": type(error).__name__}

@@ -41,8 +41,8 @@ from rakelight.methods.multi_light.noise import estimate_equal_intensity_weight
 from rakelight.metrics import (
     color_errors,
     depth_error_map_mm,
-    evaluate,
     evaluate_depth,
+    evaluate_maps,
     normal_error_map_deg,
 )
 from rakelight.model import Array, Camera, Capture, Floats, Lights, Mask, Result, Truth
@@ -108,8 +108,8 @@ def line(name: str, method: str, scene: Scene) -> str:
     capture, truth = scene
     result = refine(capture, method)
     kept = truth.mask & ~near_jumps(truth.depth)
-    whole = evaluate(result.depth, result.normals, truth)
-    off = evaluate(result.depth, result.normals, truth, kept)
+    whole = evaluate_maps(result.depth, result.normals, truth)
+    off = evaluate_maps(result.depth, result.normals, truth, kept)
     numbers = [
         f"{errors.depth.rmse_mm:.2f} | {errors.normals.mae_deg:.2f}" for errors in (whole, off)
     ]
@@ -158,7 +158,7 @@ def limits(arguments: argparse.Namespace) -> Iterator[str]:
         ("the same, and from the lamps' brightness", true_but_relief(capture, truth, steady=True)),
     ):
         normals = surface_normals(depth, mask, camera)
-        whole, off = (evaluate(depth, normals, truth, where) for where in (mask, kept))
+        whole, off = (evaluate_maps(depth, normals, truth, where) for where in (mask, kept))
         numbers = [f"{e.depth.rmse_mm:.2f} | {e.normals.mae_deg:.2f}" for e in (whole, off)]
         yield (
             f"| {name} | "
@@ -264,7 +264,7 @@ def flat(arguments: argparse.Namespace) -> Iterator[str]:
                     make_shape(name), make_albedo(arguments.scenario), options
                 )
                 result = refine(capture, arguments.method)
-                errors = evaluate(result.depth, result.normals, truth)
+                errors = evaluate_maps(result.depth, result.normals, truth)
                 numbers += [f"{errors.depth.rmse_mm:.2f}", f"{errors.normals.mae_deg:.2f}"]
             yield f"| {name} | {seed} | " + " | ".join(numbers) + " |"
 
@@ -285,7 +285,7 @@ def _scans(arguments: argparse.Namespace, conditions: dict[str, Any]) -> Iterato
             result = refine(capture, arguments.method)
             seconds = time.perf_counter() - began
             before = evaluate_depth(result.prepared_depth, capture.camera, truth)
-            after = evaluate(result.depth, result.normals, truth)
+            after = evaluate_maps(result.depth, result.normals, truth)
             floor = evaluate_depth(truth.depth, capture.camera, truth)
             numbers = [
                 number
@@ -314,7 +314,7 @@ def scales(arguments: argparse.Namespace) -> Iterator[str]:
                 shape_from_file(file), make_albedo(arguments.scenario), options
             )
             result = refine(capture, arguments.method)
-            errors = evaluate(result.depth, result.normals, truth)
+            errors = evaluate_maps(result.depth, result.normals, truth)
             mae_deg = errors.normals.mae_deg
             at_one = mae_deg if factor == 1 else at_one
             numbers = f"{errors.depth.rmse_mm:.2f} | {mae_deg:.2f} | {mae_deg - at_one:.2f}"

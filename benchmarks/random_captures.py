@@ -44,7 +44,7 @@ from rakelight.geometry.camera import back_project
 from rakelight.geometry.grid import area_mean, pair_slices, surface_links
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods import load_method
-from rakelight.metrics import depth_error_map_mm, evaluate, normal_error_map_deg
+from rakelight.metrics import depth_error_map_mm, evaluate_maps, normal_error_map_deg
 from rakelight.model import Floats, Mask
 from rakelight.prepare.sensor import sensed
 from rakelight.synthetic import Draw, draw, render_draw
@@ -85,7 +85,7 @@ def scores(drawn: Draw, capture: Capture, truth: Truth, method: str, oracle: boo
     counted = inside & np.isfinite(result.prepared_depth)
 
     def errors(depth: Floats, normals: Floats) -> Record:
-        found = evaluate(depth, normals, truth, counted)
+        found = evaluate_maps(depth, normals, truth, counted)
         return {"deg": found.normals.mae_deg, "mm": found.depth.rmse_mm}
 
     before = result.prepared_depth

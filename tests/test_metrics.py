@@ -10,7 +10,7 @@ from rakelight.metrics import (
     color_errors,
     depth_error_map_mm,
     depth_errors,
-    evaluate,
+    evaluate_maps,
     normal_error_map_deg,
     normal_errors,
 )
@@ -104,7 +104,7 @@ def test_a_missing_pixel_is_charged_a_tenth_of_the_depth_and_180_degrees():
     depth, normals = np.full(SIZE, 0.8), FACING.copy()
     depth[1, 1] = normals[1, 1] = np.nan
     truth = Truth(np.full(SIZE, 0.8), FACING, np.ones((*SIZE, 3)))
-    scored = evaluate(depth, normals, truth)
+    scored = evaluate_maps(depth, normals, truth)
     assert scored.depth.rmse_mm == pytest.approx(80 / np.sqrt(20), rel=1e-9)
     assert scored.normals.mae_deg == pytest.approx(180 / 20, rel=1e-12)
     assert scored.depth.coverage == scored.normals.coverage == 0.95
@@ -116,7 +116,7 @@ def test_the_mask_is_the_truths_and_never_the_estimates():
     truth = Truth(truth_depth, np.where(ALL[..., None], FACING, 0), np.ones((*SIZE, 3)))
     only_one = np.full(SIZE, np.nan)
     only_one[2, 2] = 0.8
-    assert evaluate(only_one, FACING, truth).depth.coverage == pytest.approx(1 / 15)
+    assert evaluate_maps(only_one, FACING, truth).depth.coverage == pytest.approx(1 / 15)
 
 
 def test_maps_hold_the_scored_errors():
@@ -186,9 +186,9 @@ def test_what_is_no_array_of_numbers(bad):
         (flat.depth, flat.normals, bad),
     ):
         with pytest.raises(InputError, match="is no"):
-            evaluate(depth, normals, truth)
+            evaluate_maps(depth, normals, truth)
     with pytest.raises(InputError, match="mask"):
-        evaluate(flat.depth, flat.normals, flat, mask=[[True]])
+        evaluate_maps(flat.depth, flat.normals, flat, mask=[[True]])
 
 
 def a_result(depth, normals):
@@ -208,7 +208,7 @@ def test_a_result_is_scored_by_its_maps():
     depth = truth.depth + 0.002
     depth[1, 1] = np.nan
     scores = rakelight.evaluate(a_result(depth, tilted), truth)
-    assert scores == evaluate(depth, tilted, truth)
+    assert scores == evaluate_maps(depth, tilted, truth)
     assert scores.depth.rmse_mm == pytest.approx(np.sqrt((19 * 2.0**2 + 80.0**2) / 20))
     assert scores.normals.mae_deg == pytest.approx(np.degrees(0.2) / 20)
     assert scores.depth.coverage == 0.95

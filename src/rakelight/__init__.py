@@ -28,8 +28,7 @@ if TYPE_CHECKING:
     from rakelight.methods.rgb_ratio import RgbRatio
     from rakelight.methods.single_image.fusion_like import FusionLike
     from rakelight.methods.single_image.rgbd_fusion import RgbdFusion
-    from rakelight.metrics import Evaluation
-    from rakelight.metrics import evaluate_result as evaluate
+    from rakelight.metrics import Evaluation, evaluate
     from rakelight.model import (
         Camera,
         Capture,
@@ -48,7 +47,7 @@ if TYPE_CHECKING:
 
 __version__: str
 
-# Public name -> the module it comes from and its name there, where that is another one.
+# Public name -> the module it comes from.
 _HOMES = {
     "Camera": "rakelight.model",
     "Capture": "rakelight.model",
@@ -74,7 +73,7 @@ _HOMES = {
     "RigidTransform": "rakelight.model",
     "SensorNoise": "rakelight.model",
     "Truth": "rakelight.model",
-    "evaluate": "rakelight.metrics:evaluate_result",
+    "evaluate": "rakelight.metrics",
     "load_capture": "rakelight.capture",
     "load_result": "rakelight.export",
     "load_truth": "rakelight.capture",
@@ -90,8 +89,7 @@ def __getattr__(name: str) -> object:
         return _version()
     if name not in _HOMES:
         raise AttributeError(f"module 'rakelight' has no attribute {name!r}")
-    module, _, inside = _HOMES[name].partition(":")
-    return getattr(import_module(module), inside or name)
+    return getattr(import_module(_HOMES[name]), name)
 
 
 def _version() -> str:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 _LONGEST = 400  # characters of each part of a message; what a file holds may be any length
 
@@ -113,6 +114,25 @@ def parsing(source: str, what: str, error: type[InputError] = InputError) -> Ite
     except Exception as cause:
         seen = "nested too deep" if isinstance(cause, RecursionError) else str(cause)
         raise error(what, source=source, seen=seen or type(cause).__name__) from cause
+
+
+def check_is(value: object, kind: type[Any], name: str, remedy: str = "") -> None:
+    """Raise InputError, with `remedy`, where the argument `name` is no `kind`.
+
+    >>> check_is(3, str, "source", "name where the capture came from")
+    Traceback (most recent call last):
+    rakelight.errors.InputError: source: this is no str (seen int, needed str). Fix: name where the
+    capture came from
+    """
+    if not isinstance(value, kind):
+        public = kind.__module__ == "rakelight.model"
+        raise InputError(
+            f"this is no {kind.__name__}",
+            source=name,
+            seen=type(value).__name__,
+            needed=f"rakelight.{kind.__name__}" if public else kind.__name__,
+            remedy=remedy,
+        )
 
 
 def cut(text: str, longest: int = _LONGEST) -> str:

@@ -88,10 +88,12 @@ def in_blocks(work: Callable[[int], None], blocks: int, pixels: int) -> None:
         for block in left:
             work(block)
 
+    if threads == 1:
+        take()
+        return
     ended: SimpleQueue[BaseException | None] = SimpleQueue()
-    tasks = _tasks(threads - 1)
     for _ in range(threads - 1):
-        tasks.put((take, ended))
+        _tasks().put((take, ended))
     try:
         take()
     finally:
@@ -115,18 +117,21 @@ def limited_threads(most: int) -> Iterator[None]:
 
 def _threads(pixels: int) -> int:
     """How many cores work of that size is worth."""
-    if pixels < WORTH_SHARING:
-        return 1
+    return 1 if pixels < WORTH_SHARING else min(_cores(), _most_threads.get())
+
+
+def _cores() -> int:
+    """How many cores this process may use, or fewer, as NUMBA_NUM_THREADS says."""
     cores: int = _numba().config.NUMBA_NUM_THREADS
-    return min(cores, _most_threads.get())
+    return cores
 
 
 @cache
-def _tasks(threads: int) -> SimpleQueue[Any]:
-    """What so many threads take their work from: a function, and the queue to say when it ended.
+def _tasks() -> SimpleQueue[Any]:
+    """The queue of the threads beside the caller's: a function, and the queue for how it ended.
 
-    A tenth of what concurrent.futures takes to hand over work, which can be a tenth of a
-    millisecond's.
+    One thread less than there are cores, made once.  Queues hand work over in less than half the
+    time of concurrent.futures; a kernel on a small image takes no longer than that.
     """
     tasks: SimpleQueue[Any] = SimpleQueue()
 
@@ -141,7 +146,7 @@ def _tasks(threads: int) -> SimpleQueue[Any]:
                 ended.put(None)
             del function, ended  # arrays must not live until the next task
 
-    for _ in range(threads):
+    for _ in range(_cores() - 1):
         Thread(target=work, name="rakelight", daemon=True).start()
     return tasks
 

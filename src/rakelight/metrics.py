@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from rakelight.errors import InputError
+from rakelight.errors import InputError, check_is
 from rakelight.geometry.normals import surface_normals
 from rakelight.model import Camera, Floats, Mask, Result, Truth
 
@@ -63,7 +63,9 @@ class Evaluation:
     normals: NormalErrors
 
 
-def evaluate(depth: Floats, normals: Floats, truth: Truth, mask: Mask | None = None) -> Evaluation:
+def evaluate_maps(
+    depth: Floats, normals: Floats, truth: Truth, mask: Mask | None = None
+) -> Evaluation:
     """Scores of `depth` (H, W) metres and `normals` (H, W, 3) against `truth`.
 
     mask : (H, W) bool, the pixels that count; None stands for all of the truth's, never for the
@@ -72,18 +74,11 @@ def evaluate(depth: Floats, normals: Floats, truth: Truth, mask: Mask | None = N
     Raises InputError where sizes differ, the mask is empty or leaves the truth.
 
     >>> truth = Truth(np.ones((2, 2)), np.full((2, 2, 3), [0.0, 0.0, -1.0]), np.ones((2, 2, 3)))
-    >>> scores = evaluate(truth.depth + 0.003, truth.normals, truth)
+    >>> scores = evaluate_maps(truth.depth + 0.003, truth.normals, truth)
     >>> round(scores.depth.rmse_mm, 9), scores.normals.mae_deg, scores.normals.coverage
     (3.0, 0.0, 1.0)
     """
-    if not isinstance(truth, Truth):
-        raise InputError(
-            "this is no Truth",
-            source="truth",
-            seen=type(truth).__name__,
-            needed="rakelight.Truth",
-            remedy="read one with rakelight.load_truth",
-        )
+    check_is(truth, Truth, "truth", "read one with rakelight.load_truth")
     _check_numbers("truth", truth.depth)
     chosen = truth.mask if mask is None else mask
     return Evaluation(
@@ -92,7 +87,7 @@ def evaluate(depth: Floats, normals: Floats, truth: Truth, mask: Mask | None = N
     )
 
 
-def evaluate_result(result: Result, truth: Truth, mask: Mask | None = None) -> Evaluation:
+def evaluate(result: Result, truth: Truth, mask: Mask | None = None) -> Evaluation:
     """Scores of a result's depth, in millimetres, and of its normals, in degrees, against `truth`.
 
     truth : of the resolution of the result, from `load_truth` or `rakelight.synthetic`
@@ -108,38 +103,33 @@ def evaluate_result(result: Result, truth: Truth, mask: Mask | None = None) -> E
     >>> result = Result(truth.depth + 0.003, facing, truth.albedo, truth.depth,
     ...                 Lights(facing, truth.depth), Camera(2, 2, 2.0, 2.0, 0.5, 0.5), truth.depth,
     ...                 "none")
-    >>> scores = evaluate_result(result, truth)
+    >>> scores = evaluate(result, truth)
     >>> round(scores.depth.rmse_mm, 9), scores.normals.mae_deg, scores.depth.coverage
     (3.0, 0.0, 1.0)
     """
-    if not isinstance(result, Result):
-        raise InputError(
-            "this is no Result",
-            source="result",
-            seen=type(result).__name__,
-            needed="rakelight.Result",
-            remedy="give what rakelight.refine or rakelight.load_result returned",
-        )
-    return evaluate(result.depth, result.normals, truth, mask)
+    remedy = "give what rakelight.refine or rakelight.load_result returned"
+    check_is(result, Result, "result", remedy)
+    return evaluate_maps(result.depth, result.normals, truth, mask)
 
 
 def evaluate_depth(depth: Floats, camera: Camera, truth: Truth) -> Evaluation:
     """Scores of a depth map (H, W) metres alone, as of a result's: its normals are its own.
 
-    camera : of the depth map; the normals are not taken across depth jumps.  Raises as `evaluate`.
+    camera : of the depth map; the normals are not taken across depth jumps.  Raises as
+    `evaluate_maps`.
 
     >>> camera = Camera(2, 2, fx=2.0, fy=2.0, cx=0.5, cy=0.5)
     >>> truth = Truth(np.ones((2, 2)), np.full((2, 2, 3), [0.0, 0.0, -1.0]), np.ones((2, 2, 3)))
     >>> evaluate_depth(truth.depth, camera, truth).normals.mae_deg
     0.0
     """
-    return evaluate(depth, surface_normals(depth, truth.mask, camera), truth)
+    return evaluate_maps(depth, surface_normals(depth, truth.mask, camera), truth)
 
 
 def depth_errors(depth_m: Floats, truth_m: Floats, mask: Mask) -> DepthErrors:
     """Errors of `depth_m` (H, W) against `truth_m` (H, W) over `mask` (H, W).
 
-    Not finite, zero or negative depth is missing.  Raises InputError as `evaluate` does.
+    Not finite, zero or negative depth is missing.  Raises InputError as `evaluate_maps` does.
 
     >>> depth_errors(np.array([[0.501, np.nan]]), np.array([[0.5, 0.5]]), np.array([[True, True]]))
     DepthErrors(rmse_mm=35.36..., median_mm=25.5..., p95_mm=47.5..., coverage=0.5)
@@ -157,7 +147,7 @@ def normal_errors(normals: Floats, truth_normals: Floats, mask: Mask) -> NormalE
     """Angles between `normals` and `truth_normals`, both (H, W, 3), over `mask` (H, W).
 
     Vectors need not be of unit length; not finite or zero ones are missing.  Raises InputError
-    as `evaluate` does.
+    as `evaluate_maps` does.
 
     >>> facing, level, mask = [0.0, 0.0, -1.0], [1.0, 0.0, 0.0], np.ones((1, 2), bool)
     >>> normal_errors(np.array([[facing, level]]), np.array([[facing, facing]]), mask)

@@ -14,7 +14,7 @@ from rakelight.capture.images import decode_image, encode_png
 from rakelight.export import load_result
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods import METHODS
-from rakelight.metrics import evaluate
+from rakelight.metrics import evaluate_maps
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 from tests.cli.cli_helpers import contents, small_scene
 
@@ -325,8 +325,8 @@ def scores_of(result, truth):
     loaded, known = load_result(result), load_truth(truth)
     prepared_normals = surface_normals(loaded.prepared_depth, known.mask, loaded.camera)
     return (
-        evaluate(loaded.prepared_depth, prepared_normals, known),
-        evaluate(loaded.depth, loaded.normals, known),
+        evaluate_maps(loaded.prepared_depth, prepared_normals, known),
+        evaluate_maps(loaded.depth, loaded.normals, known),
     )
 
 

@@ -15,7 +15,7 @@ from rakelight.methods.multi_light_alternating import (
     light_and_albedo,
     multi_light_alternating,
 )
-from rakelight.metrics import evaluate, evaluate_depth
+from rakelight.metrics import evaluate_depth, evaluate_maps
 from rakelight.model import Camera, silent
 from rakelight.photometry.harmonics import lit, shading
 from rakelight.photometry.images import Lamps
@@ -63,7 +63,7 @@ def test_normals_are_three_times_better_than_the_prepared_ones(factor):
     capture, truth = make_scene(depth_factor=factor, depth_noise=noise, photographs=8)
     result = run(capture, options=replace(MultiLightAlternating(), max_iterations=40))
     first = evaluate_depth(result.prepared_depth, result.camera, truth)
-    last = evaluate(result.depth, result.normals, truth)
+    last = evaluate_maps(result.depth, result.normals, truth)
     assert last.normals.mae_deg < first.normals.mae_deg / 3
     assert last.depth.rmse_mm < first.depth.rmse_mm
     assert result.converged

@@ -10,7 +10,7 @@ import pytest
 from rakelight import CaptureError, Lights, load_capture, refine
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods.base import require_photographs
-from rakelight.metrics import evaluate
+from rakelight.metrics import evaluate_maps
 from rakelight.model import silent
 from rakelight.pipeline.guarded import guarded
 from rakelight.pipeline.held_back import Prediction, kept
@@ -20,14 +20,14 @@ from tests.check import wrong_captures as wrong
 
 def errors(result, truth):
     """(mean angle in degrees, depth RMSE in mm)."""
-    found = evaluate(result.depth, result.normals, truth)
+    found = evaluate_maps(result.depth, result.normals, truth)
     return found.normals.mae_deg, found.depth.rmse_mm
 
 
 def prepared_errors(result, truth):
     depth = result.prepared_depth.astype(float)
     normals = surface_normals(np.nan_to_num(depth, nan=1.0), np.isfinite(depth), result.camera)
-    found = evaluate(result.prepared_depth, normals, truth)
+    found = evaluate_maps(result.prepared_depth, normals, truth)
     return found.normals.mae_deg, found.depth.rmse_mm
 
 

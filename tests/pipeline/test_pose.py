@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from rakelight.geometry.camera import back_project
 from rakelight.methods import load_method
-from rakelight.metrics import evaluate
+from rakelight.metrics import evaluate_maps
 from rakelight.model import RigidTransform
 from rakelight.pipeline import refine
 from rakelight.pipeline.pose import image_motion, registered, rotated
@@ -56,7 +56,7 @@ def codes(findings):
 
 
 def errors(result, truth):
-    scores = evaluate(result.depth, result.normals, truth)
+    scores = evaluate_maps(result.depth, result.normals, truth)
     return np.array([scores.normals.mae_deg, scores.depth.rmse_mm])
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods import load_method
-from rakelight.metrics import evaluate
+from rakelight.metrics import evaluate_maps
 from rakelight.model import silent
 from rakelight.paper.scenes import SCENARIOS, paper_object, paper_scene
 from rakelight.prepare import prepare
@@ -111,7 +111,7 @@ def scores(prepared, log_depth, truth):
     """RMSE in mm and MAE in degrees."""
     depth = np.exp(log_depth)
     normals = surface_normals(depth, prepared.mask, prepared.camera)
-    found = evaluate(prepared.embed(depth, np.nan), prepared.embed(normals, np.nan), truth)
+    found = evaluate_maps(prepared.embed(depth, np.nan), prepared.embed(normals, np.nan), truth)
     return np.array([found.depth.rmse_mm, found.normals.mae_deg])
 
 

@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 
 from rakelight.methods import METHODS
-from rakelight.metrics import evaluate, evaluate_depth
+from rakelight.metrics import evaluate_depth, evaluate_maps
 from rakelight.pipeline import refine
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
@@ -70,7 +70,7 @@ def measure(method, name):
         scores, counted = evaluate_depth(depth, capture.camera, truth), {}
     else:
         result = refine(capture, method)
-        scores = evaluate(result.depth, result.normals, truth)
+        scores = evaluate_maps(result.depth, result.normals, truth)
         counted = {"iterations": result.iterations}
     return {"rmse_mm": scores.depth.rmse_mm, "mae_deg": scores.normals.mae_deg, **counted}
 

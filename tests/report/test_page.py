@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rakelight.export import read_summary
-from rakelight.metrics import evaluate
+from rakelight.metrics import evaluate_maps
 from rakelight.model import Finding, Lights
 from rakelight.report import report_html, save_result
 from tests.report.report_scenes import HOSTILE, hostile_result, vase_result
@@ -77,7 +77,7 @@ def test_warnings_come_first_and_notes_do_not(small):
 def test_errors_are_shown_where_the_truth_is_known(small):
     result, truth = small
     page = page_of(replace(result, depth=result.depth + 0.001), truth)
-    scores = evaluate(result.depth + 0.001, result.normals, truth)
+    scores = evaluate_maps(result.depth + 0.001, result.normals, truth)
     row = re.findall(r'<th scope="row">after</th>(.*?)</tr>', page)[0]
     cells = re.findall(r"<td>([\d.]+)", row)
     assert cells[:2] == [f"{scores.depth.rmse_mm:.2f}", f"{scores.depth.median_mm:.2f}"]

@@ -9,7 +9,7 @@ import pytest
 from rakelight.errors import InputError
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.normals import surface_normals
-from rakelight.metrics import evaluate
+from rakelight.metrics import evaluate_maps
 from rakelight.pipeline import refine
 from rakelight.synthetic import SHAPES
 from rakelight.synthetic.draws import OneOf, Range, distributions
@@ -436,6 +436,6 @@ def test_an_easy_draw_with_true_depth_is_refined_to_it():
     )
     capture, truth = render_draw(drawn)
     result = refine(capture)
-    errors = evaluate(result.depth, result.normals, truth, truth.mask & result.mask)
+    errors = evaluate_maps(result.depth, result.normals, truth, truth.mask & result.mask)
     assert errors.normals.mae_deg < 2.0
     assert errors.depth.rmse_mm < 0.3 * drawn.pixel_mm / 0.6

@@ -8,7 +8,7 @@ import pytest
 from rakelight.capture import load_capture
 from rakelight.capture.truth import load_truth
 from rakelight.cli import main
-from rakelight.metrics import evaluate, evaluate_depth
+from rakelight.metrics import evaluate_depth, evaluate_maps
 from rakelight.pipeline import refine
 from rakelight.synthetic import (
     DepthNoise,
@@ -31,7 +31,7 @@ def test_refine_improves_a_scan(file):
     capture, truth = render_scene(shape, make_albedo("pattern"), options)
     result = refine(capture, "multi-light-alternating")
     before = evaluate_depth(result.prepared_depth, capture.camera, truth)
-    after = evaluate(result.depth, result.normals, truth)
+    after = evaluate_maps(result.depth, result.normals, truth)
     assert after.depth.coverage == after.normals.coverage == 1
     assert after.normals.mae_deg < before.normals.mae_deg / 2
     assert after.depth.rmse_mm < 1.1 * before.depth.rmse_mm

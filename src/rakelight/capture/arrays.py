@@ -11,7 +11,7 @@ import numpy as np
 
 from rakelight.capture import validate
 from rakelight.capture.defaults import on_depth_grid
-from rakelight.errors import CaptureError, InputError
+from rakelight.errors import CaptureError, check_is
 from rakelight.model import (
     Array,
     Camera,
@@ -189,21 +189,6 @@ def _plain(array: Array, name: str, axes: tuple[int | str, ...]) -> Array:
             needed=f"({', '.join(map(str, axes))}), none of them 0",
         )
     return np.ascontiguousarray(array)
-
-
-_OURS = (Camera, Capture, RigidTransform, SensorNoise, Truth)
-
-
-def check_is(value: Any, kind: type[Any], name: str, remedy: str = "") -> None:
-    """Raise InputError, with `remedy`, where the argument `name` is no `kind`."""
-    if not isinstance(value, kind):
-        raise InputError(
-            f"this is no {kind.__name__}",
-            source=name,
-            seen=type(value).__name__,
-            needed=f"rakelight.{kind.__name__}" if kind in _OURS else kind.__name__,
-            remedy=remedy,
-        )
 
 
 def _check_fits(name: str, array: Array, needed: tuple[int, ...]) -> None:

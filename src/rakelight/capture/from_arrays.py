@@ -16,14 +16,13 @@ import numpy as np
 from rakelight.capture import validate
 from rakelight.capture.arrays import (
     MAKE_A_CAMERA,
-    check_is,
     check_object,
     check_sensor,
     checked_arrays,
 )
 from rakelight.capture.defaults import chosen_encoding, chosen_lighting, object_mask
 from rakelight.capture.listing import allocate
-from rakelight.errors import CaptureError, InputError
+from rakelight.errors import CaptureError, InputError, check_is
 from rakelight.model import (
     Array,
     Camera,

@@ -35,7 +35,7 @@ def command(output: Path, as_json: bool, quiet: bool, debug: bool) -> None:
     from rakelight.capture import SYNTHETIC, load_capture, write_capture
     from rakelight.export import RESULT
     from rakelight.folders import require_free
-    from rakelight.metrics import evaluate, evaluate_depth
+    from rakelight.metrics import evaluate_depth, evaluate_maps
     from rakelight.pipeline import refine
     from rakelight.report import save_result
     from rakelight.synthetic import demo_scene
@@ -53,7 +53,7 @@ def command(output: Path, as_json: bool, quiet: bool, debug: bool) -> None:
     if not quiet:
         print_findings(kept)
     before = evaluate_depth(result.prepared_depth, result.camera, truth)
-    after = evaluate(result.depth, result.normals, truth)
+    after = evaluate_maps(result.depth, result.normals, truth)
     if as_json:
         scores = {"prepared": asdict(before), "refined": asdict(after)}
         click.echo(json.dumps({**outcome(result, result_folder), "errors": scores}))

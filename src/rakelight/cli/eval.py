@@ -50,14 +50,14 @@ def command(
     """
     from rakelight.capture import load_depth, load_truth
     from rakelight.export import load_result
-    from rakelight.metrics import evaluate, evaluate_depth
+    from rakelight.metrics import evaluate_depth, evaluate_maps
 
     if maps is not None:
         refuse_input_as_output(truth, maps)
         refuse_input_as_output(result, maps, "result")
         require_free(maps, manifest=_MAPS, overwrite=overwrite)
     loaded, known = load_result(result), load_truth(truth)
-    after = evaluate(loaded.depth, loaded.normals, known)
+    after = evaluate_maps(loaded.depth, loaded.normals, known)
     before = evaluate_depth(loaded.prepared_depth, loaded.camera, known)
     made_from, source = loaded.capture.get("depth_checksum"), loaded.source
     # Results of earlier versions have none.

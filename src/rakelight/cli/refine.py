@@ -94,8 +94,9 @@ def command(
     from rakelight.pipeline import refine
     from rakelight.report import save_result
 
-    wanted, wishes = parse_scale(scale), parse_settings(settings)
-    options = options_with(load_method(method), wishes) if wishes and method != "auto" else None
+    wanted, named, options = parse_scale(scale), parse_settings(settings), None
+    if named and method != "auto":  # wrong ones are refused before anything is read
+        options = options_with(load_method(method), named)
     chosen = None if photographs is None else parse_photographs(photographs)
     refuse_input_as_output(capture, output)
     require_free(output, manifest=RESULT, overwrite=overwrite)
@@ -105,8 +106,8 @@ def command(
         loaded = load_capture(capture, chosen)
         truth = load_truth(capture) if has_truth(capture) else None
         read_s = perf_counter() - began
-        if wishes and method == "auto":
-            options = options_with(load_method(choose_method(loaded)), wishes)
+        if named and method == "auto":
+            options = options_with(load_method(choose_method(loaded)), named)
         result = refine(loaded, method, scale=wanted, options=options, progress=progress)
         progress(Progress("write"))
         result = result.timed(read=read_s)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from rakelight.export.pictures import object_window
 from rakelight.geometry.normals import surface_normals
-from rakelight.metrics import evaluate
+from rakelight.metrics import evaluate_maps
 from rakelight.model import Array, Result
 from rakelight.paper.drawing import (
     FACE,
@@ -44,7 +44,7 @@ def figure1(runs: Runs) -> Sheet:
         ("input", result.prepared_depth, before),
         ("refined", result.depth, result.normals),
     ):
-        scores = evaluate(depth_m, normals, truth)
+        scores = evaluate_maps(depth_m, normals, truth)
         rows.append(Surface(name, scores.depth.rmse_mm, scores.normals.mae_deg))
     down, across = close_up(truth.mask)
     line = profile(

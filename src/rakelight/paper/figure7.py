@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter, process_time
 
-from rakelight.metrics import evaluate
+from rakelight.metrics import evaluate_maps
 from rakelight.model import Array, Progress, silent
 from rakelight.paper.plots import curves, plotted, require_matplotlib
 from rakelight.paper.runs import MAIN, Runs, row_of
@@ -70,7 +70,7 @@ def counted(
             began, worked = perf_counter(), process_time()
             result = row.run(capture.select(range(count)), silent)
             seconds, core_s = perf_counter() - began, process_time() - worked
-            scores = evaluate(result.depth, result.normals, truth)
+            scores = evaluate_maps(result.depth, result.normals, truth)
             rmse_mm, mae_deg = scores.depth.rmse_mm, scores.normals.mae_deg
             rows.append(Count(row.label, count, rmse_mm, mae_deg, result.iterations))
             times.append(Time(row.label, count, seconds, core_s / max(result.iterations, 1)))

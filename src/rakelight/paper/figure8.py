@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rakelight.export.pictures import object_window
-from rakelight.metrics import evaluate, normal_errors
+from rakelight.metrics import evaluate_maps, normal_errors
 from rakelight.model import Array, Camera, Floats, Mask, Result, Truth, silent
 from rakelight.paper.bas_relief import bas_relief_aligned
 from rakelight.paper.drawing import clay, in_column, in_row, panel, profile, turned
@@ -63,7 +63,7 @@ def figure8(runs: Runs) -> Sheet:
 
 
 def _row(label: str, result: Result, truth: Truth) -> Shape:
-    scores = evaluate(result.depth, result.normals, truth)
+    scores = evaluate_maps(result.depth, result.normals, truth)
     aligned = bas_relief_aligned(result.normals, truth.normals, truth.mask)
     return Shape(
         label,

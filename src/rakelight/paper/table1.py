@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from rakelight.export.pictures import object_window, shaded, side_by_side
 from rakelight.geometry.normals import surface_normals
-from rakelight.metrics import Evaluation, evaluate
+from rakelight.metrics import Evaluation, evaluate_maps
 from rakelight.model import Array, Progress, ProgressCallback, Truth, silent
 from rakelight.paper.rows import ROWS, Row
 from rakelight.paper.runs import Runs
@@ -84,7 +84,7 @@ def _score(row: Row, scenario: str, runs: Runs) -> tuple[Evaluation, Array]:
     else:
         result = runs.result(row, scenario)
         depth, normals = result.depth, result.normals
-    return evaluate(depth, normals, truth), normals
+    return evaluate_maps(depth, normals, truth), normals
 
 
 def _picture(normals: Array, truth: Truth) -> Array:

@@ -19,7 +19,7 @@ from rakelight.errors import printable
 from rakelight.export.pictures import CONFIDENCE_COLORS
 from rakelight.export.summary import program_version
 from rakelight.geometry.normals import surface_normals
-from rakelight.metrics import evaluate
+from rakelight.metrics import evaluate_maps
 from rakelight.model import Result, Truth
 from rakelight.report import charts, facts
 from rakelight.report.planes import pack, viewer_maps
@@ -89,7 +89,10 @@ def _against(result: Result, truth: Truth) -> dict[str, Any]:
     normals = surface_normals(result.prepared_depth, truth.mask, result.camera)
     before, after = (result.prepared_depth, normals), (result.depth, result.normals)
     return {
-        "rows": [("before", evaluate(*before, truth)), ("after", evaluate(*after, truth))],
+        "rows": [
+            ("before", evaluate_maps(*before, truth)),
+            ("after", evaluate_maps(*after, truth)),
+        ],
         "plates": truth_plates(before, after, truth),
     }
 

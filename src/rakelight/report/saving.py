@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from os import PathLike
 
-from rakelight.errors import InputError
+from rakelight.errors import check_is
 from rakelight.export import write_result
 from rakelight.export.normals import NormalMap
 from rakelight.export.summary import MeshFormat
@@ -61,14 +61,7 @@ def save_result(
     ...     rakelight.load_result(f"{scratch}/out").depth.shape
     (4, 4)
     """
-    if not isinstance(result, Result):
-        raise InputError(
-            "this is no Result",
-            source="result",
-            seen=type(result).__name__,
-            needed="rakelight.Result",
-            remedy="give what rakelight.refine returned",
-        )
+    check_is(result, Result, "result", "give what rakelight.refine returned")
     if truth is not None and truth.depth.shape != result.depth.shape:
         truth = None
     return write_result(

@@ -56,7 +56,7 @@ def solve(
         unless given.  It changes the time, not the answer.
 
     A solve that does not converge raises nothing: `Solution.status` says how it ended, and
-    whoever called reads it; `Solution.required` raises where nothing less than a solution will do.
+    every caller has to read it; `Solution.required` is the value, and raises if it is no solution.
     Raises InputError for a start or a hierarchy that does not fit, or a limit out of range.
     """
     began = perf_counter()

@@ -52,7 +52,7 @@ class Solution:
         return self.status == "converged"
 
     def required(self, source: str) -> Floats:
-        """`value`, for those to whom less than the tolerance is nothing.
+        """`value`, for a caller that has no use for one that misses the tolerance.
 
         source : what was to be solved for
 

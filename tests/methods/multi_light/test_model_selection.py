@@ -11,7 +11,7 @@ from rakelight.methods.multi_light import FIRST_DEPTH_WEIGHT, MultiLight
 from rakelight.methods.multi_light.energy import first_fit, lights_after, parameter_map
 from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.methods.multi_light.model_selection import penalised_noise, select_model
-from rakelight.metrics import evaluate
+from rakelight.metrics import evaluate_maps
 from rakelight.model import silent
 from rakelight.photometry.images import Lamps
 from rakelight.pipeline import refine
@@ -69,7 +69,7 @@ def test_near_lamps_are_found_over_a_coin(seed):
     noise = DepthNoise(rms_mm=2.5, correlation_length_px=14.0)
     capture, truth = scene(noise, "coin", 0.6, lamp_distance_m=0.6, photographs=16, seed=seed)
     result = refine(capture, "multi-light")
-    assert evaluate(result.depth, result.normals, truth).normals.mae_deg < 5
+    assert evaluate_maps(result.depth, result.normals, truth).normals.mae_deg < 5
     assert np.median(result.lights.distance_m) == pytest.approx(0.6, rel=0.1)
 
 
@@ -89,7 +89,7 @@ def test_strong_highlights_do_not_bend_the_surface():
     glossy = {"specular": 0.6, "lamp_distance_m": 0.6, "photographs": 16}
     capture, truth = scene(TOGETHER, "sphere", 0.4, **glossy)
     result = refine(capture, "multi-light")
-    assert evaluate(result.depth, result.normals, truth).normals.mae_deg < 3
+    assert evaluate_maps(result.depth, result.normals, truth).normals.mae_deg < 3
 
 
 def test_trust_that_was_asked_for_is_kept():

@@ -12,7 +12,7 @@ from rakelight.methods import multi_light
 from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light import MultiLight, steps
 from rakelight.methods.multi_light.model_selection import plausible
-from rakelight.metrics import evaluate, evaluate_depth
+from rakelight.metrics import evaluate_depth, evaluate_maps
 from rakelight.model import Camera
 from rakelight.photometry.images import Lamps
 from rakelight.pipeline import refine
@@ -43,7 +43,7 @@ def run(capture, **options):
 
 
 def scores(result, truth):
-    return evaluate(result.depth, result.normals, truth)
+    return evaluate_maps(result.depth, result.normals, truth)
 
 
 def scores_before(result, truth):

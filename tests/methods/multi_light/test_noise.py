@@ -14,7 +14,7 @@ from rakelight.methods.multi_light.noise import (
     estimate_depth_weight,
     estimate_equal_intensity_weight,
 )
-from rakelight.metrics import evaluate
+from rakelight.metrics import evaluate_maps
 from rakelight.pipeline import refine
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
@@ -110,6 +110,6 @@ def test_noisy_photographs_do_not_hand_the_surface_to_the_sensor():
     )
     capture, truth = render_scene(cloth, make_albedo("pattern"), options)
     result = refine(capture, "multi-light")
-    scores = evaluate(result.depth, result.normals, truth)
+    scores = evaluate_maps(result.depth, result.normals, truth)
     assert scores.normals.mae_deg < 3
     assert scores.depth.rmse_mm < 1.8

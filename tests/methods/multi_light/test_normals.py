@@ -12,7 +12,7 @@ from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.methods.multi_light.joint_step import joint_step
 from rakelight.methods.multi_light.normals import gradient_step
 from rakelight.methods.multi_light.steps import depth_step
-from rakelight.metrics import evaluate
+from rakelight.metrics import evaluate_maps
 from rakelight.pipeline import refine
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
@@ -32,7 +32,7 @@ def errors_deg(capture, truth):
     depth = np.where(result.mask, result.depth, 1.0).astype(np.float64)
     plain = surface_normals(depth, result.mask, capture.camera)
     return tuple(
-        evaluate(result.depth, normals, truth).normals.mae_deg
+        evaluate_maps(result.depth, normals, truth).normals.mae_deg
         for normals in (result.normals, plain)
     )
 

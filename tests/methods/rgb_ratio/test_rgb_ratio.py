@@ -11,7 +11,7 @@ from rakelight.errors import InputError
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods.rgb_ratio import RgbRatio, estimate_depth_weight, observed, rgb_ratio
 from rakelight.methods.rgb_ratio.ratios import Ratios
-from rakelight.metrics import evaluate
+from rakelight.metrics import evaluate_maps
 from rakelight.model import silent
 from rakelight.paper.scenes import paper_object, paper_scene
 from rakelight.photometry.color_modes import nearest_colors
@@ -41,7 +41,7 @@ def refined(paint="simple", **changes):
 def scores(prepared, log_depth, truth):
     depth = np.exp(log_depth)
     normals = surface_normals(depth, prepared.mask, prepared.camera)
-    found = evaluate(prepared.embed(depth, np.nan), prepared.embed(normals, np.nan), truth)
+    found = evaluate_maps(prepared.embed(depth, np.nan), prepared.embed(normals, np.nan), truth)
     return np.array([found.depth.rmse_mm, found.normals.mae_deg])
 
 

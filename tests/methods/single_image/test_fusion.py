@@ -13,7 +13,7 @@ from rakelight.methods.single_image import fusion_like as fusion
 from rakelight.methods.single_image import rgbd_fusion as rgbd
 from rakelight.methods.single_image.depth_energy import Depth, View, laplacian
 from rakelight.methods.single_image.texture import texture_likelihood
-from rakelight.metrics import evaluate
+from rakelight.metrics import evaluate_maps
 from rakelight.model import silent
 from rakelight.paper.scenes import paper_scene
 from rakelight.photometry.piecewise_albedo import edge_weights
@@ -46,7 +46,7 @@ def method(request):
 def scores(log_depth, prepared, truth):
     depth_m = np.exp(log_depth)
     normals = surface_normals(depth_m, prepared.mask, prepared.camera)
-    both = evaluate(prepared.embed(depth_m, np.nan), prepared.embed(normals, np.nan), truth)
+    both = evaluate_maps(prepared.embed(depth_m, np.nan), prepared.embed(normals, np.nan), truth)
     return both.depth.rmse_mm, both.normals.mae_deg
 
 

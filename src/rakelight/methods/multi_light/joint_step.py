@@ -9,6 +9,7 @@ one more unknown beside the lights.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -45,9 +46,8 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
 
     It is not repeated at once: to set it up costs as much as all other steps.
     """
-    lower, damping = lowered(
-        fit, fit.joint_damping, lambda damping: after_joint_step(level, fit, most_cells, damping), 1
-    )
+    after = partial(after_joint_step, level, fit, most_cells)
+    lower, damping = lowered(fit, fit.joint_damping, after, tries=1)
     return replace(lower, joint_damping=damping)
 
 

@@ -204,8 +204,8 @@ def with_near_lights(level: Level, fit: Fit) -> Fit:
         fit.lamps.inverse_distance, FIRST_RADIUS_OVER_DISTANCE / object_radius(level)
     )
     lamps = replace(fit.lamps, inverse_distance=inverse_distance)
-    equal_intensity = first_fit(level, fit.log_depth, lamps, shared_ambient=fit.shared_ambient)
-    return replace(refine_lights(level, equal_intensity), near=True)
+    start = first_fit(level, fit.log_depth, lamps, shared_ambient=fit.shared_ambient)
+    return replace(refine_lights(level, start), near=True)
 
 
 def with_coloured_lights(fit: Fit) -> Fit:
