@@ -56,7 +56,7 @@ def photograph(folder, index=1):
 def test_no_folder_or_a_file(tmp_path):
     refusal(tmp_path / "no", "", "no such folder")
     (tmp_path / "file").write_text("x")
-    refusal(tmp_path / "file", "", "a capture is a folder")
+    refusal(tmp_path / "file", "", "this kind of file is not read")
 
 
 def test_missing_parts(folder):

@@ -1,6 +1,7 @@
-"""Capture folders: read strictly, written whole or not at all."""
+"""Captures: read strictly from folders and recordings, written whole or not at all."""
 
-from rakelight.capture.folder import CAPTURE, SYNTHETIC, load_capture, load_depth, write_capture
+from rakelight.capture.folder import CAPTURE, SYNTHETIC, load_depth, write_capture
+from rakelight.capture.load import load_capture
 from rakelight.capture.truth import has_truth, load_truth
 
 __all__ = [

@@ -64,35 +64,9 @@ SYNTHETIC = file_list("synthetic capture")
 _LARGEST_CONFIG = 16_000
 
 
-def load_capture(folder: str | PathLike[str], photographs: Sequence[int] | None = None) -> Capture:
-    """Read a capture folder, strictly; nothing in it is changed.
-
-    Parameters
-    ----------
-    folder : the folder with capture.toml
-    photographs : read only these, by their numbers from 0 in the order of rgb/; all when None
-
-    Returns
-    -------
-    the Capture: photographs as stored, depth in metres with NaN = no measurement, and in
-    `findings` what a person should know about it
-
-    Raises
-    ------
-    CaptureError
-        something is missing, damaged or contradicts itself; says which file and what to do
-    InputError
-        there are not so many photographs
-    MachineError
-        a file cannot be read, or memory does not suffice
-
-    Examples
-    --------
-    >>> load_capture("no/such/folder")
-    Traceback (most recent call last):
-    rakelight.errors.CaptureError: no/such/folder: no such folder (needed ...)
-    """
-    root = Root(Path(os.fsdecode(folder)))
+def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Capture:
+    """The capture of a folder; what `load_capture` says of the result and the errors holds."""
+    root = Root(folder)
     table = _read_config(root)
     camera = table.intrinsics.camera()
 
@@ -169,6 +143,7 @@ def write_capture(
     *,
     truth: Truth | None = None,
     depth_scale: float | None = None,
+    contact_sheet: Array | None = None,
     overwrite: bool = False,
 ) -> tuple[Finding, ...]:
     """Write a capture folder; it appears complete or not at all.
@@ -181,6 +156,8 @@ def write_capture(
     truth : stored in truth/ for `load_truth`
     depth_scale : store depth as 16-bit PNG with so many values per metre, rounded; without it as
         float32 TIFF in metres, exact
+    contact_sheet : (H, W, 3) uint8, which frames of a recording were taken and which not, stored as
+        contact-sheet.png
     overwrite : replace an older capture folder, with truth or without as this one, if it holds
         nothing but what its rakelight-files.json lists, unchanged; never one made by hand, nor
         the one that `capture` was read from
@@ -207,6 +184,7 @@ def write_capture(
     ...                   depth_m=np.full((1, 3, 4), 0.5, np.float32),
     ...                   mask=np.eye(6, 8, dtype=bool),
     ...                   camera=Camera(8, 6, 10.0, 10.0, 3.5, 2.5))
+    >>> from rakelight.capture import load_capture
     >>> with TemporaryDirectory() as scratch:
     ...     findings = write_capture(capture, Path(scratch) / "small")
     ...     again = load_capture(Path(scratch) / "small")
@@ -238,6 +216,8 @@ def write_capture(
         _write_images(capture, staging.path, depth_scale)
         if truth is not None:
             write_truth(truth, staging.path / "truth")
+        if contact_sheet is not None:
+            write_bytes(staging.path / "contact-sheet.png", encode_png(contact_sheet))
         write_bytes(staging.path / CONFIG, config.encode())
     return staging.findings
 

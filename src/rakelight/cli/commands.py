@@ -21,7 +21,8 @@ from rakelight.errors import RakelightError, printable
 # Command -> module and function; `rakelight --help` shows them in this order.
 COMMANDS = {
     "demo": "make a synthetic capture, refine it, compare it with its truth",
-    "refine": "refine the depth of a capture folder",
+    "refine": "refine the depth of a capture: a folder or a recording",
+    "import": "make a capture folder of a recording or another format",
     "view": "open the report of a result in the browser",
     "synth": "make a capture with known truth",
     "eval": "compare a result with the truth of a synthetic capture",
@@ -40,7 +41,8 @@ class LazyGroup(click.Group):
         """The command `name`, from the module of that name."""
         if name not in COMMANDS:
             return None
-        module = import_module(f"rakelight.cli.{name}")
+        file = "import_" if name == "import" else name  # a word of Python is no name of a module
+        module = import_module(f"rakelight.cli.{file}")
         command: click.Command = module.command
         return command
 

@@ -85,8 +85,12 @@ def command(
     quiet: bool,
     debug: bool,
 ) -> None:
-    """Refine the depth of the capture folder CAPTURE by its photographs; write OUT."""
-    from rakelight.capture import has_truth, load_capture, load_truth
+    """Refine the depth of CAPTURE by its photographs; write OUT.
+
+    CAPTURE is a capture folder or whatever else `rakelight import --list` names.
+    """
+    from rakelight.capture import has_truth, load_truth
+    from rakelight.capture.readers import Wanted, find_reader
     from rakelight.cli.settings import options_with, parse_settings
     from rakelight.export import RESULT
     from rakelight.folders import require_free
@@ -97,13 +101,13 @@ def command(
     wanted, named, options = parse_scale(scale), parse_settings(settings), None
     if named and method != "auto":  # wrong ones are refused before anything is read
         options = options_with(load_method(method), named)
-    chosen = None if photographs is None else parse_photographs(photographs)
+    chosen = None if photographs is None else tuple(parse_photographs(photographs))
     refuse_input_as_output(capture, output)
     require_free(output, manifest=RESULT, overwrite=overwrite)
     began = perf_counter()
     with shown_progress(quiet or as_json) as progress:
         progress(Progress("read"))
-        loaded = load_capture(capture, chosen)
+        loaded = find_reader(capture).read(capture, Wanted(chosen, progress)).capture
         truth = load_truth(capture) if has_truth(capture) else None
         read_s = perf_counter() - began
         if named and method == "auto":

@@ -1,0 +1,45 @@
+"""A capture from whatever holds one: rakelight's folder, a recording, a dataset's folder."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
+
+from rakelight.capture.readers import Wanted, find_reader
+from rakelight.model import Capture
+
+
+def load_capture(source: str | PathLike[str], photographs: Sequence[int] | None = None) -> Capture:
+    """Read a capture, strictly; nothing of the source is changed.
+
+    Parameters
+    ----------
+    source : a folder with capture.toml, or whatever else `rakelight import --list` names
+    photographs : read only these, by their numbers from 0 in the order of their names or of the
+        recording; all when None
+
+    Returns
+    -------
+    the Capture: photographs as stored, depth in metres with NaN = no measurement, and in
+    `findings` what a person should know about it
+
+    Raises
+    ------
+    CaptureError
+        something is missing, damaged or contradicts itself; says which file and what to do
+    InputError
+        there are not so many photographs, or a library that the source needs is not installed
+    MachineError
+        a file cannot be read, or memory does not suffice
+
+    Examples
+    --------
+    >>> load_capture("no/such/folder")
+    Traceback (most recent call last):
+    rakelight.errors.CaptureError: no/such/folder: no such folder (needed ...)
+    """
+    path = Path(os.fsdecode(source))
+    wanted = Wanted(None if photographs is None else tuple(photographs))
+    return find_reader(path).read(path, wanted).capture

@@ -1,0 +1,102 @@
+"""A recording of a fixed camera: streams of colour and depth, and the capture made of them.
+
+A reader says how its file is walked through; which frames become photographs is decided here, the
+same for every kind of recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rakelight.capture.readers.base import Reading, Wanted
+from rakelight.errors import CaptureError
+from rakelight.model import Array, Camera, Encoding, Finding, Floats, RigidTransform, SensorNoise
+
+# Photographs that are made of a recording: 12 to 20 determine light, albedo and depth well, and
+# more take only longer (docs/results/random-captures.md).
+PHOTOGRAPHS = 16
+
+
+@dataclass(frozen=True)
+class Stream:
+    """The frames of one camera, which are decoded only when they are walked through.
+
+    times_s : (N,) seconds from any start, rising
+    shape : (height, width) of every frame
+    walk : of numbers of frames from 0, rising: each frame with its number, one at a time.  Colour
+        is (H, W, 3) uint8 or uint16 RGB as stored, depth (h, w) float32 metres with NaN = no
+        measurement.  What cannot be decoded raises CaptureError.
+    """
+
+    times_s: Floats
+    shape: tuple[int, int]
+    walk: Callable[[Sequence[int]], Iterator[tuple[int, Array]]]
+
+    def __len__(self) -> int:
+        return len(self.times_s)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Colour and depth of one camera over time, and how they were taken.
+
+    source : for messages
+    camera : of the colour frames
+    color, depth : their streams; the times of both are on one clock
+    depth_camera, depth_to_color : None where depth covers the field of view of the colour frames
+    names : of the colour frames, for messages; "frame 12" where empty
+    """
+
+    source: str
+    camera: Camera
+    color: Stream
+    depth: Stream
+    depth_camera: Camera | None = None
+    depth_to_color: RigidTransform | None = None
+    depth_noise: SensorNoise | None = None
+    encoding: Encoding = "srgb"
+    names: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+
+def capture_of(recording: Recording, wanted: Wanted) -> Reading:
+    """The capture made of a recording: photographs chosen from its frames, its depth averaged.
+
+    Raises CaptureError where the recording is empty or no capture can be made of it.
+    """
+    from rakelight.capture.from_arrays import capture_from_arrays
+
+    for stream, what in ((recording.color, "colour"), (recording.depth, "depth")):
+        if not len(stream):
+            raise CaptureError(f"no {what} frames in it", source=recording.source)
+    chosen = evenly(len(recording.color), PHOTOGRAPHS)
+    if wanted.photographs is not None:
+        chosen = [chosen[i] for i in wanted.photographs if 0 <= i < len(chosen)]
+    photographs = np.stack([image for _, image in recording.color.walk(sorted(chosen))])
+    nearest = np.abs(recording.depth.times_s[:, None] - recording.color.times_s[chosen]).argmin(0)
+    depth_m = np.stack([depth for _, depth in recording.depth.walk(sorted(set(nearest.tolist())))])
+    return Reading(
+        capture_from_arrays(
+            photographs,
+            depth_m,
+            recording.camera,
+            encoding=recording.encoding,
+            lighting="moving-lamp",
+            names=tuple(recording.names[i] if recording.names else f"frame {i}" for i in chosen),
+            depth_camera=recording.depth_camera,
+            depth_to_color=recording.depth_to_color,
+            depth_noise=recording.depth_noise,
+        )
+    )
+
+
+def evenly(count: int, wanted: int) -> list[int]:
+    """At most `wanted` of `count` frames, spread evenly from the first to the last.
+
+    >>> evenly(7, 3), evenly(2, 3)
+    ([0, 3, 6], [0, 1])
+    """
+    return sorted(set(np.linspace(0, count - 1, min(count, wanted)).round().astype(int).tolist()))

@@ -1,0 +1,88 @@
+"""`rakelight import SOURCE -o CAPTURE`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from rakelight.cli.options import (
+    count_photographs,
+    output_options,
+    print_findings,
+    refuse_input_as_output,
+)
+from rakelight.cli.progress import shown_progress
+from rakelight.errors import printable
+from rakelight.model import Progress
+
+
+def _list_readers(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if not wanted:
+        return
+    from rakelight.capture.readers import readers
+
+    width = max(len(reader.name) for reader in readers())
+    for reader in readers():
+        extra = f'  (pip install "rakelight[{reader.extra}]")' if reader.extra else ""
+        click.echo(f"{reader.name:{width}}  {reader.reads}{extra}")
+    ctx.exit()
+
+
+@click.command("import")
+@click.argument("source", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    required=True,
+    metavar="CAPTURE",
+    help="The capture folder; appears complete or not at all.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace an older imported capture at CAPTURE.")
+@click.option(
+    "--list", is_flag=True, is_eager=True, expose_value=False, callback=_list_readers,
+    help="Show what is read, and exit.",
+)  # fmt: skip
+@output_options
+def command(
+    source: Path, output: Path, overwrite: bool, as_json: bool, quiet: bool, debug: bool
+) -> None:
+    """Make a capture folder of SOURCE: a recording, a dataset's folder, loose photographs."""
+    from rakelight.capture import CAPTURE, write_capture
+    from rakelight.capture.readers import Wanted, find_reader
+    from rakelight.folders import require_free
+
+    refuse_input_as_output(source, output, "source")
+    require_free(output, manifest=CAPTURE, overwrite=overwrite)
+    with shown_progress(quiet or as_json) as progress:
+        progress(Progress("read"))
+        reader = find_reader(source)
+        reading = reader.read(source, Wanted(progress=progress))
+        progress(Progress("write"))
+        kept = write_capture(
+            reading.capture, output, contact_sheet=reading.contact_sheet, overwrite=overwrite
+        )
+    capture = reading.capture
+    findings = (*capture.findings, *kept)
+    if as_json:
+        facts = {
+            "output": printable(str(output)),
+            "reader": reader.name,
+            "photographs": len(capture.photographs),
+            "names": list(capture.names),
+            "size": [capture.camera.width, capture.camera.height],
+            "pixels": int(capture.mask.sum()),
+            "findings": [
+                {"severity": f.severity, "code": f.code, "message": f.message, "remedy": f.remedy}
+                for f in findings
+            ],
+        }
+        click.echo(json.dumps(facts))
+    elif not quiet:
+        print_findings(findings)
+        click.echo(
+            f"capture: {printable(str(output))}  "
+            f"({reader.name}, {count_photographs(len(capture.photographs))})"
+        )

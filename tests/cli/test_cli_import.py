@@ -1,0 +1,41 @@
+"""`rakelight import`: what it reads, writes and says."""
+
+import json
+
+import numpy as np
+
+from rakelight import load_capture
+from rakelight.capture.readers import find_reader, readers
+
+
+def test_list_names_every_reader(run):
+    ran = run("import", "--list")
+    assert (ran.code, ran.err) == (0, "")
+    assert [line.split()[0] for line in ran.out.splitlines()] == [r.name for r in readers()]
+
+
+def test_a_capture_is_copied_bit_by_bit(run, capture, tmp_path):
+    before, out = load_capture(capture), tmp_path / "copy"
+    ran = run("import", capture, "-o", out, "--json")
+    facts = json.loads(ran.out)
+    assert (ran.code, facts["reader"]) == (0, "rakelight")
+    assert facts["photographs"] == len(before.photographs)
+    after = load_capture(out)
+    assert np.array_equal(after.photographs, before.photographs)
+    assert np.array_equal(after.depth_m, before.depth_m, equal_nan=True)
+    assert np.array_equal(after.mask, before.mask)
+    assert after.camera == before.camera
+
+
+def test_an_unknown_file_is_refused_in_one_line(run, tmp_path):
+    file = tmp_path / "notes.txt"
+    file.write_text("nothing")
+    ran = run("import", file, "-o", tmp_path / "out")
+    assert ran.code == 2
+    assert ran.err.startswith(f"error: {file}: this kind of file is not read")
+    assert ran.err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_is_not_there_is_left_to_the_capture(tmp_path):
+    assert find_reader(tmp_path / "none").name == "rakelight"
