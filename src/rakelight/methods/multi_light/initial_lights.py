@@ -11,7 +11,7 @@ import numpy as np
 from rakelight.geometry.normals import normals_from_gradient
 from rakelight.methods.levels import Level
 from rakelight.model import Floats
-from rakelight.photometry.images import Lamps
+from rakelight.photometry.images import LightParameters
 from rakelight.photometry.lighting import estimate_light
 from rakelight.solve.robust import CAUCHY
 
@@ -22,7 +22,7 @@ LEAST_FACING = 0.1
 ROBUST_ROUNDS = 12
 
 
-def lights_of_prior(level: Level) -> Lamps:
+def lights_of_prior(level: Level) -> LightParameters:
     """White distant lights that fit the prior's normals and an albedo of the median colour.
 
     Without ambient light: the part that is the same on all normals may belong to either.
@@ -42,7 +42,7 @@ def lights_of_prior(level: Level) -> Lamps:
     )
     # Noise of the normals makes light from the camera's side look like ambient light.
     vector = lights[:, None, :3] + lights[:, None, 3:] * frontal
-    return Lamps.distant(vector, np.zeros((len(lights), 1)))
+    return LightParameters.distant(vector, np.zeros((len(lights), 1)))
 
 
 def bas_relief_of_slopes(scaled: Floats, normals: Floats) -> Floats:

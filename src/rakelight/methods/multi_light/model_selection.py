@@ -14,7 +14,7 @@ from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.methods.multi_light.options import MultiLight
 from rakelight.methods.multi_light.steps import Descent, descend, refine_lights
 from rakelight.model import ProgressCallback
-from rakelight.photometry.images import Lamps
+from rakelight.photometry.images import LightParameters
 
 # Factors of the first depth weight that are tried at the coarsest level.  The sensor's errors are
 # correlated over an unknown area, and count that many times less (ablation.md: 1.07 either way).
@@ -55,7 +55,7 @@ def select_model(
         factor, descent = search_depth_weight(level, descent, these, progress, factored)
         if factor < 1:
             descent = select_lights(level.weighted(factor), descent, these, progress)
-        if acceptable(level, descent.fit.lamps, options):
+        if acceptable(level, descent.fit.lights, options):
             break
     fit = replace(descent.fit, shared_ambient=False)
     return factor, replace(descent, fits=(*descent.fits[:-1], fit))
@@ -80,7 +80,7 @@ def search_depth_weight(
     chosen, fit = (1.0, descent), descent.fit
     if options.depth_weight is not None:
         return chosen
-    least = penalised_noise(level, fit) if acceptable(level, fit.lamps, options) else np.inf
+    least = penalised_noise(level, fit) if acceptable(level, fit.lights, options) else np.inf
     floor = 0.0
     if fit.near:
         fit = with_near_lights(level, fit)
@@ -100,7 +100,7 @@ def search_depth_weight(
         trial = descend(weaker, start, options, progress, words)
         penalised = penalised_noise(level, trial.fit)
         floor = max(floor, penalised)
-        if penalised * penalty < least and acceptable(level, trial.fit.lamps, options):
+        if penalised * penalty < least and acceptable(level, trial.fit.lights, options):
             chosen, least = (factor, trial), penalised * penalty
     return chosen
 
@@ -111,8 +111,8 @@ def penalised_noise(level: Level, fit: Fit) -> float:
     On low relief a flat surface explains photographs nearly as well as the right one, under lights
     of very different intensity, or so near that their fall-off makes the shading.
     """
-    equal_intensity = equal_intensity_energy(fit.lamps.vector) / (4 * len(fit.lamps.vector))
-    near = 1 + radius_over_distance(level, fit.lamps) ** 2
+    equal_intensity = equal_intensity_energy(fit.lights.vector) / (4 * len(fit.lights.vector))
+    near = 1 + radius_over_distance(level, fit.lights) ** 2
     return float(fit.linearization.noise_sigma * np.exp(equal_intensity) * near)
 
 
@@ -122,10 +122,10 @@ def factored_fit(level: Level) -> Fit | None:
     found = factored_start(small)
     if found is None:
         return None
-    log_depth, lamps = found
+    log_depth, lights = found
     if small is not level:
         log_depth = level.carried(small, log_depth)
-    return first_fit(level, log_depth, lamps, shared_ambient=True)
+    return first_fit(level, log_depth, lights, shared_ambient=True)
 
 
 def multi_start(
@@ -139,7 +139,7 @@ def multi_start(
     if factored is None:
         return descent
     trial = descend(level, factored, options, progress, "try the factorisation")
-    before = evaluated(level, trial.fit, descent.fit.log_depth, descent.fit.lamps)
+    before = evaluated(level, trial.fit, descent.fit.log_depth, descent.fit.lights)
     return trial if trial.fit.energy < before.energy else descent
 
 
@@ -149,7 +149,7 @@ def select_lights(
     """The descent with near or coloured lights, where these explain the photographs much better."""
     for wanted, free, already in (
         (options.distance, "near", descent.fit.near),
-        (options.lamps, "coloured", descent.fit.lamps.ambient.shape[1] > 1),
+        (options.lights, "coloured", descent.fit.lights.ambient.shape[1] > 1),
     ):
         before = descent.fit
         if wanted not in ("auto", free) or already:
@@ -159,29 +159,29 @@ def select_lights(
         simpler = replace(before, near=freer.near)
         enough = LEAST_ENERGY_GAIN / len(level.photographs) * before.energy
         trial = descend(level, freer, options, progress, f"try {free} lights")
-        after = evaluated(level, simpler, trial.fit.log_depth, trial.fit.lamps)
+        after = evaluated(level, simpler, trial.fit.log_depth, trial.fit.lights)
         gain = before.energy - after.energy
-        if wanted == free or (gain > enough and distances_alike(after.lamps)):
+        if wanted == free or (gain > enough and distances_alike(after.lights)):
             descent = trial
     return descent
 
 
-def acceptable(level: Level, lamps: Lamps, options: MultiLight) -> bool:
+def acceptable(level: Level, lights: LightParameters, options: MultiLight) -> bool:
     """Whether near lights are asked for or, if there are any, plausible."""
-    return options.distance == "near" or plausible(level, lamps)
+    return options.distance == "near" or plausible(level, lights)
 
 
-def plausible(level: Level, lamps: Lamps) -> bool:
+def plausible(level: Level, lights: LightParameters) -> bool:
     """Whether distances, if any, are a lamp's in a hand: about equal, and outside the object.
 
     Where they only make up for another error of the model, they are random or tiny.
     """
-    return distances_alike(lamps) and radius_over_distance(level, lamps) <= 1
+    return distances_alike(lights) and radius_over_distance(level, lights) <= 1
 
 
-def radius_over_distance(level: Level, lamps: Lamps) -> float:
+def radius_over_distance(level: Level, lights: LightParameters) -> float:
     """The object's radius over the lights' median distance."""
-    return float(np.median(lamps.inverse_distance)) * object_radius(level)
+    return float(np.median(lights.inverse_distance)) * object_radius(level)
 
 
 def object_radius(level: Level) -> float:
@@ -189,9 +189,9 @@ def object_radius(level: Level) -> float:
     return float(np.linalg.norm(level.points[level.mask], axis=-1).max())
 
 
-def distances_alike(lamps: Lamps) -> bool:
+def distances_alike(lights: LightParameters) -> bool:
     """Whether the inverse distances have a small interquartile range over their median."""
-    low, middle, high = np.quantile(lamps.inverse_distance, [0.25, 0.5, 0.75])
+    low, middle, high = np.quantile(lights.inverse_distance, [0.25, 0.5, 0.75])
     return bool(high - low <= MOST_VARIED_DISTANCES * middle)
 
 
@@ -201,17 +201,18 @@ def with_near_lights(level: Level, fit: Fit) -> Fit:
     Descents from infinity fail where fall-off makes most of a flat object's shading.
     """
     inverse_distance = np.full_like(
-        fit.lamps.inverse_distance, FIRST_RADIUS_OVER_DISTANCE / object_radius(level)
+        fit.lights.inverse_distance, FIRST_RADIUS_OVER_DISTANCE / object_radius(level)
     )
-    lamps = replace(fit.lamps, inverse_distance=inverse_distance)
-    start = first_fit(level, fit.log_depth, lamps, shared_ambient=fit.shared_ambient)
+    lights = replace(fit.lights, inverse_distance=inverse_distance)
+    start = first_fit(level, fit.log_depth, lights, shared_ambient=fit.shared_ambient)
     return replace(refine_lights(level, start), near=True)
 
 
 def with_coloured_lights(fit: Fit) -> Fit:
     """The state with a light of its own for each channel."""
-    lamps = fit.lamps
+    lights = fit.lights
     each = (
-        np.repeat(part, 3, axis=1) for part in (lamps.vector, lamps.ambient, lamps.inverse_distance)
+        np.repeat(part, 3, axis=1)
+        for part in (lights.vector, lights.ambient, lights.inverse_distance)
     )
-    return replace(fit, lamps=Lamps(*each))
+    return replace(fit, lights=LightParameters(*each))
