@@ -16,7 +16,7 @@ UNIT_M = 0.001
 
 def filmed(scale):
     """A capture of 16 frames of 8 bit, with depth of a camera beside it; and its truth."""
-    shape = make_shape("face")
+    shape = make_shape("head")
     options = SceneOptions(
         camera=shape.camera.scaled(scale),
         photographs=16,

@@ -32,6 +32,8 @@ BAG_MAGIC = b"#ROSBAG V2.0\n"
 # Bytes of the largest message or block of messages.  A frame of 4096 x 3072 RGBA has 50 MB, a
 # block of librealsense's bags one message or 0.8 MB.
 LONGEST = 1 << 28
+# Bytes that a row takes at least in an SQLite file: its place, its number, three short columns.
+_SHORTEST_ROW = 8
 
 _BROKEN = "this recording is damaged"
 _AGAIN = "copy it again from where it was recorded, or record it again"
@@ -126,15 +128,26 @@ def _database(path: Path, source: str) -> Iterator[Bag]:
         connected = _connected(path)
     with closing(connected) as database:
         with parsing(source, _BROKEN, CaptureError):
-            topics = _topics(database)
+            topics = _topics(database, path.stat().st_size // _SHORTEST_ROW)
         yield Bag(source, topics, old=False)
 
 
-def _topics(database: sqlite3.Connection) -> dict[str, Topic]:
-    named = database.execute("SELECT id, name, type FROM topics").fetchall()
+def _topics(database: sqlite3.Connection, most: int) -> dict[str, Topic]:
+    """The topics that have messages; raises ValueError where a table has more than `most` rows.
+
+    A damaged table may lead to the same rows again and again.
+    """
+
+    def rows_of(statement: str) -> Iterator[tuple[Any, ...]]:
+        for count, row in enumerate(database.execute(statement)):
+            if count == most:
+                raise ValueError(f"more than {most} rows in a file of this size")
+            yield row
+
+    named = list(rows_of("SELECT id, name, type FROM topics"))
     kind = np.dtype([("row", np.int64), ("topic", np.int64), ("time_ns", np.int64)])
     # The pictures themselves stay unread: they lie on pages of their own.
-    rows = np.fromiter(database.execute("SELECT rowid, topic_id, timestamp FROM messages"), kind)
+    rows = np.fromiter(rows_of("SELECT rowid, topic_id, timestamp FROM messages"), kind)
     rows = rows[np.lexsort((rows["row"], rows["time_ns"], rows["topic"]))]
     topics = {}
     for number, name, of_type in named:
@@ -160,7 +173,8 @@ def _connected(path: Path) -> sqlite3.Connection:
     uri = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
     database = sqlite3.connect(uri, uri=True)
     try:
-        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LONGEST)
+        longest = min(LONGEST, path.stat().st_size)
+        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, longest)
         database.execute("PRAGMA trusted_schema = OFF")
         database.execute("PRAGMA cell_size_check = ON")
         database.set_authorizer(_reading_only)
