@@ -11,6 +11,7 @@ import pytest
 from rakelight.capture.readers import find_reader, realsense
 from rakelight.capture.readers.ros_bag import opened
 from rakelight.errors import CaptureError
+from rakelight.geometry.distortion import to_pixels
 from rakelight.model import Camera, RigidTransform
 from tests.capture.readers.realsense_files import (
     CHANNELS,
@@ -105,6 +106,27 @@ def test_both_places_relative_to_a_third(tmp_path):
     assert np.allclose(found.rotation @ in_depth + found.translation_m, in_color, atol=5e-6)
 
 
+@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize(
+    "model",
+    ["brown_conrady", "inverse_brown_conrady", "modified_brown_conrady", "kannala_brandt4"],
+)
+def test_lens_distortion_is_that_of_librealsense(tmp_path, name, model):
+    take = Take(model=model, coefficients=(0.1, -0.05, 0.002, -0.003, 0.02))
+    WRITERS[name](tmp_path / name, take)
+    camera = recording_of(tmp_path / name)[0].camera
+    lens = rs.intrinsics()
+    lens.width, lens.height = camera.width, camera.height
+    lens.fx, lens.fy, lens.ppx, lens.ppy = camera.fx, camera.fy, camera.cx, camera.cy
+    lens.model, lens.coeffs = getattr(rs.distortion, model), list(take.coefficients)
+    for point in ([0.1, 0.2, 0.7], [-0.25, 0.1, 0.7], [0.2, -0.15, 0.6]):
+        theirs = rs.rs2_project_point_to_pixel(lens, point)
+        ours = to_pixels(np.array([point[0] / point[2]]), np.array([point[1] / point[2]]), camera)
+        assert np.allclose(np.ravel(ours), theirs, rtol=0, atol=1e-4)
+        plain = (camera.fx * point[0] / point[2] + camera.cx, camera.cy)
+        assert abs(theirs[0] - plain[0]) > 0.01
+
+
 @pytest.mark.parametrize("unit_m", [0.001, 0.0001, 0.00025])
 @pytest.mark.parametrize("name", WRITERS)
 def test_depth_units(tmp_path, name, unit_m):
@@ -188,10 +210,9 @@ def test_a_view_in_a_recording_is_not_followed(tmp_path):
         (Take(depth_to_color=None), "where the depth camera is is not in it"),
         (Take(unit_m=None), "the unit of the depth is not in it"),
         (Take(unit_m=0.5), "the unit of the depth is impossible .seen 0.5 m"),
-        (Take(model="kannala_brandt4"), "lens distortion is not read yet .*kannala brandt4"),
         (
-            Take(model="inverse_brown_conrady", coefficients=(0.1, 0, 0, 0, 0)),
-            "lens distortion is not read yet .*inverse brown conrady, .0.1",
+            Take(model="ftheta", coefficients=(0.1, 0, 0, 0, 0)),
+            "an unknown model of lens distortion .*ftheta, .0.1",
         ),
     ],
 )

@@ -20,11 +20,18 @@ from rakelight.capture.readers.ros_bag import Bag, Topic, is_bag, opened
 from rakelight.capture.readers.ros_pixels import IMAGES, color_of, depth_of
 from rakelight.capture.recording import Recording, Stream, capture_of
 from rakelight.errors import CaptureError, parsing
-from rakelight.model import Array, Camera, Floats, RigidTransform
+from rakelight.model import Array, Camera, Distortion, Floats, LensModel, RigidTransform
 
 _FRAMES = re.compile(
     r"((/device_\d+/sensor_\d+)/(Color|Depth)_\d+)/image/data(?:/compressed|/compressedDepth)?"
 )
+# librealsense projects by the same formula for its modified and its inverse Brown-Conrady.
+_LENSES: dict[str, LensModel] = {
+    "brown conrady": "brown-conrady",
+    "inverse brown conrady": "inverse-brown-conrady",
+    "modified brown conrady": "inverse-brown-conrady",
+    "kannala brandt4": "kannala-brandt",
+}
 _TEXT, _NUMBER = ("std_msgs/msg/String",), ("std_msgs/msg/Float32",)
 _AGAIN = "record colour and depth with librealsense's recorder or the RealSense Viewer"
 # Metres per value of depth: the finest and coarsest that librealsense's cameras have is 1e-6 to
@@ -133,14 +140,21 @@ def _camera(bag: Bag, stream: _Recorded) -> Camera:
     if not (finite and min(width, height, *pinhole[:2]) > 0):
         seen = f"{width} x {height}, fx fy cx cy = {pinhole}, {facts.coefficients}"
         raise CaptureError(f"{stream.name} has no possible camera", source=bag.source, seen=seen)
-    if facts.model == "kannala brandt4" or any(facts.coefficients):
+    return Camera(width, height, *pinhole, distortion=_distortion(bag, stream, facts))
+
+
+def _distortion(bag: Bag, stream: _Recorded, facts: _Intrinsics) -> Distortion | None:
+    fisheye = facts.model == "kannala brandt4"  # which without coefficients is not a pinhole's
+    if not fisheye and not any(facts.coefficients):
+        return None
+    if facts.model not in _LENSES:
         raise CaptureError(
-            "lens distortion is not read yet",
+            "an unknown model of lens distortion",
             source=bag.source,
             seen=f"{stream.name}: {facts.model}, {facts.coefficients}",
-            needed="a stream without distortion",
+            needed=", ".join(_LENSES),
         )
-    return Camera(width, height, *pinhole)
+    return Distortion(_LENSES[facts.model], facts.coefficients[: 4 if fisheye else 5])
 
 
 def _intrinsics(bag: Bag, stream: _Recorded) -> _Intrinsics:
