@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rakelight.errors import InputError
-from rakelight.model import Camera
+from rakelight.model import Camera, Distortion
 
 K = np.array([[525.5, 0.0, 318.25], [0.0, 520.0, 241.0], [0.0, 0.0, 1.0]])
 WIDE = np.array([[900.0, 0, 645], [0, 900.0, 362], [0, 0, 1]])
@@ -86,3 +86,59 @@ def test_a_camera_on_its_side_is_no_exchange():
 def test_the_principal_point_of_a_cutout_may_lie_beside_it():
     cut = Camera.from_matrix(K, (480, 640)).cropped(slice(300, 480), slice(400, 640))
     assert Camera.from_matrix(cut.matrix, cut.shape) == cut
+
+
+LENS = Distortion("brown-conrady", (0.1, -0.2, 0.001, 0.002, 0.03))
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        LENS,
+        list(LENS.coefficients),
+        np.array([LENS.coefficients]),  # as cv2.calibrateCamera returns it
+        np.array(LENS.coefficients)[:, None],
+    ],
+)
+def test_a_matrix_with_distortion(given):
+    assert Camera.from_matrix(K, (480, 640), given).distortion == LENS
+
+
+def test_coefficients_that_opencv_pads():
+    padded = np.zeros(14)
+    padded[:8] = np.arange(8) / 10
+    assert len(Camera.from_matrix(K, (480, 640), padded).distortion.coefficients) == 8
+    padded[9] = 0.1
+    with pytest.raises(InputError, match=r"another number of coefficients .*seen 14"):
+        Camera.from_matrix(K, (480, 640), padded)
+
+
+def test_distortion_does_not_change_with_the_image():
+    camera = Camera.from_matrix(K, (480, 640), LENS)
+    for other in (
+        camera.scaled(0.5),
+        camera.resized(320, 120),
+        camera.cropped(slice(3, 90), slice(5, 70)),
+    ):
+        assert other.distortion == LENS
+
+
+@pytest.mark.parametrize(
+    ("model", "coefficients", "words"),
+    [
+        ("brown", (0, 0, 0, 0), "seen brown, needed brown-conrady, inverse-brown-conrady, kannala"),
+        (None, (0, 0, 0, 0), "unknown model"),
+        ("brown-conrady", (0, 0, 0), "seen 3, needed 4 or 5 or 8"),
+        ("inverse-brown-conrady", (0, 0, 0, 0), "seen 4, needed 5"),
+        ("kannala-brandt", (0, 0, 0, 0, 0), "seen 5, needed 4"),
+        ("brown-conrady", (0, 0, np.nan, 0), "finite"),
+        ("brown-conrady", (0, 0, "1", 0), "finite"),
+        ("brown-conrady", 3.0, "seen 1, needed"),
+        ("brown-conrady", None, "finite"),
+    ],
+)
+def test_what_is_no_distortion(model, coefficients, words):
+    with pytest.raises(InputError, match=words) as refused:
+        Distortion(model, coefficients)
+    assert refused.value.needed
+    assert refused.value.remedy

@@ -15,6 +15,7 @@ import rakelight
 from rakelight import errors
 from rakelight.capture.config import (
     CaptureTable,
+    DistortionTable,
     IntrinsicsTable,
     NoiseTable,
     TransformTable,
@@ -350,7 +351,7 @@ def test_keys_of_capture_toml():
     keys = {key.strip("[]") for key in re.findall(r"`([^`]+)`", listed)}
     assert keys == {field.name for field in msgspec.structs.fields(CaptureTable)}
     section = files().split("key of `capture.toml`")[1].split("\n\n")[0]
-    for struct in (IntrinsicsTable, NoiseTable, TransformTable):
+    for struct in (DistortionTable, IntrinsicsTable, NoiseTable, TransformTable):
         for field in msgspec.structs.fields(struct):
             assert f"`{field.name}`" in section
 

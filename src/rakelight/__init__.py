@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from rakelight.model import (
         Camera,
         Capture,
+        Distortion,
         Finding,
         Lights,
         Mesh,
@@ -52,6 +53,7 @@ _HOMES = {
     "Camera": "rakelight.model",
     "Capture": "rakelight.model",
     "CaptureError": "rakelight.errors",
+    "Distortion": "rakelight.model",
     "Evaluation": "rakelight.metrics",
     "Finding": "rakelight.model",
     "FusionLike": "rakelight.methods.single_image.fusion_like",
@@ -109,6 +111,7 @@ __all__ = [
     "Camera",
     "Capture",
     "CaptureError",
+    "Distortion",
     "Evaluation",
     "Finding",
     "FusionLike",

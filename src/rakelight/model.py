@@ -10,7 +10,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from numbers import Integral
+from numbers import Integral, Real
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -23,6 +23,7 @@ Floats: TypeAlias = npt.NDArray[np.floating[Any]]
 Mask: TypeAlias = npt.NDArray[np.bool_]
 
 Encoding = Literal["linear", "srgb"]
+LensModel = Literal["brown-conrady", "inverse-brown-conrady", "kannala-brandt"]
 Lighting = Literal["moving-lamp", "rgb-leds", "ambient"]
 
 # Standard deviation of Gaussian noise over the median of its absolute deviations.
@@ -36,9 +37,86 @@ BLACK = 0.004
 FARTHEST_M = 1e6
 
 
+# How many coefficients a lens model has.
+_COEFFICIENTS: dict[str, tuple[int, ...]] = {
+    "brown-conrady": (4, 5, 8),
+    "inverse-brown-conrady": (5,),
+    "kannala-brandt": (4,),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Distortion:
+    """How a lens moves points of the image plane, in units of the focal length.
+
+    So it does not change when the image is cropped or scaled.  The formulas are in
+    docs/reference/conventions.md; `rakelight.geometry.distortion` computes them.
+
+    model : "brown-conrady", OpenCV's; "inverse-brown-conrady", librealsense's; "kannala-brandt",
+        OpenCV's fisheye
+    coefficients : k1 k2 p1 p2 [k3 [k4 k5 k6]] of brown-conrady, in OpenCV's order; k1 k2 p1 p2 k3
+        of inverse-brown-conrady; k1 k2 k3 k4 of kannala-brandt
+
+    Raises InputError for an unknown model, another number of coefficients, or values that are not
+    finite.
+
+    >>> Distortion("brown-conrady", [0.1, -0.2, 0, 0])
+    Distortion(model='brown-conrady', coefficients=(0.1, -0.2, 0.0, 0.0))
+    """
+
+    model: LensModel
+    coefficients: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        known = _COEFFICIENTS.get(self.model) if isinstance(self.model, str) else None
+        if known is None:
+            raise InputError(
+                "an unknown model of lens distortion",
+                source="distortion",
+                seen=str(self.model)[:80],
+                needed=", ".join(_COEFFICIENTS),
+                remedy="OpenCV, COLMAP and most calibrations are brown-conrady, fisheye lenses "
+                "kannala-brandt",
+            )
+        given = self.coefficients
+        numbers = tuple(given) if isinstance(given, (tuple, list, np.ndarray)) else (given,)
+        if not all(isinstance(k, Real) and not isinstance(k, bool) for k in numbers) or (
+            not np.isfinite(np.array(numbers, np.float64)).all()
+        ):
+            raise InputError(
+                "the coefficients of lens distortion are not finite numbers",
+                source="distortion",
+                seen=str(given)[:80],
+                needed="a sequence of finite numbers",
+                remedy="write them down from the calibration",
+            )
+        if len(numbers) not in known:
+            raise InputError(
+                f"another number of coefficients than {self.model} has",
+                source="distortion",
+                seen=f"{len(numbers)}",
+                needed=" or ".join(map(str, known)),
+                remedy="k1 k2 k3 k4"
+                if self.model == "kannala-brandt"
+                else "k1 k2 p1 p2 k3 in OpenCV's order; 0 for those that there are not",
+            )
+        object.__setattr__(self, "coefficients", tuple(map(float, numbers)))
+
+    @property
+    def is_none(self) -> bool:
+        """Whether it leaves every point where it is.
+
+        >>> Distortion("brown-conrady", [0, 0, 0, 0]).is_none
+        True
+        """
+        return self.model != "kannala-brandt" and not any(self.coefficients)
+
+
 @dataclass(frozen=True, slots=True)
 class Camera:
     """A pinhole camera: image size and intrinsics in pixels, pixel centres at integers from 0.
+
+    distortion : of its lens; None where there is none, or it was taken out of the images
 
     >>> Camera(width=640, height=480, fx=525.0, fy=525.0, cx=319.5, cy=239.5).shape
     (480, 640)
@@ -50,25 +128,37 @@ class Camera:
     fy: float
     cx: float
     cy: float
+    distortion: Distortion | None = None
 
     @classmethod
-    def from_matrix(cls, K: Array, shape: tuple[int, int]) -> Camera:
+    def from_matrix(
+        cls,
+        K: Array,
+        shape: tuple[int, int],
+        distortion: Distortion | Sequence[float] | Array | None = None,
+    ) -> Camera:
         """The camera of a calibration matrix.
 
         K : (3, 3) pixels, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], for pixel centres at integers
-            from 0, as OpenCV and ROS write it; of images without lens distortion
+            from 0, as OpenCV and ROS write it
         shape : (height, width) of the images in pixels, numpy's order
+        distortion : of the lens; None for images without.  Bare numbers are those of Brown and
+            Conrady's model in OpenCV's order, as cv2.calibrateCamera returns them
 
         Raises InputError where K is no such matrix (skew, other numbers than these, focal lengths
-        that are not positive) or the shape is not two positive whole numbers.
+        that are not positive), the shape is not two positive whole numbers, or the distortion is
+        none that `Distortion` takes.
 
         >>> K = np.array([[525.0, 0.0, 319.5], [0.0, 525.0, 239.5], [0.0, 0.0, 1.0]])
         >>> Camera.from_matrix(K, (480, 640))
-        Camera(width=640, height=480, fx=525.0, fy=525.0, cx=319.5, cy=239.5)
+        Camera(width=640, height=480, fx=525.0, fy=525.0, cx=319.5, cy=239.5, distortion=None)
+        >>> Camera.from_matrix(K, (480, 640), [0.1, -0.2, 0.0, 0.0, 0.0]).distortion.model
+        'brown-conrady'
         """
         height, width = _image_shape(shape)
         fx, fy, cx, cy = _intrinsics(K)
-        camera = cls(width=width, height=height, fx=fx, fy=fy, cx=cx, cy=cy)
+        lens = _distortion(distortion)
+        camera = cls(width=width, height=height, fx=fx, fy=fy, cx=cx, cy=cy, distortion=lens)
         _refuse_exchanged_sides(camera)
         return camera
 
@@ -90,9 +180,10 @@ class Camera:
         """The same view with `factor` times as many pixels along each side.
 
         >>> Camera(640, 480, 500.0, 500.0, 319.5, 239.5).scaled(2)
-        Camera(width=1280, height=960, fx=1000.0, fy=1000.0, cx=639.5, cy=479.5)
+        Camera(width=1280, height=960, fx=1000.0, fy=1000.0, cx=639.5, cy=479.5, distortion=None)
         """
-        return Camera(
+        return replace(
+            self,
             width=round(self.width * factor),
             height=round(self.height * factor),
             fx=self.fx * factor,
@@ -108,7 +199,8 @@ class Camera:
         125.0
         """
         across, along = width / self.width, height / self.height
-        return Camera(
+        return replace(
+            self,
             width=width,
             height=height,
             fx=self.fx * across,
@@ -171,6 +263,17 @@ def _intrinsics(K: Any) -> tuple[float, float, float, float]:
         remedy = "y points down and z forward here: the focal lengths in pixels are positive"
         raise refused("not focal lengths", f"fx = {fx:g}, fy = {fy:g}", "both above 0", remedy)
     return fx, fy, cx, cy
+
+
+def _distortion(given: Any) -> Distortion | None:
+    """A Distortion as it is, numbers as OpenCV's; raises InputError."""
+    if given is None or isinstance(given, Distortion):
+        return given
+    numbers = list(np.ravel(given)) if isinstance(given, np.ndarray) else given
+    if isinstance(numbers, (list, tuple)) and len(numbers) in (12, 14):
+        # OpenCV pads its coefficients: thin prism and tilt, which are hardly ever used.
+        numbers = numbers[:8] if not np.any(numbers[8:]) else numbers
+    return Distortion("brown-conrady", numbers)  # type: ignore[arg-type]
 
 
 def _refuse_exchanged_sides(camera: Camera) -> None:

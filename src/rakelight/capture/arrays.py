@@ -12,10 +12,12 @@ import numpy as np
 from rakelight.capture import validate
 from rakelight.capture.defaults import on_depth_grid
 from rakelight.errors import CaptureError, check_is
+from rakelight.geometry.distortion import STEEPEST_RAY
 from rakelight.model import (
     Array,
     Camera,
     Capture,
+    Distortion,
     Encoding,
     Finding,
     Lighting,
@@ -26,9 +28,6 @@ from rakelight.model import (
 
 # Depth that any sensor could mean, metres; the least still has an inverse square.
 POSSIBLE_M = (1e-4, 1e6)
-# Tangent of the angle from the optical axis beyond which a pixel sees nothing: 84 degrees.
-STEEPEST_RAY = 10.0
-
 MAKE_A_CAMERA = "rakelight.Camera.from_matrix(K, (height, width)) makes one"
 
 
@@ -206,6 +205,8 @@ def _check_fits(name: str, array: Array, needed: tuple[int, ...]) -> None:
 def _check_numbers(value: Any, source: str) -> None:
     """Every field of a Camera or a SensorNoise is a number, width and height whole ones."""
     for field in fields(value):
+        if field.name == "distortion":
+            continue
         number = getattr(value, field.name)
         kind = Integral if field.name in ("width", "height") else Real
         if not isinstance(number, kind) or isinstance(number, bool) or not isfinite(number):
@@ -246,6 +247,10 @@ def _check_camera(camera: Camera, source: str) -> None:
             needed="pixels of this image",
             remedy="give pixels: not millimetres, not fractions of a side",
         )
+    if camera.distortion is not None:
+        remedy = "rakelight.Camera.from_matrix(K, (height, width), distortion) makes one"
+        check_is(camera.distortion, Distortion, f"{source}.distortion", remedy)
+        validate.check_distortion(camera, source, "distortion")
 
 
 def _check_depth_camera(capture: Capture) -> None:

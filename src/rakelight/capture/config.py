@@ -10,15 +10,31 @@ from typing import Any, NoReturn, get_args
 import msgspec
 import numpy as np
 
-from rakelight.errors import CaptureError, parsing
-from rakelight.model import Camera, Encoding, Lighting, RigidTransform, SensorNoise
+from rakelight.errors import CaptureError, InputError, parsing
+from rakelight.model import (
+    Camera,
+    Distortion,
+    Encoding,
+    LensModel,
+    Lighting,
+    RigidTransform,
+    SensorNoise,
+)
 
 CONFIG = "capture.toml"
 EXAMPLE = (
     "depth_scale = 1000.0 and, in a table [intrinsics], width = 640, height = 480, "
     "fx = 525.0, fy = 525.0, cx = 319.5, cy = 239.5 (one per line)"
 )
+_LENS = 'distortion = { model = "brown-conrady", k = [k1, k2, p1, p2, k3] }'
 _HUGE = 1 << 63  # no integer here is that large; much larger ones are no floating-point number
+
+
+class DistortionTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Of a lens, in [intrinsics] or [depth_intrinsics]: the model and its coefficients."""
+
+    model: LensModel
+    k: list[float]
 
 
 class IntrinsicsTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -30,10 +46,23 @@ class IntrinsicsTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     fy: float
     cx: float
     cy: float
+    distortion: DistortionTable | None = None
 
-    def camera(self) -> Camera:
-        """The same as a Camera."""
-        return Camera(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
+    def camera(self, table: str = "intrinsics", source: str = CONFIG) -> Camera:
+        """The same as a Camera; CaptureError where the distortion of that `table` is none."""
+        lens = None
+        if self.distortion is not None:
+            try:
+                lens = Distortion(self.distortion.model, tuple(self.distortion.k))
+            except InputError as error:
+                raise CaptureError(
+                    f"key '{table}.distortion.k': {error.what}",
+                    source=source,
+                    seen=error.seen,
+                    needed=error.needed,
+                    remedy=error.remedy,
+                ) from error
+        return Camera(self.width, self.height, self.fx, self.fy, self.cx, self.cy, lens)
 
 
 class TransformTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -74,8 +103,15 @@ _TABLES: dict[str, type[msgspec.Struct]] = {
     "depth_intrinsics": IntrinsicsTable,
     "depth_to_color": TransformTable,
     "depth_noise": NoiseTable,
+    "intrinsics.distortion": DistortionTable,
+    "depth_intrinsics.distortion": DistortionTable,
 }
-_CHOICES = {"encoding": get_args(Encoding), "lighting": get_args(Lighting)}
+_CHOICES = {
+    "encoding": get_args(Encoding),
+    "lighting": get_args(Lighting),
+    "intrinsics.distortion.model": get_args(LensModel),
+    "depth_intrinsics.distortion.model": get_args(LensModel),
+}
 
 
 def parse_config(data: bytes, source: str = "capture.toml") -> CaptureTable:
@@ -100,7 +136,7 @@ def parse_config(data: bytes, source: str = "capture.toml") -> CaptureTable:
         except tomllib.TOMLDecodeError as error:
             raise _syntax_error(text, str(error), source) from error
     for table in _TABLES:
-        keys = content.get(table, {}) if table else content
+        keys = _at(content, table)
         if isinstance(keys, dict):
             _refuse_unknown(keys, table, source)
             _refuse_huge(keys, table, source)
@@ -154,7 +190,11 @@ def format_config(
 
 def _intrinsics_lines(table: str, camera: Camera) -> list[str]:
     size = (f"width = {int(camera.width)}", f"height = {int(camera.height)}")
-    return ["", f"[{table}]", *size, *_number_lines(camera, "fx", "fy", "cx", "cy")]
+    lines = ["", f"[{table}]", *size, *_number_lines(camera, "fx", "fy", "cx", "cy")]
+    if (lens := camera.distortion) is not None:
+        coefficients = list(lens.coefficients)
+        lines.append(f'distortion = {{ model = "{lens.model}", k = {coefficients!r} }}')
+    return lines
 
 
 def _number_lines(value: Camera | SensorNoise, *keys: str) -> list[str]:
@@ -216,17 +256,21 @@ def _refuse_value(content: dict[str, Any], message: str, source: str, cause: Exc
         raise CaptureError(
             f"key {_dotted(path, missing[1])!r} is missing",
             source=source,
-            remedy=f"for example {EXAMPLE}",
+            remedy=f"for example {_LENS if path.endswith('distortion') else EXAMPLE}",
         ) from cause
     if path in _CHOICES:
         choices = _CHOICES[path]
-        near = get_close_matches(str(content[path]).lower(), choices, n=1)
+        near = get_close_matches(str(_at(content, path)).lower(), choices, n=1)
         raise CaptureError(
             f"key {path!r} has an unknown value",
             source=source,
-            seen=repr(content[path]),
+            seen=repr(_at(content, path)),
             needed=" or ".join(map(repr, choices)),
             remedy=f"did you mean {near[0]!r}?" if near else "",
+        ) from cause
+    if path.endswith(".distortion"):
+        raise CaptureError(
+            f"key {path!r} has a wrong value", source=source, seen=what, remedy=f"write {_LENS}"
         ) from cause
     types = re.search(r"Expected `(.+)`, got `(.+)`", what)
     raise CaptureError(
@@ -235,6 +279,14 @@ def _refuse_value(content: dict[str, Any], message: str, source: str, cause: Exc
         seen=types[2] if types else what,
         needed=types[1] if types else "",
     ) from cause
+
+
+def _at(content: dict[str, Any], path: str) -> Any:
+    """What stands at a dotted path, an empty table where nothing does."""
+    found: Any = content
+    for key in filter(None, path.split(".")):
+        found = found.get(key, {}) if isinstance(found, dict) else {}
+    return found
 
 
 def _keys_of(table: str) -> tuple[str, ...]:

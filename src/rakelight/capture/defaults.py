@@ -47,6 +47,7 @@ def object_mask(
     Raises CaptureError where there is no depth, or none that the colour camera sees.
     """
     from rakelight.prepare.mask import cut_out
+    from rakelight.prepare.undistort import shown_by_lens, undistorted
 
     if not np.isfinite(capture.depth_m).any():
         raise CaptureError(
@@ -56,7 +57,10 @@ def object_mask(
             needed="metres on the object",
             remedy="look at the depth before it is handed over",
         )
-    mask, findings = cut_out(capture)
+    ideal = undistorted(capture, whole=False)
+    mask, findings = cut_out(ideal)
+    if ideal.camera != capture.camera:
+        mask = shown_by_lens(mask, ideal.camera, capture.camera)
     if not mask.any():
         raise CaptureError(
             "the colour camera sees nothing of what has depth",

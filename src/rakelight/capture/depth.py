@@ -94,7 +94,7 @@ def depth_geometry(
                 remedy="give both, or neither when the depth is aligned to the colour",
             )
         return None, None
-    camera = table.depth_intrinsics.camera()
+    camera = table.depth_intrinsics.camera("depth_intrinsics", source)
     validate.check_camera(camera, shape, source, "depth_intrinsics")
     if table.depth_to_color is None:
         return camera, RigidTransform(np.eye(3), np.zeros(3))

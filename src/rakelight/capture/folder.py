@@ -68,7 +68,7 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
     """The capture of a folder; what `load_capture` says of the result and the errors holds."""
     root = Root(folder)
     table = _read_config(root)
-    camera = table.intrinsics.camera()
+    camera = table.intrinsics.camera("intrinsics", root.shown(CONFIG))
 
     rgb, depth = _list_both(root, table, photographs)
     validate.check_camera(camera, rgb.shape, root.shown(CONFIG), "intrinsics")

@@ -11,6 +11,7 @@ import numpy as np
 
 from rakelight.capture.headers import Header
 from rakelight.errors import CaptureError
+from rakelight.geometry.distortion import fold_px
 from rakelight.model import (
     BLACK,
     SATURATED,
@@ -95,6 +96,34 @@ def check_camera(camera: Camera, shape: tuple[int, int], source: str, table: str
     _check_camera_size(camera, shape, source, table)
     _check_field_of_view(camera, source, table)
     _check_principal_point(camera, source, table)
+    check_distortion(camera, source, f"key '{table}.distortion'")
+
+
+def check_distortion(camera: Camera, source: str, name: str) -> None:
+    """The lens model, which messages call `name`, does not fold inside the image.
+
+    >>> from rakelight.model import Distortion
+    >>> lens = Distortion("brown-conrady", (-0.5, 0.0, 0.0, 0.0))
+    >>> check_distortion(Camera(400, 300, 200, 200, 199.5, 149.5, lens), "camera", "distortion")
+    Traceback (most recent call last):
+    rakelight.errors.CaptureError: camera: distortion folds inside the image (seen 109 pixels from
+    the principal point, needed beyond the corners, 251 pixels from it). Fix: ...
+    """
+    folds_px = fold_px(camera)
+    if folds_px is None:
+        return
+    across, along = (
+        max(centre, side - centre)
+        for side, centre in ((camera.width, camera.cx), (camera.height, camera.cy))
+    )
+    raise CaptureError(
+        f"{name} folds inside the image",
+        source=source,
+        seen=f"{folds_px:.0f} pixels from the principal point",
+        needed=f"beyond the corners, {np.hypot(across, along):.0f} pixels from it",
+        remedy="calibrate with fewer coefficients, or with points as far as the corners; look for "
+        "exchanged coefficients and signs",
+    )
 
 
 def _check_field_of_view(camera: Camera, source: str, table: str) -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from rakelight.errors import InputError
+from rakelight.geometry.camera import require_ideal
 from rakelight.model import Finding, Floats, Mask, Result
 
 
@@ -82,6 +83,7 @@ def _finding(pixels: int, lights_bad: bool) -> Finding:
 
 def _check_sizes(result: Result) -> None:
     """Raise InputError unless every map has the camera's size."""
+    require_ideal(result.camera, "result.camera")
     shape = result.camera.shape
     needed = {
         "depth": shape,

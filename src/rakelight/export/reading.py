@@ -45,7 +45,8 @@ def load_result(folder: str | PathLike[str]) -> Result:
     """
     folder = put_back(Path(os.fsdecode(folder)))
     summary = read_summary(folder)
-    shape, files = summary.camera.shape, _Files(folder)
+    camera = summary.camera.as_camera()
+    shape, files = camera.shape, _Files(folder)
     white, one = summary.conventions.albedo_white, summary.conventions.confidence_one
     return Result(
         depth=files.image("depth.tiff", shape, FLOAT32),
@@ -53,7 +54,7 @@ def load_result(folder: str | PathLike[str]) -> Result:
         albedo=_linear(files.image("albedo.png", (*shape, 3), UINT16), white),
         confidence=files.image("confidence.png", shape, UINT8).astype(np.float32) / one,
         lights=_lights(files, summary.photographs),
-        camera=summary.camera,
+        camera=camera,
         prepared_depth=files.image("prepared_depth.tiff", shape, FLOAT32),
         method=summary.method,
         options=summary.options,
@@ -135,7 +136,8 @@ def _linear(values: Array, white: float) -> Floats:
 
 def _expected(files: _Files, summary: Summary, name: str) -> Floats | None:
     """An expected error, which not every method gives."""
-    return files.image(name, summary.camera.shape, FLOAT32) if name in summary.files else None
+    shape = summary.camera.as_camera().shape
+    return files.image(name, shape, FLOAT32) if name in summary.files else None
 
 
 def _lights(files: _Files, photographs: Sequence[str]) -> Lights:

@@ -52,6 +52,26 @@ class Conventions(msgspec.Struct, frozen=True, kw_only=True):
     mesh_glb_frame: str = "glTF: x right, y up, z to the viewer; linear vertex colours"
 
 
+class Intrinsics(msgspec.Struct, frozen=True):
+    """Of the camera of every image in the folder, which has no lens distortion: pixels."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    @classmethod
+    def of(cls, camera: Camera) -> Intrinsics:
+        """Those of a camera without distortion."""
+        return cls(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)
+
+    def as_camera(self) -> Camera:
+        """The same as a Camera."""
+        return Camera(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
+
+
 class Summary(msgspec.Struct, frozen=True, kw_only=True):
     """The content of result.json; numbers that were not finite are None."""
 
@@ -62,7 +82,7 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     source: str
     photographs: list[str]
     capture: dict[str, Any] = {}
-    camera: Camera
+    camera: Intrinsics
     pixels: int
     iterations: int
     converged: bool
@@ -84,7 +104,7 @@ def summarise(result: Result, conventions: Conventions, files: list[str]) -> Sum
         source=plain(result.source),
         photographs=plain(result.photograph_names),
         capture=plain(result.capture),
-        camera=result.camera,
+        camera=Intrinsics.of(result.camera),
         pixels=int(result.mask.sum()),
         iterations=int(result.iterations),
         converged=bool(result.converged),

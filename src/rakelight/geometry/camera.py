@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
+from rakelight.errors import InputError
+from rakelight.geometry.distortion import to_rays
 from rakelight.model import Camera, Floats
 
 
 def pixel_rays(camera: Camera) -> tuple[Floats, Floats]:
     """Offsets x = u - cx (1, W) and y = v - cy (H, 1) of the pixel centres, in pixels.
 
-    They broadcast against (H, W) images.
+    They broadcast against (H, W) images.  Raises InputError for a camera with lens distortion.
 
     >>> x, y = pixel_rays(Camera(3, 2, fx=10.0, fy=10.0, cx=1.0, cy=0.5))
     >>> x.tolist(), y.tolist()
     ([[-1.0, 0.0, 1.0]], [[-0.5], [0.5]])
     """
+    require_ideal(camera)
     x = np.arange(camera.width, dtype=np.float64)[None, :] - camera.cx
     y = np.arange(camera.height, dtype=np.float64)[:, None] - camera.cy
     return x, y
@@ -24,9 +27,31 @@ def pixel_rays(camera: Camera) -> tuple[Floats, Floats]:
 def back_project(depth_m: Floats, camera: Camera) -> Floats:
     """Points (H, W, 3), metres in the camera frame, of a depth map (H, W) in metres.
 
+    Along the undistorted rays of a camera with lens distortion, NaN where it has none.
+
     >>> camera = Camera(3, 1, fx=10.0, fy=10.0, cx=1.0, cy=0.0)
     >>> back_project(np.full((1, 3), 2.0), camera)[0, 2].tolist()
     [0.2, 0.0, 2.0]
     """
+    if camera.distortion is not None:
+        u, v = np.meshgrid(np.arange(float(camera.width)), np.arange(float(camera.height)))
+        x, y = to_rays(u, v, camera)
+        return np.stack([depth_m * x, depth_m * y, depth_m], axis=-1)
     x, y = pixel_rays(camera)
     return np.stack([depth_m * x / camera.fx, depth_m * y / camera.fy, depth_m], axis=-1)
+
+
+def require_ideal(camera: Camera, source: str = "camera") -> None:
+    """Raise InputError where a camera has lens distortion that nothing would take into account.
+
+    >>> require_ideal(Camera(3, 1, 10.0, 10.0, 1.0, 0.0))
+    """
+    if camera.distortion is not None:
+        raise InputError(
+            "a camera with lens distortion",
+            source=source,
+            seen=camera.distortion.model,
+            needed="a camera without",
+            remedy="hand the capture to rakelight.refine, which undistorts it, or to "
+            "rakelight.prepare.undistort.undistorted",
+        )

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rakelight.errors import InputError
+from rakelight.geometry.camera import require_ideal
 from rakelight.geometry.grid import STEEPEST
 from rakelight.model import Array, Camera, Floats, Mask
 
@@ -86,6 +87,7 @@ def triangulate(
 
 def _vertices(z: Floats, used: Mask, camera: Camera) -> tuple[Floats, Array]:
     """Of the used pixels: points (V, 3) in metres, and (row, column), (V, 2)."""
+    require_ideal(camera)
     rows, columns = np.nonzero(used)
     z_used = z[rows, columns]
     vertices_m = np.stack(

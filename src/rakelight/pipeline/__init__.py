@@ -33,6 +33,7 @@ from rakelight.model import (
     Progress,
     ProgressCallback,
     Result,
+    RigidTransform,
     silent,
 )
 from rakelight.pipeline.degenerate import without_normals
@@ -40,6 +41,7 @@ from rakelight.pipeline.guarded import guarded, surface
 from rakelight.pipeline.prediction import prediction_errors
 from rakelight.pipeline.saturated_albedo import bounded_albedo
 from rakelight.prepare import Prepared, Scale, prepare
+from rakelight.prepare.undistort import undistorted
 
 
 def refine(
@@ -135,6 +137,8 @@ def _refined(
     capture: Capture, chosen: Method, scale: Scale, options: Any, progress: ProgressCallback
 ) -> Result:
     began = perf_counter()
+    as_read, capture = capture, undistorted(capture)
+    undistorted_at = perf_counter()
     if capture.register:
         with one_blas_thread():
             capture = _registered(capture, chosen, options, progress)
@@ -168,7 +172,8 @@ def _refined(
         energy=estimate.energy,
         converged=estimate.converged,
         timings_s={
-            **({"register": registered_at - began} if capture.register else {}),
+            **({"undistort": undistorted_at - began} if capture.camera != as_read.camera else {}),
+            **({"register": registered_at - undistorted_at} if capture.register else {}),
             "prepare": prepared_at - registered_at,
             "refine": refined_at - prepared_at,
             **estimate.timings_s,
@@ -176,7 +181,7 @@ def _refined(
         findings=prepared.findings + checked + estimate.findings + bounded + _convergence(estimate),
         source=capture.source,
         photograph_names=prepared.names,
-        capture=_figures(capture),
+        capture=_figures(as_read, capture.depth_to_color if capture.register else None),
         prediction_errors=prediction_errors(prepared, depth_m, normals, estimate.lights),
         depth_sigma=_embedded(prepared, estimate.depth_sigma),
         normal_sigma=_embedded(prepared, estimate.normal_sigma),
@@ -227,8 +232,8 @@ def _registered(
     return registered(capture, options, progress)
 
 
-def _figures(capture: Capture) -> dict[str, Any]:
-    """What was read, for the result's records."""
+def _figures(capture: Capture, depth_to_color: RigidTransform | None) -> dict[str, Any]:
+    """What was read, for the result's records; the depth camera's pose as it was corrected."""
     figures: dict[str, Any] = {
         "photographs": len(capture.photographs),
         "photograph_size": [capture.camera.width, capture.camera.height],
@@ -239,9 +244,12 @@ def _figures(capture: Capture) -> dict[str, Any]:
         "depth_size": [capture.depth_m.shape[2], capture.depth_m.shape[1]],
         "depth_checksum": capture.depth_checksum,
     }
-    if capture.register and (pose := capture.depth_to_color) is not None:
-        rotation, translation = pose.rotation.tolist(), pose.translation_m.tolist()
+    if depth_to_color is not None:
+        rotation = depth_to_color.rotation.tolist()
+        translation = depth_to_color.translation_m.tolist()
         figures["depth_to_color"] = {"rotation": rotation, "translation": translation}
+    if (lens := capture.camera.distortion) is not None:
+        figures["distortion"] = {"model": lens.model, "k": list(lens.coefficients)}
     return figures
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rakelight.geometry.camera import back_project
+from rakelight.geometry.camera import back_project, require_ideal
+from rakelight.geometry.distortion import to_rays
 from rakelight.geometry.grid import Links, mean_gradient, surface_links
 from rakelight.model import Array, Camera, Floats, RigidTransform
 
@@ -36,7 +37,8 @@ def register(
 ) -> tuple[Floats, Floats]:
     """Depth and its noise (h', w'), metres, at the pixel centres of another camera.
 
-    depth_m, sigma_m : (h, w) of `camera`, NaN = no measurement
+    depth_m, sigma_m : (h, w) of `camera`, NaN = no measurement; its points are found along the
+        undistorted rays, where the camera's lens distorts
     pose : from `camera` to `target`
     target : the camera that is to see it
 
@@ -65,12 +67,14 @@ def project(points: Floats, pose: RigidTransform, target: Camera) -> Floats:
     """(..., 3) pixel coordinates u, v and depth z in `target` of points (..., 3), metres.
 
     pose : from the points' frame to that of `target`; NaN behind it and within a centimetre
+    target : without lens distortion, InputError otherwise
 
     >>> camera = Camera(3, 3, fx=10.0, fy=10.0, cx=1.0, cy=1.0)
     >>> ahead = RigidTransform(np.eye(3), np.array([0.0, 0.0, 1.0]))
     >>> project(np.array([[0.2, 0.0, 1.0], [0.0, 0.0, -2.0]]), ahead, camera).tolist()
     [[2.0, 1.0, 2.0], [nan, nan, nan]]
     """
+    require_ideal(target)
     moved = points @ pose.rotation.T + pose.translation_m
     z = np.where(moved[..., 2] > NEAREST_M, moved[..., 2], np.nan)
     u = target.fx * moved[..., 0] / z + target.cx
@@ -122,8 +126,7 @@ def _borders(
     for dv, du in ((-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5)):
         at = inverse[rows, columns] + du * slope_u + dv * slope_v
         z = 1 / np.maximum(at, 0.5 * inverse[rows, columns])
-        x = (columns + du - camera.cx) / camera.fx
-        y = (rows + dv - camera.cy) / camera.fy
+        x, y = to_rays(columns + du, rows + dv, camera)
         corners.append(project(np.stack([z * x, z * y, z], axis=-1), pose, target))
     a, b, c, d = corners
     triangles = np.concatenate([np.stack([b, a, c], axis=1), np.stack([b, d, c], axis=1)])

@@ -8,7 +8,7 @@ import numpy as np
 
 from rakelight.errors import CaptureError
 from rakelight.geometry.averaging import LEAST_SHARE, Averaging, overlaps
-from rakelight.geometry.camera import back_project
+from rakelight.geometry.camera import back_project, require_ideal
 from rakelight.geometry.grid import bounding_window
 from rakelight.model import Array, Camera, Capture, Floats, Mask, RigidTransform, SensorNoise
 from rakelight.prepare.average import NEIGHBOURHOOD_PX, noise_sigma, robust_average
@@ -140,7 +140,11 @@ def sensor_shape(capture: Capture) -> tuple[int, int]:
 
 
 def check_sizes(capture: Capture) -> None:
-    """Photographs and mask have the colour camera's size; raises CaptureError."""
+    """Photographs and mask have the colour camera's size; raises CaptureError.
+
+    InputError for a colour camera with lens distortion: `undistorted` comes first.
+    """
+    require_ideal(capture.camera, capture.source or "camera")
     size = capture.camera.shape
     _require_size(capture, "photographs", capture.photographs.shape[1:], (*size, 3))
     _require_size(capture, "mask", capture.mask.shape, size)
@@ -177,6 +181,7 @@ def sensed(capture: Capture, mask: Mask | None = None) -> tuple[Floats, Floats]:
     mask : (H, W) the object in the photographs; None for everything.  What is further than a few
         pixels from it may be missing, and its noise is that which counts.
     """
+    require_ideal(capture.camera, capture.source or "camera")
     shape = sensor_shape(capture)
     if capture.depth_camera is not None:
         pose = capture.depth_to_color or RigidTransform(np.eye(3), np.zeros(3))

@@ -77,7 +77,7 @@ def method_rows(result: Result) -> Rows:
     stages = {
         name: seconds
         for name, seconds in result.timings_s.items()
-        if name in ("read", "register", "prepare", "refine")
+        if name in ("read", "undistort", "register", "prepare", "refine")
     }
     if stages:
         parts = ", ".join(f"{name} {seconds:.1f}" for name, seconds in stages.items())

@@ -113,7 +113,7 @@ def pack(maps: Maps) -> tuple[list[EncodedMap], dict[str, Any]]:
     sizes = {"width": camera.width, "height": camera.height}
     facts = {
         "planes": [{"name": plane.name, "bits": plane.bits, **sizes} for plane in planes],
-        "camera": {name: getattr(camera, name) for name in Camera.__dataclass_fields__},
+        "camera": {name: getattr(camera, name) for name in (*sizes, "fx", "fy", "cx", "cy")},
         "depth": {"nearest_m": nearest, "step_m": step},
         "mesh": {"most_triangles": MOST_TRIANGLES, "steepest": STEEPEST},
     }

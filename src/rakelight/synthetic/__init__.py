@@ -3,6 +3,7 @@
 from rakelight.synthetic.albedo import ALBEDOS, Albedo, make_albedo, texture_from_file
 from rakelight.synthetic.depth_file import shape_from_depth, shape_from_file
 from rakelight.synthetic.implicit import Surface
+from rakelight.synthetic.lens import distorted
 from rakelight.synthetic.noise import (
     PAPER_NOISE,
     DepthNoise,
@@ -29,6 +30,7 @@ __all__ = [
     "add_depth_noise",
     "calibrate_noise",
     "demo_scene",
+    "distorted",
     "draw",
     "make_albedo",
     "make_relief",

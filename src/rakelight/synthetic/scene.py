@@ -124,6 +124,11 @@ class SceneOptions:
             ),
             *all_of("linear or srgb", get_args(Encoding).__contains__, "encoding"),
             *all_of("8 or 16", (8, 16).__contains__, "bits"),
+            (
+                "camera",
+                self.camera is None or self.camera.distortion is None,
+                "one without lens distortion, which rakelight.synthetic.distorted adds",
+            ),
             ("tilt_deg", 0 <= low <= high < 90, "two angles, 0 <= least <= largest < 90"),
             *all_of("0 <= angle < 90", lambda angle: 0 <= angle < 90, "led_tilt_deg"),
             *all_of("three angles", lambda angles: len(angles) == 3, "led_azimuth_deg"),

@@ -1,0 +1,64 @@
+"""A lamp that moves round a shape, recorded and refined: nothing is lost on the way."""
+
+import numpy as np
+
+from rakelight import evaluate, load_capture, refine
+from rakelight.capture.from_arrays import capture_from_arrays
+from rakelight.model import RigidTransform
+from rakelight.synthetic import make_albedo, make_shape
+from rakelight.synthetic.noise import DepthNoise
+from rakelight.synthetic.scene import SceneOptions, render_scene
+from tests.capture.readers.realsense_files import Take, write_db3
+
+BESIDE = RigidTransform(np.eye(3), np.array([0.015, 0.0, 0.0]))
+UNIT_M = 0.001
+
+
+def filmed(scale):
+    """A capture of 16 frames of 8 bit, with depth of a camera beside it; and its truth."""
+    shape = make_shape("head")
+    options = SceneOptions(
+        camera=shape.camera.scaled(scale),
+        photographs=16,
+        bits=8,
+        encoding="srgb",
+        image_noise=0.005,
+        depth_factor=1.5,
+        depth_to_color=BESIDE,
+        depth_frames=16,
+        depth_noise=DepthNoise(rms_mm=2.0, correlation_length_px=1.0),
+    )
+    return render_scene(shape, make_albedo("white"), options)
+
+
+def recorded(path, capture):
+    depth = np.rint(np.nan_to_num(capture.depth_m) / UNIT_M).astype(np.uint16)
+    take = Take(
+        color=list(capture.photographs),
+        depth=list(depth),
+        camera=capture.camera,
+        depth_camera=capture.depth_camera,
+        depth_to_color=capture.depth_to_color,
+        unit_m=UNIT_M,
+    )
+    write_db3(path, take)
+
+
+def test_a_recording_is_refined_as_well_as_its_frames(tmp_path):
+    capture, truth = filmed(0.25)
+    recorded(tmp_path / "rec.db3", capture)
+    found = load_capture(tmp_path / "rec.db3")
+    direct = capture_from_arrays(
+        capture.photographs,
+        capture.depth_m,
+        capture.camera,
+        encoding="srgb",
+        depth_camera=capture.depth_camera,
+        depth_to_color=capture.depth_to_color,
+    )
+    both = truth.mask & found.mask & direct.mask
+    assert both.sum() > 0.9 * truth.mask.sum()
+    scores = [evaluate(refine(each), truth, both) for each in (found, direct)]
+    of_recording, of_frames = [(each.depth.rmse_mm, each.normals.mae_deg) for each in scores]
+    for ours, theirs in zip(of_recording, of_frames, strict=True):
+        assert 0 < ours < 1.3 * theirs
