@@ -16,6 +16,8 @@ _LONGEST_MATCH = 315 + 2359
 # Bytes that the matches of all blocks may stand for, whatever the blocks say of their size: above
 # those of a map of 960x720 with a match for each of its numbers.
 _MOST_BYTES = 2 << 30
+# Bytes of the header of a compressed block, without its tables.
+_LEAST_HEADER = 32
 # Bytes by which data that cannot be packed grow.
 _SLACK = 4096
 
@@ -51,8 +53,11 @@ def _stated_size(data: bytes, source: str) -> int:
                 at += 12 + int(struct.unpack_from("<I", data, at + 8)[0])
             elif magic == b"bvx2":
                 first, second, third = struct.unpack_from("<QQQ", data, at + 8)
+                header = third & 0xFFFFFFFF
+                if header < _LEAST_HEADER:
+                    raise _damaged(source, f"a header of {header} bytes", f"{_LEAST_HEADER}")
                 matches += first >> 40 & 0xFFFFF
-                at += (third & 0xFFFFFFFF) + (first >> 20 & 0xFFFFF) + (second >> 40 & 0xFFFFF)
+                at += header + (first >> 20 & 0xFFFFF) + (second >> 40 & 0xFFFFF)
             else:
                 raise _damaged(source, f"a block {magic!r} at byte {at}", "LZFSE")
             total += held

@@ -6,13 +6,8 @@ extracted.
 
 from __future__ import annotations
 
-import re
-import stat
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
-from io import FileIO
 from pathlib import Path
 from typing import Any
 
@@ -25,69 +20,24 @@ from rakelight.capture.readers.depth_place import depth_place
 from rakelight.capture.readers.image_files import check_same, compressed_finding
 from rakelight.capture.readers.lzfse_blocks import stated_size, unpack
 from rakelight.capture.readers.numbers import array_of, camera_of, json_table, number_in
+from rakelight.capture.readers.r3d_archive import (
+    METADATA,
+    MOST_FRAME,
+    MOST_MAP,
+    Archive,
+    listed_frames,
+    opened_zip,
+)
 from rakelight.capture.readers.tracking import Poses, reading_by
 from rakelight.capture.recording import Recording, Stream
 from rakelight.errors import CaptureError, InputError, parsing
-from rakelight.files import MAX_TEXT_BYTES, clear_errors, open_regular
+from rakelight.files import MAX_TEXT_BYTES
 from rakelight.model import Array, Camera, Finding, Floats
 
-METADATA = "metadata"
-_MEMBER = re.compile(r"rgbd/([0-9]{1,9})\.(jpg|jpeg|png|depth|conf)")
-_DAMAGED = "the archive is damaged"
-# Bytes of the list of a ZIP's members, which is read whole: 100 for each of 600,000.
-_MOST_LIST = 60_000_000
-# Bytes of a frame, and of a depth map; packed ones of 960x720 take 3,000,000.
-_MOST_FRAME, _MOST_MAP = 100_000_000, 20_000_000
 # Frames per second of the app, where metadata do not say.
 _FPS = 60.0
 # EXIF: quarter turns to the left by which a picture is to be turned, of stored and shown sides.
 _TURNS = {6: 3, 8: 1}
-
-
-@dataclass(frozen=True)
-class _Archive:
-    """The members of an .r3d by frame: {number: name} of each kind."""
-
-    path: Path
-    members: Mapping[str, zipfile.ZipInfo]
-    color: dict[int, str]
-    depth: dict[int, str]
-    confidence: dict[int, str]
-
-    @property
-    def source(self) -> str:
-        return str(self.path)
-
-    def read(self, opened: zipfile.ZipFile, name: str, most: int) -> bytes:
-        """One member, never more than `most` bytes of it."""
-        member, source = self.members[name], f"{self.path}/{name}"
-        link = stat.S_ISLNK(member.external_attr >> 16)
-        plain = member.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-        if member.flag_bits & 1 or link or not plain:
-            raise CaptureError(
-                "this kind of member is not read",
-                source=source,
-                seen="a link" if link else "encrypted" if plain else "another compression",
-                needed="a file, stored or deflated",
-            )
-        if member.file_size > most:
-            raise CaptureError(
-                "a member is too large",
-                source=source,
-                seen=f"{member.file_size / 1e6:.0f} MB",
-                needed=f"at most {most / 1e6:.0f} MB",
-            )
-        with parsing(source, _DAMAGED, CaptureError), opened.open(member) as file:
-            return file.read(most)
-
-
-class _ShortReads(FileIO):
-    """A file that is never asked for more than the list of its members at once."""
-
-    def read(self, size: int | None = -1, /) -> bytes:
-        if size is None or not 0 <= size <= _MOST_LIST:
-            raise ValueError("a list of members that is too large")
-        return super().read(size) or b""
 
 
 def sniff(path: Path) -> bool:
@@ -95,7 +45,7 @@ def sniff(path: Path) -> bool:
     if not path.is_file():
         return False
     try:
-        with _opened(path) as opened:
+        with opened_zip(path) as opened:
             names = opened.namelist()
     except InputError:
         return False
@@ -104,11 +54,11 @@ def sniff(path: Path) -> bool:
 
 def recording(path: Path) -> tuple[Recording, Poses | None]:
     """The recording in an .r3d."""
-    with _opened(path) as opened:
-        archive = _listed(path, opened)
+    with opened_zip(path) as opened:
+        archive = listed_frames(path, opened)
         facts = json_table(archive.read(opened, METADATA, MAX_TEXT_BYTES), f"{path}/{METADATA}")
         first = next(iter(archive.color.values()))
-        header = read_header(archive.read(opened, first, _MOST_FRAME), f"{path}/{first}")
+        header = read_header(archive.read(opened, first, MOST_FRAME), f"{path}/{first}")
         camera, turns = _camera(facts, header, f"{path}/{METADATA}")
         shape = _depth_shape(facts, archive, opened, camera)
     depth_camera, depth_to_color = depth_place(camera, shape, str(path))
@@ -127,40 +77,6 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
     )
     poses = _poses(facts, color, f"{path}/{METADATA}")
     return made, poses
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
-    with clear_errors(str(path), "cannot be read"):
-        open_regular(path, str(path)).close()  # no pipe, no device
-        file = _ShortReads(path, "rb")
-    with file:
-        with parsing(str(path), _DAMAGED, CaptureError):
-            opened = zipfile.ZipFile(file)
-        with opened:
-            yield opened
-
-
-def _listed(path: Path, opened: zipfile.ZipFile) -> _Archive:
-    members: dict[str, zipfile.ZipInfo] = {}
-    kinds: dict[str, dict[int, str]] = {"color": {}, "depth": {}, "conf": {}}
-    for member in opened.infolist():
-        name = member.filename
-        found = _MEMBER.fullmatch(name)
-        if found is None and name != METADATA:
-            continue  # an icon, sound
-        kind = "" if found is None else found[2] if found[2] in kinds else "color"
-        number = -1 if found is None else int(found[1])
-        if name in members or (kind and number in kinds[kind]):
-            raise CaptureError("two members of one name", source=f"{path}/{name}")
-        members[name] = member
-        if kind and member.file_size:
-            kinds[kind][number] = name
-    for kind, what in (("color", "colour"), ("depth", "depth")):
-        if not kinds[kind]:
-            raise CaptureError(f"no {what} frames in it", source=str(path), needed="rgbd/0.…")
-    ordered = [dict(sorted(kinds[kind].items())) for kind in ("color", "depth", "conf")]
-    return _Archive(path, members, *ordered)
 
 
 def _camera(facts: Mapping[str, Any], header: Header, source: str) -> tuple[Camera, int]:
@@ -208,14 +124,14 @@ def _matrix(facts: Mapping[str, Any], matrix: object, source: str) -> object:
 
 
 def _depth_shape(
-    facts: Mapping[str, Any], archive: _Archive, opened: zipfile.ZipFile, camera: Camera
+    facts: Mapping[str, Any], archive: Archive, opened: zipfile.ZipFile, camera: Camera
 ) -> tuple[int, int]:
     """(dh, dw); of metadata without them, what fits the first map's size and the frames' sides."""
     width, height = (number_in(facts.get(key), 1, 1e5) for key in ("dw", "dh"))
     if width is None or height is None:
         name = next(iter(archive.depth.values()))
         source = f"{archive.path}/{name}"
-        count = stated_size(archive.read(opened, name, _MOST_MAP), source) // 4
+        count = stated_size(archive.read(opened, name, MOST_MAP), source) // 4
         width = round((count * camera.width / camera.height) ** 0.5)
         height = count // max(width, 1)
         if width * height != count:
@@ -255,13 +171,13 @@ def _poses(facts: Mapping[str, Any], numbers: Sequence[int], source: str) -> Pos
     return Poses(positions_m=rows[:, 4:], quaternions=rows[:, :4])
 
 
-def _color_walk(archive: _Archive, numbers: Sequence[int], camera: Camera, turns: int) -> Any:
+def _color_walk(archive: Archive, numbers: Sequence[int], camera: Camera, turns: int) -> Any:
     def walk(wanted: Sequence[int]) -> Iterator[tuple[int, Array]]:
-        with _opened(archive.path) as opened:
+        with opened_zip(archive.path) as opened:
             for at in wanted:
                 name = archive.color[numbers[at]]
                 source = f"{archive.path}/{name}"
-                pixels = decode_image(archive.read(opened, name, _MOST_FRAME), source)
+                pixels = decode_image(archive.read(opened, name, MOST_FRAME), source)
                 pixels = np.ascontiguousarray(np.rot90(as_rgb(pixels), turns))
                 check_same(pixels, (*camera.shape, 3), "uint8", source)
                 yield at, pixels
@@ -269,14 +185,14 @@ def _color_walk(archive: _Archive, numbers: Sequence[int], camera: Camera, turns
     return walk
 
 
-def _depth_walk(archive: _Archive, numbers: Sequence[int], shape: tuple[int, int]) -> Any:
+def _depth_walk(archive: Archive, numbers: Sequence[int], shape: tuple[int, int]) -> Any:
     count = shape[0] * shape[1]
 
     def walk(wanted: Sequence[int]) -> Iterator[tuple[int, Array]]:
-        with _opened(archive.path) as opened:
+        with opened_zip(archive.path) as opened:
 
             def unpacked(name: str, size: int) -> bytes:
-                return unpack(archive.read(opened, name, _MOST_MAP), size, f"{archive.path}/{name}")
+                return unpack(archive.read(opened, name, MOST_MAP), size, f"{archive.path}/{name}")
 
             for at in wanted:
                 number = numbers[at]

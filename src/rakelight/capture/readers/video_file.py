@@ -157,6 +157,7 @@ def _rgb(av: Any, frame: Any, shape: tuple[int, int], source: str) -> Array:
     full = frame.color_range == _FULL_RANGE or frame.format.name.startswith("yuvj")
     ranges = reformatter.ColorRange
     how = reformatter.Interpolation
+    exact = how.BILINEAR | how.ACCURATE_RND | how.FULL_CHR_H_INT
     with parsing(source, _DAMAGED, CaptureError):
         deep = max(component.bits for component in frame.format.components) > 8
         pixels = frame.to_ndarray(
@@ -164,7 +165,8 @@ def _rgb(av: Any, frame: Any, shape: tuple[int, int], source: str) -> Array:
             src_colorspace=_matrix(reformatter.Colorspace, frame),
             src_color_range=ranges.JPEG if full else ranges.MPEG,
             dst_color_range=ranges.JPEG,
-            interpolation=how.BILINEAR | how.ACCURATE_RND | how.FULL_CHR_H_INT,
+            # To rgb48 the exact way sets colours wrong by 180 of 255 (FFmpeg 8.1).
+            interpolation=how.BILINEAR if deep else exact,
         )
     return np.ascontiguousarray(pixels)
 
