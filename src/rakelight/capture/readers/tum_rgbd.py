@@ -6,6 +6,7 @@ registered to colour, 5000 values per metre.
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 
@@ -85,10 +86,14 @@ def _listed(path: Path, name: str) -> tuple[Floats, list[str]]:
     for file in found.values():
         if "\0" in file or Path(file).is_absolute() or ".." in Path(file).parts:
             raise CaptureError("a file outside the folder", source=source, seen=file)
-    kept = {time: file for time, file in sorted(found.items()) if (path / file).is_file()}
+    kept = {time: file for time, file in sorted(found.items()) if _is_there(path / file)}
     if not kept:
         raise CaptureError("none of the files in it is there", source=source)
     return np.array(list(kept)), list(kept.values())
+
+
+def _is_there(path: Path) -> bool:
+    return os.path.isfile(path)  # noqa: PTH113 - False for impossible names, where Path raises
 
 
 def _camera(path: Path, shape: tuple[int, int]) -> tuple[Camera, tuple[Finding, ...]]:

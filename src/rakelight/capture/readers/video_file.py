@@ -10,12 +10,12 @@ from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from io import FileIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rakelight.capture.headers import MAX_PIXELS
 from rakelight.capture.readers.extras import needs
 from rakelight.capture.recording import Stream
 from rakelight.errors import CaptureError, parsing
@@ -24,6 +24,8 @@ from rakelight.model import Array
 
 # Frames of a video, at most: 9 hours at 30 a second.
 _MOST_FRAMES = 1_000_000
+# Pixels of a frame, at most: 8K.  A decoder keeps 17 frames of what a damaged header states.
+_MOST_PIXELS = 36_000_000
 # Codes of ITU-T H.273: matrix, range, transfer, primaries.
 _BT709, _BT601, _SMPTE240 = 1, (5, 6), 7
 _FULL_RANGE = 2
@@ -74,25 +76,34 @@ def _opened(av: Any, path: Path, source: str) -> Iterator[tuple[Any, Any]]:
     with clear_errors(source, "cannot be read"):
         file = open_regular(path, source)
     with file:
-        with parsing(source, _DAMAGED, CaptureError):
-            container = av.open(
-                file,
-                format="mov",
-                metadata_errors="replace",
-                options={"enable_drefs": "0"},
-                stream_options=[{"max_pixels": str(MAX_PIXELS)}] * 8,
-            )
+        container = _container(av, file, source)
         with container:
             if not container.streams.video:
                 raise CaptureError("no video in it", source=source)
             stream = container.streams.video[0]
+            if stream.codec_context is None:
+                raise CaptureError(_DAMAGED, source=source, seen="an unknown codec")
             stream.thread_type = "AUTO"
             yield container, stream
 
 
+def _container(av: Any, file: FileIO, source: str) -> Any:
+    with parsing(source, _DAMAGED, CaptureError):
+        try:
+            return av.open(
+                file,
+                format="mov",
+                metadata_errors="replace",
+                options={"enable_drefs": "0"},
+                stream_options=[{"max_pixels": str(_MOST_PIXELS)}] * 8,
+            )
+        except MemoryError as error:  # FFmpeg's word for a table that cannot be so long
+            raise CaptureError(_DAMAGED, source=source, seen="an endless table") from error
+
+
 def _indexed(container: Any, stream: Any, source: str) -> _Index:
     width, height = stream.codec_context.width, stream.codec_context.height
-    if not (0 < width * height <= MAX_PIXELS):
+    if not (0 < width * height <= _MOST_PIXELS):
         raise CaptureError(_DAMAGED, source=source, seen=f"a size of {width}x{height}")
     pts: set[int] = set()
     keys: set[int] = set()
