@@ -80,6 +80,22 @@ def test_every_frame_is_the_one_that_is_asked_for(tmp_path, key_every):
         assert seen == [(number, number) for number in wanted]
 
 
+def test_what_lies_between_far_frames_is_not_decoded(tmp_path):
+    path = write_video(tmp_path / "a.mp4", counted(), crf=20, key_every=10)
+    with av.open(str(path)) as container:
+        packets = [(p.pts, p.pos, p.size) for p in container.demux(video=0) if p.size]
+    first = packets[0][0]
+    data = bytearray(path.read_bytes())
+    for pts, pos, size in packets:
+        if 10 < (pts - first) / (packets[-1][0] - first) * 299 < 280:
+            data[pos : pos + size] = bytes(size)
+    path.write_bytes(data)
+    stream = video_stream(path, "a.mp4")
+    assert [number_of(image) for _, image in stream.walk([3, 295])] == [3, 295]
+    with pytest.raises(CaptureError, match="the video is damaged"):
+        list(stream.walk(range(300)))
+
+
 def test_how_the_phone_was_held_is_left_alone(tmp_path):
     """The stored frame is what belongs to the depth; players turn it by the file's matrix."""
     path = write_video(tmp_path / "a.mp4", [patches()] * 2)

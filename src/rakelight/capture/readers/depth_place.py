@@ -14,7 +14,8 @@ def depth_place(
     """depth_camera and depth_to_color of depth (h, w) that covers the colour frames' view.
 
     None where the colour frames have a whole number of pixels per pixel of depth, else (1920x1440
-    over 256x192 is 7.5) a depth camera at the colour camera's place.
+    over 256x192 is 7.5) a depth camera at the colour camera's place.  Both give the same result: of
+    three synthetic objects at 8 pixels per pixel of depth, depth and normals agree in all digits.
 
     Raises CaptureError where the sides have other proportions, by more than a pixel of depth.
 

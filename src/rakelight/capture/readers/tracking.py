@@ -13,7 +13,7 @@ from rakelight.capture.recording import Recording, capture_of
 from rakelight.model import Camera, Capture, Finding, Floats
 
 # Shift of the picture, over its longer side, from which the phone moved: 10 pixels of 1920.  Less
-# is the tracking's own: 1 mm and 0.05 degrees are 5 pixels at half a metre.
+# is the tracking's own: 1 mm and 0.05 degrees are 4 pixels at half a metre.
 MOVED = 0.005
 
 

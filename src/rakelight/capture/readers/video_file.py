@@ -10,7 +10,6 @@ from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from io import FileIO
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +75,14 @@ def _opened(av: Any, path: Path, source: str) -> Iterator[tuple[Any, Any]]:
     with clear_errors(source, "cannot be read"):
         file = open_regular(path, source)
     with file:
-        container = _container(av, file, source)
+        with _reading(source):
+            container = av.open(
+                file,
+                format="mov",
+                metadata_errors="replace",
+                options={"enable_drefs": "0"},
+                stream_options=[{"max_pixels": str(_MOST_PIXELS)}] * 8,
+            )
         with container:
             if not container.streams.video:
                 raise CaptureError("no video in it", source=source)
@@ -87,18 +93,14 @@ def _opened(av: Any, path: Path, source: str) -> Iterator[tuple[Any, Any]]:
             yield container, stream
 
 
-def _container(av: Any, file: FileIO, source: str) -> Any:
+@contextmanager
+def _reading(source: str) -> Iterator[None]:
+    """Turn FFmpeg's errors about a container into ours."""
     with parsing(source, _DAMAGED, CaptureError):
         try:
-            return av.open(
-                file,
-                format="mov",
-                metadata_errors="replace",
-                options={"enable_drefs": "0"},
-                stream_options=[{"max_pixels": str(_MOST_PIXELS)}] * 8,
-            )
-        except MemoryError as error:  # FFmpeg's word for a table that cannot be so long
-            raise CaptureError(_DAMAGED, source=source, seen="an endless table") from error
+            yield
+        except MemoryError as error:  # FFmpeg's word for what states an impossible length
+            raise CaptureError(_DAMAGED, source=source, seen="an impossible length") from error
 
 
 def _indexed(container: Any, stream: Any, source: str) -> _Index:
@@ -107,7 +109,7 @@ def _indexed(container: Any, stream: Any, source: str) -> _Index:
         raise CaptureError(_DAMAGED, source=source, seen=f"a size of {width}x{height}")
     pts: set[int] = set()
     keys: set[int] = set()
-    with parsing(source, _DAMAGED, CaptureError):
+    with _reading(source):
         unit_s = float(stream.time_base)
         for packet in container.demux(stream):
             unshown = packet.pts is None or packet.is_corrupt or packet.is_discard
