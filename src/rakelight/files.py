@@ -8,6 +8,7 @@ import stat
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from io import FileIO
 from pathlib import Path
 from typing import TypeVar
 
@@ -59,10 +60,7 @@ def read_bytes(path: Path, *, source: str = "", max_bytes: int = MAX_BYTES) -> b
     pipe, a device, a socket; MachineError when it cannot be read.
     """
     source = source or str(path)
-    with clear_errors(source, "cannot be read"):
-        _require_regular(path.stat().st_mode, source)
-    # A pipe put there since then does not keep us waiting.
-    with clear_errors(source, "cannot be read"), open(path, "rb", opener=_open_at_once) as file:
+    with clear_errors(source, "cannot be read"), open_regular(path, source) as file:
         size = os.fstat(file.fileno()).st_size
         if size > max_bytes:
             raise InputError(
@@ -72,6 +70,13 @@ def read_bytes(path: Path, *, source: str = "", max_bytes: int = MAX_BYTES) -> b
                 needed=f"at most {_megabytes(max_bytes)}",
             )
         return file.read()
+
+
+def open_regular(path: Path, source: str) -> FileIO:
+    """The file, unbuffered; raises InputError for a folder, a pipe, a device, and OSError."""
+    _require_regular(path.stat().st_mode, source)
+    # A pipe put there since then does not keep us waiting.
+    return FileIO(path, "rb", opener=_open_at_once)
 
 
 def _require_regular(mode: int, source: str) -> None:

@@ -16,6 +16,7 @@ from rakelight.capture import load_capture, load_truth, write_capture
 from rakelight.export import load_result, write_result
 from rakelight.model import Camera, Capture, Lights, Result, Truth
 from rakelight.synthetic.depth_file import shape_from_file
+from tests.faults.sound_recordings import recording_kinds
 
 WIDTH, HEIGHT = 32, 24
 CAMERA = Camera(WIDTH, HEIGHT, 40.0, 40.5, 15.25, 11.75)
@@ -156,6 +157,7 @@ def make_kinds(folder: Path) -> list[Kind]:
     (folder / "shape.tiff").write_bytes(libtiff(5, 3)(DEPTH_M))
     for name in ("stored.npz", "deflated.npz", "shape.tiff"):
         kinds.append(Kind(name, folder / name, lambda path=folder / name: shape_from_file(path)))
+    kinds += [Kind(*kind) for kind in recording_kinds(folder / "recordings")]
     return kinds
 
 

@@ -1,0 +1,155 @@
+"""Colour and depth of a recording as image files in a folder."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from rakelight.capture.headers import Header, read_header
+from rakelight.capture.images import as_rgb, decode_image
+from rakelight.capture.listing import SUFFIXES
+from rakelight.capture.recording import Stream
+from rakelight.errors import CaptureError
+from rakelight.files import MAX_BYTES, clear_errors, read_bytes
+from rakelight.model import Array, Finding, Floats
+
+# What a sensor writes into 16 bit that is too far.
+_TOO_FAR = 65535
+
+
+def read_within(root: Path, name: str, max_bytes: int = MAX_BYTES) -> bytes:
+    """The file `name` of the folder `root`, by the rules of `inside`."""
+    return read_bytes(inside(root, name), source=f"{root}/{name}", max_bytes=max_bytes)
+
+
+def inside(root: Path, name: str) -> Path:
+    """The path of the file `name` in the folder `root`.
+
+    Raises CaptureError for one that lies elsewhere: by "..", an absolute path, or a link.
+
+    >>> inside(Path("recording"), "../secret")
+    Traceback (most recent call last):
+    rakelight.errors.CaptureError: recording/../secret: a file outside the folder ...
+    """
+    path, source = root / name, f"{root}/{name}"
+    with clear_errors(source, "cannot be read"):
+        within = "\0" not in name and path.resolve().is_relative_to(root.resolve())
+    if not within:
+        raise CaptureError(
+            "a file outside the folder",
+            source=source,
+            needed="files of the recording",
+            remedy="copy the file into it",
+        )
+    return path
+
+
+def numbered_files(root: Path, folder: str) -> dict[int, str]:
+    """Names of the images in a subfolder by the number in them; empty files are left out.
+
+    Raises CaptureError where two have the same number, or there are none.
+    """
+    source, found = f"{root}/{folder}", dict[int, str]()
+    with clear_errors(source, "cannot be read"):
+        paths = sorted(p for p in (root / folder).iterdir() if p.suffix.lower() in SUFFIXES)
+        # A recording that was broken off ends with files that nothing was written into.
+        paths = [p for p in paths if p.name[0] != "." and (p.is_symlink() or p.stat().st_size)]
+    for path in paths:
+        digits = re.findall(r"[0-9]+", path.stem)
+        if not digits:
+            continue
+        number = int(digits[-1][-18:])
+        if number in found:
+            raise CaptureError(
+                "two images of one number",
+                source=source,
+                seen=f"{found[number]} and {folder}/{path.name}",
+                remedy="remove one of them",
+            )
+        found[number] = f"{folder}/{path.name}"
+    if not found:
+        raise CaptureError("no numbered images in it", source=source, needed="PNG or JPEG files")
+    return dict(sorted(found.items()))
+
+
+def color_stream(root: Path, names: Sequence[str], times_s: Floats) -> Stream:
+    """The stream of colour images; they are of one size."""
+    first = _header(root, names[0])
+    if first.dtype not in ("uint8", "uint16"):
+        raise CaptureError(
+            "this kind of image is not read",
+            source=f"{root}/{names[0]}",
+            seen=first.dtype,
+            needed="8 or 16 bit",
+        )
+
+    def walk(wanted: Sequence[int]) -> Iterator[tuple[int, Array]]:
+        for number in wanted:
+            source = f"{root}/{names[number]}"
+            pixels = as_rgb(decode_image(read_within(root, names[number]), source))
+            check_same(pixels, (first.height, first.width, 3), first.dtype, source)
+            yield number, pixels
+
+    return Stream(times_s, (first.height, first.width), walk)
+
+
+def depth_stream(
+    root: Path,
+    names: Sequence[str],
+    times_s: Floats,
+    scale: float,
+    confidence: Mapping[int, str] | None = None,
+) -> Stream:
+    """The stream of 16-bit depth images of `scale` values per metre, 0 = no measurement.
+
+    confidence : by the numbers of the stream, images of the same size where 0 is no measurement
+    """
+    first = _header(root, names[0])
+    if first.format != "PNG" or first.dtype != "uint16" or first.channels != 1:
+        raise CaptureError(
+            "this is no depth map",
+            source=f"{root}/{names[0]}",
+            seen=f"{first.format} {first}",
+            needed="16-bit grey PNG",
+        )
+    shape = first.height, first.width
+
+    def walk(wanted: Sequence[int]) -> Iterator[tuple[int, Array]]:
+        for number in wanted:
+            source = f"{root}/{names[number]}"
+            values = decode_image(read_within(root, names[number]), source)
+            check_same(values, shape, "uint16", source)
+            hole = (values == 0) | (values == _TOO_FAR)
+            if confidence is not None and number in confidence:
+                source = f"{root}/{confidence[number]}"
+                sure = decode_image(read_within(root, confidence[number]), source)
+                check_same(sure, shape, "uint8", source)
+                hole |= sure == 0
+            yield number, np.where(hole, np.nan, values / scale).astype(np.float32)
+
+    return Stream(times_s, shape, walk)
+
+
+def check_same(pixels: Array, shape: tuple[int, ...], dtype: str, source: str) -> None:
+    """Raise CaptureError for a frame of another size or kind than the first."""
+    if pixels.shape != shape or pixels.dtype != dtype:
+        raise CaptureError(
+            "the frames are of different kinds",
+            source=source,
+            seen=f"{pixels.shape} {pixels.dtype}",
+            needed=f"{shape} {dtype}, as the first",
+        )
+
+
+def compressed_finding(names: Sequence[str]) -> tuple[Finding, ...]:
+    """A note where the colour frames are JPEG."""
+    if not names[0].lower().endswith((".jpg", ".jpeg")):
+        return ()
+    return (Finding("note", "compressed", "frames are JPEG; its compression looks like relief"),)
+
+
+def _header(root: Path, name: str) -> Header:
+    return read_header(read_within(root, name), f"{root}/{name}")

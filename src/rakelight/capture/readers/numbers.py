@@ -1,0 +1,92 @@
+"""Numbers, matrices and cameras out of the text files of other programs."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+
+from rakelight.capture import validate
+from rakelight.errors import CaptureError, InputError, parsing
+from rakelight.model import Camera, Floats
+
+
+def json_table(data: bytes, source: str) -> dict[str, Any]:
+    """The object that a JSON file holds; raises CaptureError for anything else.
+
+    >>> json_table(b'{"fps": 30}', "metadata")
+    {'fps': 30}
+    """
+    with parsing(source, "not JSON", CaptureError):
+        table = json.loads(data)
+    if not isinstance(table, dict):
+        raise CaptureError("not a JSON object", source=source, seen=type(table).__name__)
+    return table
+
+
+def array_of(value: object, source: str, what: str, columns: int | None = None) -> Floats:
+    """A list of numbers (n,), or of rows of `columns` numbers (n, columns), float64.
+
+    Raises CaptureError where it is none; what the numbers are is for the caller to check.
+
+    >>> array_of([[1, 2], [3, 4]], "metadata", "poses", columns=2).tolist()
+    [[1.0, 2.0], [3.0, 4.0]]
+    """
+    with parsing(source, f"{what} is not a list of numbers", CaptureError):
+        array = np.asarray(value)
+    shaped = array.ndim == 1 if columns is None else array.ndim == 2 and array.shape[1] == columns
+    if array.dtype.kind not in "iuf" or not shaped:
+        raise CaptureError(
+            f"{what} is not a list of numbers",
+            source=source,
+            seen=f"{type(value).__name__} {array.shape}",
+            needed="numbers" if columns is None else f"rows of {columns} numbers",
+        )
+    return array.astype(np.float64)
+
+
+def number_in(value: object, low: float, high: float) -> float | None:
+    """`value` where it is a number from `low` to `high`, else None.
+
+    >>> number_in(60, 1, 1000), number_in("60", 1, 1000), number_in(True, 1, 1000)
+    (60.0, None, None)
+    """
+    if isinstance(value, (int, float)) and not isinstance(value, bool) and low <= value <= high:
+        return float(value)
+    return None
+
+
+def camera_of(matrix: object, shape: tuple[int, int], source: str, what: str) -> Camera:
+    """The camera of a calibration matrix: nine numbers, by rows or by columns, or three rows.
+
+    Which of both it is shows in the zeros below the diagonal.  Raises CaptureError where it is
+    no such matrix, or not one of images (height, width) = `shape`.
+
+    >>> camera_of([525, 0, 0, 0, 525, 0, 319.5, 239.5, 1], (480, 640), "metadata", "K").cx
+    319.5
+    """
+    nested = isinstance(matrix, (list, np.ndarray)) and len(matrix) == 3
+    numbers = array_of(matrix, source, what, 3 if nested else None)
+    if numbers.size != 9:
+        raise CaptureError(
+            f"{what} is no camera matrix",
+            source=source,
+            seen=f"{numbers.size} numbers",
+            needed="9: fx, 0, cx, 0, fy, cy, 0, 0, 1",
+        )
+    K = numbers.reshape(3, 3)
+    if K[0, 2] == 0 and K[1, 2] == 0:
+        K = K.T
+    try:
+        camera = Camera.from_matrix(K, shape)
+    except InputError as error:
+        raise CaptureError(
+            f"{what}: {error.what}",
+            source=source,
+            seen=error.seen,
+            needed=error.needed,
+            remedy=error.remedy,
+        ) from error
+    validate.check_camera(camera, shape, source, what)
+    return camera

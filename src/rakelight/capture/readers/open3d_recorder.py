@@ -1,0 +1,83 @@
+"""The folder of Open3D's recorders: color/, depth/ and camera_intrinsic.json.
+
+Facts: Open3D, examples/python/reconstruction_system/sensors, realsense_recorder.py (numbers of six
+digits, depth aligned to colour) and azure_kinect_mkv_reader.py (five digits, intrinsic.json).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from rakelight.capture.readers.base import Reader
+from rakelight.capture.readers.depth_place import depth_place
+from rakelight.capture.readers.image_files import (
+    color_stream,
+    compressed_finding,
+    depth_stream,
+    numbered_files,
+    read_within,
+)
+from rakelight.capture.readers.numbers import camera_of, json_table, number_in
+from rakelight.capture.readers.tracking import Poses, reading_by
+from rakelight.capture.recording import Recording
+from rakelight.errors import CaptureError
+from rakelight.files import MAX_TEXT_BYTES
+from rakelight.model import Camera
+
+INTRINSICS = ("camera_intrinsic.json", "intrinsic.json")
+_PER_METRE = 1000.0
+# Frames per second: both recorders' default, and no times are stored.
+_FPS = 30.0
+
+
+def sniff(path: Path) -> bool:
+    """Whether the folder holds color/, depth/ and the intrinsics."""
+    folders = (path / "color").is_dir() and (path / "depth").is_dir()
+    return folders and any((path / name).is_file() for name in INTRINSICS)
+
+
+def recording(path: Path) -> tuple[Recording, Poses | None]:
+    """The recording in a folder."""
+    color_names, depth_names = numbered_files(path, "color"), numbered_files(path, "depth")
+    names = list(color_names.values())
+    color = color_stream(path, names, np.array(list(color_names)) / _FPS)
+    times_s = np.array(list(depth_names)) / _FPS
+    depth = depth_stream(path, list(depth_names.values()), times_s, _PER_METRE)
+    name = next(name for name in INTRINSICS if (path / name).is_file())
+    camera = open3d_camera(path, name, color.shape)
+    depth_camera, depth_to_color = depth_place(camera, depth.shape, f"{path}/depth")
+    made = Recording(
+        source=str(path),
+        camera=camera,
+        color=color,
+        depth=depth,
+        depth_camera=depth_camera,
+        depth_to_color=depth_to_color,
+        names=tuple(names),
+        findings=compressed_finding(names),
+    )
+    return made, None
+
+
+def open3d_camera(root: Path, name: str, shape: tuple[int, int]) -> Camera:
+    """The camera of a JSON file of Open3D's for images (height, width) = `shape`."""
+    source = f"{root}/{name}"
+    facts = json_table(read_within(root, name, MAX_TEXT_BYTES), source)
+    stated = tuple(number_in(facts.get(key), 1, 1e5) for key in ("height", "width"))
+    if stated != shape:
+        seen = "x".join("?" if side is None else f"{side:g}" for side in stated[::-1])
+        raise CaptureError(
+            "width and height are those of another image",
+            source=source,
+            seen=seen,
+            needed=f"{shape[1]}x{shape[0]}",
+            remedy="take the file of this recording, or scale all its numbers",
+        )
+    return camera_of(facts.get("intrinsic_matrix"), shape, source, "intrinsic_matrix")
+
+
+READER = Reader(
+    "open3d", "the folder of Open3D's recorders: color/, depth/", sniff, reading_by(recording)
+)

@@ -1,0 +1,172 @@
+"""Stray Scanner's folder: rgb.mp4, depth/, confidence/, camera_matrix.csv, odometry.csv.
+
+Facts: github.com/strayrobots/scanner, docs/format.md and the encoders in StrayScanner/Helpers.  All
+is stored as the sensor sees it; the video's note of how the phone was held is left alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rakelight.capture.readers.base import Reader
+from rakelight.capture.readers.depth_place import depth_place
+from rakelight.capture.readers.image_files import (
+    depth_stream,
+    inside,
+    numbered_files,
+    read_within,
+)
+from rakelight.capture.readers.numbers import camera_of
+from rakelight.capture.readers.tracking import Poses, reading_by
+from rakelight.capture.readers.video_file import video_stream
+from rakelight.capture.recording import Recording, Stream
+from rakelight.errors import CaptureError
+from rakelight.files import MAX_TEXT_BYTES
+from rakelight.model import Camera, Finding, Floats
+
+VIDEO, MATRIX, ODOMETRY = "rgb.mp4", "camera_matrix.csv", "odometry.csv"
+_PER_METRE = 1000.0
+# The columns of odometry.csv without a header; recordings of early 2021 begin with the place.
+_COLUMNS = ("timestamp", "frame", "x", "y", "z", "qx", "qy", "qz", "qw")
+_COMPRESSED = Finding("note", "compressed", "frames are video; its compression looks like relief")
+
+
+@dataclass(frozen=True)
+class _Odometry:
+    """The columns of odometry.csv by their names, (N,) each, NaN where a row has none."""
+
+    columns: dict[str, Floats]
+    rows: int
+
+    def of(self, *names: str) -> Floats:
+        """(N, len(names)) of some columns."""
+        none = np.full(self.rows, np.nan)
+        return np.stack([self.columns.get(name, none) for name in names], axis=-1)
+
+
+def sniff(path: Path) -> bool:
+    """Whether the folder holds the video, depth/, and a file of its own."""
+    own = (path / MATRIX).is_file() or (path / ODOMETRY).is_file()
+    return own and (path / VIDEO).is_file() and (path / "depth").is_dir()
+
+
+def recording(path: Path) -> tuple[Recording, Poses | None]:
+    """The recording in a folder."""
+    color = video_stream(inside(path, VIDEO), f"{path}/{VIDEO}")
+    odometry = _odometry(path)
+    camera = _camera(path, odometry, color.shape)
+    color, depth, poses = _streams(path, color, odometry)
+    depth_camera, depth_to_color = depth_place(camera, depth.shape, f"{path}/depth")
+    made = Recording(
+        source=str(path),
+        camera=camera,
+        color=color,
+        depth=depth,
+        depth_camera=depth_camera,
+        depth_to_color=depth_to_color,
+        names=tuple(f"{VIDEO} frame {number}" for number in range(len(color))),
+        findings=(_COMPRESSED,),
+    )
+    return made, poses
+
+
+def _table(path: Path, name: str) -> list[list[str]]:
+    """The fields of every line that has some."""
+    text = read_within(path, name, MAX_TEXT_BYTES).decode("utf-8", "replace")
+    rows = [[field.strip() for field in line.split(",")] for line in text.splitlines()]
+    return [row for row in rows if any(row)]
+
+
+def _number(field: str) -> float:
+    """Of one field; NaN where it is none."""
+    try:
+        return float(field)
+    except ValueError:
+        return np.nan
+
+
+def _odometry(path: Path) -> _Odometry | None:
+    """None where there is no such file, or nothing in it."""
+    if not (path / ODOMETRY).is_file():
+        return None
+    rows = _table(path, ODOMETRY)
+    names = [field.lower() for field in rows[0]] if rows else []
+    if "x" in names:
+        rows = rows[1:]
+    else:
+        names = list(_COLUMNS if len(names) >= len(_COLUMNS) else _COLUMNS[2:])
+    if rows and len(rows[-1]) < len(rows[0]):
+        rows = rows[:-1]  # broken off while it was written
+    if not rows:
+        return None
+    if any(len(row) < len(names) for row in rows):
+        raise CaptureError(
+            "a row is too short", source=f"{path}/{ODOMETRY}", needed=", ".join(names)[:200]
+        )
+    columns = {name: np.array([_number(row[i]) for row in rows]) for i, name in enumerate(names)}
+    return _Odometry(columns, len(rows))
+
+
+def _camera(path: Path, odometry: _Odometry | None, shape: tuple[int, int]) -> Camera:
+    """By the median of each frame's focal length and centre, where told: the focus moves them."""
+    if odometry is not None:
+        each = odometry.of("fx", "fy", "cx", "cy")
+        each = each[np.isfinite(each).all(axis=1)]
+        if len(each):
+            fx, fy, cx, cy = np.median(each, axis=0)
+            matrix = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
+            return camera_of(matrix, shape, f"{path}/{ODOMETRY}", "fx, fy, cx, cy")
+    rows = [[_number(field) for field in row if field] for row in _table(path, MATRIX)]
+    return camera_of(rows, shape, f"{path}/{MATRIX}", "the matrix")
+
+
+def _streams(
+    path: Path, color: Stream, odometry: _Odometry | None
+) -> tuple[Stream, Stream, Poses | None]:
+    """Colour and depth on one clock, and the pose of every colour frame.
+
+    Row n of odometry.csv is of frame n of the video, and names the depth map of that moment.
+    """
+    names = numbered_files(path, "depth")
+    start = min(names)
+    times = {start + i: time for i, time in enumerate(color.times_s.tolist())}
+    poses = None
+    if odometry is not None:
+        clock, numbers = odometry.of("timestamp", "frame").T
+        if not np.isfinite(numbers).all():
+            numbers = start + np.arange(odometry.rows)
+        if not np.isfinite(clock).all():
+            clock = color.times_s[: odometry.rows]
+        if np.any(np.diff(clock) <= 0) or np.abs(numbers).max() > 1e15:
+            raise CaptureError(
+                "times that do not rise", source=f"{path}/{ODOMETRY}", needed="one per frame"
+            )
+        times = dict(zip(numbers.astype(int).tolist(), (clock - clock[0]).tolist(), strict=False))
+        if odometry.rows == len(color):
+            color = Stream(clock - clock[0], color.shape, color.walk)
+        nearest = np.abs(color.times_s[:, None] - np.array(list(times.values()))).argmin(axis=1)
+        places = odometry.of("x", "y", "z")[nearest]
+        poses = Poses(places, odometry.of("qx", "qy", "qz", "qw")[nearest])
+    kept = sorted(set(names) & set(times), key=lambda number: times[number])
+    if not kept:
+        raise CaptureError(
+            "no depth map belongs to a frame of the video", source=f"{path}/depth",
+            seen=f"numbers {start} to {max(names)}", needed=f"those in {ODOMETRY}",
+        )  # fmt: skip
+    moments = np.array([times[number] for number in kept])
+    sure = numbered_files(path, "confidence") if (path / "confidence").is_dir() else {}
+    confidence = {i: sure[number] for i, number in enumerate(kept) if number in sure}
+    depth = depth_stream(path, [names[number] for number in kept], moments, _PER_METRE, confidence)
+    return color, depth, poses
+
+
+READER = Reader(
+    name="stray-scanner",
+    reads="Stray Scanner's folder: rgb.mp4, depth/, odometry.csv",
+    sniff=sniff,
+    read=reading_by(recording),
+    extra="recordings",
+)

@@ -1,0 +1,194 @@
+"""The frames of an mp4 or mov file, as stored: a phone's note of how it was held is ignored.
+
+Depth beside a video is stored as the sensor sees it, and so is the video; only the note that
+players follow turns it.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rakelight.capture.readers.extras import needs
+from rakelight.capture.recording import Stream
+from rakelight.errors import CaptureError, parsing
+from rakelight.files import clear_errors, open_regular
+from rakelight.model import Array
+
+# Frames of a video, at most: 9 hours at 30 a second.
+_MOST_FRAMES = 1_000_000
+# Pixels of a frame, at most: 8K.  A decoder keeps 17 frames of what a damaged header states.
+_MOST_PIXELS = 36_000_000
+# Codes of ITU-T H.273: matrix, range, transfer, primaries.
+_BT709, _BT601, _SMPTE240 = 1, (5, 6), 7
+_FULL_RANGE = 2
+_HDR_TRANSFERS = {16: "PQ", 18: "HLG"}
+_BT2020 = 9
+# Height from which a video that does not name its matrix is BT.709, as players have it.
+_HD_HEIGHT = 720
+_DAMAGED = "the video is damaged"
+
+
+@dataclass(frozen=True)
+class _Index:
+    """Where the frames are: presentation times in the order in which they are shown.
+
+    pts : in units of `unit_s` seconds; keys : those of the frames that decoding can start at
+    """
+
+    pts: list[int]
+    keys: list[int]
+    unit_s: float
+    shape: tuple[int, int]
+
+
+def video_stream(path: Path, source: str) -> Stream:
+    """The frames of a video, (H, W, 3) RGB, uint8, or uint16 where it has more than 8 bit.
+
+    Colours are converted by the matrix and range that the video names.  Frames are decoded one
+    after the other; where some are left out, from the key frame before the next.
+
+    Raises CaptureError for a file that is damaged, no mp4 or mov, or high dynamic range (HLG, PQ,
+    BT.2020), whose values are no plain sRGB; InputError where PyAV is missing.
+    """
+    av = needs("av", "recordings", source)
+    with _opened(av, path, source) as (container, stream):
+        index = _indexed(container, stream, source)
+
+    def walk(wanted: Sequence[int]) -> Iterator[tuple[int, Array]]:
+        with _opened(av, path, source) as (container, stream):
+            yield from _decoded(av, container, stream, index, wanted, source)
+
+    times_s = (np.array(index.pts) - index.pts[0]) * index.unit_s
+    return Stream(times_s, index.shape, walk)
+
+
+@contextmanager
+def _opened(av: Any, path: Path, source: str) -> Iterator[tuple[Any, Any]]:
+    """The container and its video, read through our own file: nothing else is opened by it."""
+    with clear_errors(source, "cannot be read"):
+        file = open_regular(path, source)
+    with file:
+        with _reading(source):
+            container = av.open(
+                file,
+                format="mov",
+                metadata_errors="replace",
+                options={"enable_drefs": "0"},
+                stream_options=[{"max_pixels": str(_MOST_PIXELS)}] * 8,
+            )
+        with container:
+            if not container.streams.video:
+                raise CaptureError("no video in it", source=source)
+            stream = container.streams.video[0]
+            if stream.codec_context is None:
+                raise CaptureError(_DAMAGED, source=source, seen="an unknown codec")
+            stream.thread_type = "AUTO"
+            yield container, stream
+
+
+@contextmanager
+def _reading(source: str) -> Iterator[None]:
+    """Turn FFmpeg's errors about a container into ours."""
+    with parsing(source, _DAMAGED, CaptureError):
+        try:
+            yield
+        except MemoryError as error:  # FFmpeg's word for what states an impossible length
+            raise CaptureError(_DAMAGED, source=source, seen="an impossible length") from error
+
+
+def _indexed(container: Any, stream: Any, source: str) -> _Index:
+    width, height = stream.codec_context.width, stream.codec_context.height
+    if not (0 < width * height <= _MOST_PIXELS):
+        raise CaptureError(_DAMAGED, source=source, seen=f"a size of {width}x{height}")
+    pts: set[int] = set()
+    keys: set[int] = set()
+    with _reading(source):
+        unit_s = float(stream.time_base)
+        for packet in container.demux(stream):
+            unshown = packet.pts is None or packet.is_corrupt or packet.is_discard
+            if not packet.size or unshown:
+                continue
+            pts.add(packet.pts)
+            if packet.is_keyframe:
+                keys.add(packet.pts)
+            if len(pts) > _MOST_FRAMES:
+                raise CaptureError("the video is too long", source=source, seen=f"{len(pts)}+")
+    if not pts or not unit_s > 0:
+        raise CaptureError(_DAMAGED, source=source, seen="no frames")
+    return _Index(sorted(pts), sorted(keys), unit_s, (height, width))
+
+
+def _decoded(
+    av: Any, container: Any, stream: Any, index: _Index, wanted: Sequence[int], source: str
+) -> Iterator[tuple[int, Array]]:
+    frames = container.decode(stream)
+    at, before = index.pts[0] - 1, -1  # of the last frame that was decoded
+    for number in wanted:
+        target = index.pts[number]
+        key = bisect_right(index.keys, target) - 1
+        if number > before + 1 and key >= 0 and index.keys[key] > at:
+            with parsing(source, _DAMAGED, CaptureError):
+                container.seek(index.keys[key], stream=stream, backward=True)
+                frames = container.decode(stream)
+        before = number
+        frame = None
+        while at < target:
+            with parsing(source, f"{_DAMAGED}: frame {number} cannot be decoded", CaptureError):
+                frame = next(frames, None)
+            if frame is None:
+                break
+            at = frame.pts if frame.pts is not None else at
+        if frame is None or at != target or frame.is_corrupt:
+            raise CaptureError(_DAMAGED, source=source, seen=f"frame {number} cannot be decoded")
+        yield number, _rgb(av, frame, index.shape, f"{source} frame {number}")
+
+
+def _rgb(av: Any, frame: Any, shape: tuple[int, int], source: str) -> Array:
+    if frame.color_trc in _HDR_TRANSFERS or _BT2020 in (frame.color_primaries, frame.colorspace):
+        raise CaptureError(
+            "a video of high dynamic range",
+            source=source,
+            seen=_HDR_TRANSFERS.get(frame.color_trc, "BT.2020"),
+            needed="standard dynamic range (BT.709)",
+            remedy="switch HDR video off in the camera's settings",
+        )
+    if (frame.height, frame.width) != shape:
+        raise CaptureError(
+            "the frames are of different sizes",
+            source=source,
+            seen=f"{frame.width}x{frame.height}",
+            needed=f"{shape[1]}x{shape[0]}",
+        )
+    reformatter = av.video.reformatter
+    full = frame.color_range == _FULL_RANGE or frame.format.name.startswith("yuvj")
+    ranges = reformatter.ColorRange
+    how = reformatter.Interpolation
+    exact = how.BILINEAR | how.ACCURATE_RND | how.FULL_CHR_H_INT
+    with parsing(source, _DAMAGED, CaptureError):
+        deep = max(component.bits for component in frame.format.components) > 8
+        pixels = frame.to_ndarray(
+            format="rgb48" if deep else "rgb24",
+            src_colorspace=_matrix(reformatter.Colorspace, frame),
+            src_color_range=ranges.JPEG if full else ranges.MPEG,
+            dst_color_range=ranges.JPEG,
+            # To rgb48 the exact way sets colours wrong by 180 of 255 (FFmpeg 8.1).
+            interpolation=how.BILINEAR if deep else exact,
+        )
+    return np.ascontiguousarray(pixels)
+
+
+def _matrix(spaces: Any, frame: Any) -> Any:
+    if frame.colorspace == _BT709:
+        return spaces.ITU709
+    if frame.colorspace in _BT601:
+        return spaces.ITU601
+    if frame.colorspace == _SMPTE240:
+        return spaces.SMPTE240M
+    return spaces.ITU709 if frame.height >= _HD_HEIGHT else spaces.ITU601
