@@ -1,0 +1,29 @@
+"""Which frames become photographs: those whose light differs most."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rakelight.model import Array, Floats
+
+
+def most_different(coefficients: Floats, count: int) -> list[int]:
+    """`count` of the frames with coefficients (N, R) of their light, each far from the others.
+
+    The first few are the pivots of a QR decomposition, which span the light best; each next one is
+    the farthest from those before (Gonzalez 1985).
+
+    >>> most_different(np.array([[1.0, 0], [1, 0.1], [0, 1], [0.7, 0.7]]), 3)
+    [0, 2, 3]
+    """
+    from scipy.linalg import qr
+
+    wanted = min(count, len(coefficients))
+    pivots: Array = qr(coefficients.T, mode="r", pivoting=True)[1]
+    chosen = [int(i) for i in pivots[: min(wanted, coefficients.shape[1])]]
+    nearest = np.linalg.norm(coefficients[:, None] - coefficients[chosen], axis=-1).min(axis=1)
+    while len(chosen) < wanted:
+        chosen.append(int(np.argmax(nearest)))
+        away = np.linalg.norm(coefficients - coefficients[chosen[-1]], axis=1)
+        nearest = np.minimum(nearest, away)
+    return sorted(chosen)
