@@ -172,11 +172,13 @@ def make_video(
     behind_m = float(np.nanmax(truth.depth)) + WALL_M
     depth = np.where(np.isfinite(capture.depth_m[0]), capture.depth_m[0], behind_m)
     depth = depth.astype(np.float32)
-    return Video(recording_of(frames, depth, capture.camera, rng), frames, lamp, truth, clean, wrong)
+    return Video(
+        recording_of(frames, depth, capture.camera, rng), frames, lamp, truth, clean, wrong
+    )
 
 
 def recording_of(frames, depth, camera, rng):
-    """A recording of frames (N, H, W, 3) and as many depth maps: `depth` with half a mm of noise."""
+    """A recording of frames (N, H, W, 3) and as many maps of `depth` with half a mm of noise."""
     times = np.arange(len(frames)) / FPS
 
     def colour(wanted):

@@ -86,7 +86,9 @@ def capture_of(recording: Recording, wanted: Wanted) -> Reading:
         depth_noise=recording.depth_noise,
     )
     findings = (*recording.findings, *taken.findings, *capture.findings)
-    return Reading(replace(capture, findings=findings, source=recording.source), taken.contact_sheet)
+    return Reading(
+        replace(capture, findings=findings, source=recording.source), taken.contact_sheet
+    )
 
 
 def evenly(count: int, wanted: int) -> list[int]:

@@ -24,6 +24,7 @@ from rakelight.capture.video.report import (
     require_changing_light,
     require_enough,
 )
+from rakelight.errors import InputError
 from rakelight.model import Array, Finding, Floats, ProgressCallback
 
 # Depth maps at most, and depth values in all of them: their average takes some 40 bytes for each.
@@ -45,9 +46,7 @@ class Taken:
     findings: tuple[Finding, ...]
 
 
-def take(
-    recording: Recording, wanted: tuple[int, ...] | None, progress: ProgressCallback
-) -> Taken:
+def take(recording: Recording, wanted: tuple[int, ...] | None, progress: ProgressCallback) -> Taken:
     """Photographs, depth and contact sheet of a recording.
 
     wanted : numbers among the photographs, all when None
@@ -75,7 +74,7 @@ def take(
     still = reasons["camera or object moved"] | reasons["something before the object"]
     maps = still_depth(recording, frames, still, DEPTH_VALUES, DEPTH_MAPS)
     if wanted is not None:
-        groups = [groups[i] for i in wanted]
+        groups = _chosen(groups, wanted)
     # 5. the photographs and the depth themselves
     return Taken(
         photographs=merged(recording, frames, light, groups, progress),
@@ -84,3 +83,16 @@ def take(
         contact_sheet=sheet,
         findings=findings,
     )
+
+
+def _chosen(groups: list[list[int]], wanted: tuple[int, ...]) -> list[list[int]]:
+    """Those of the photographs that the user wants; raises InputError for one that is not."""
+    beyond = [number for number in wanted if not 0 <= number < len(groups)]
+    if beyond or not wanted:
+        raise InputError(
+            "no such photographs",
+            source="photographs",
+            seen=f"number {beyond[0]}" if beyond else "none",
+            needed=f"numbers from 0 to {len(groups) - 1}",
+        )
+    return [groups[number] for number in wanted]

@@ -91,9 +91,10 @@ def _tiles(frames: Frames, tiles: list[Tile], edge: Colour) -> Array:
     sheet = np.full((rows * step + GAP_PX, WIDTH_PX, 3), BACKGROUND, np.uint8)
     for k, tile in enumerate(tiles):
         top, left = GAP_PX + k // COLUMNS * step, GAP_PX + k % COLUMNS * (side + GAP_PX)
-        picture = np.rint(255 * srgb(frames.small[tile.frame])).astype(np.uint8)
-        picture = cv2.resize(picture, (side, height), interpolation=cv2.INTER_CUBIC)
-        sheet[top : top + height, left : left + side] = picture
+        small = np.rint(255 * srgb(frames.small[tile.frame])).astype(np.uint8)
+        sheet[top : top + height, left : left + side] = cv2.resize(
+            small, (side, height), interpolation=cv2.INTER_CUBIC
+        )
         corner = (left + side - 1, top + height - 1)
         cv2.rectangle(sheet, (left, top), corner, edge, 2)
         if tile.light is not None:

@@ -102,26 +102,33 @@ def look_through(recording: Recording, progress: ProgressCallback) -> Frames:
         if seen % 10 == 0 or seen == len(numbers):
             progress(Progress("read", seen, len(numbers)))
     if seen < len(numbers):
-        raise CaptureError(
-            "frames are missing",
-            source=recording.source,
-            seen=f"{seen} of {len(numbers)}",
-            remedy="record it again, or copy it again from the camera",
-        )
+        raise _missing(recording, seen, len(numbers))
     return kept
+
+
+def _missing(recording: Recording, seen: int, needed: int) -> CaptureError:
+    return CaptureError(
+        "frames are missing",
+        source=recording.source,
+        seen=f"{seen} of {needed}",
+        remedy="record it again, or copy it again from the camera",
+    )
 
 
 def wanted_object(recording: Recording) -> Mask:
     """(H, W) the nearest object by the depth of a few frames; everything where none is found."""
     from rakelight.capture.defaults import object_mask
 
-    frame = [len(recording.color) // 2]
-    photographs = np.stack([image for _, image in recording.color.walk(frame)])
     maps = evenly(len(recording.depth), OBJECT_MAPS)
+    frame = [len(recording.color) // 2]
+    photographs = [image for _, image in recording.color.walk(frame)]
+    depth = [each for _, each in recording.depth.walk(maps)]
+    if not photographs or not depth:
+        raise _missing(recording, 0, 1)
     everything = np.ones(recording.color.shape, bool)
     capture = Capture(
-        photographs=photographs,
-        depth_m=np.stack([depth for _, depth in recording.depth.walk(maps)]),
+        photographs=np.stack(photographs),
+        depth_m=np.stack(depth),
         mask=everything,
         camera=recording.camera,
         encoding=recording.encoding,
@@ -146,9 +153,10 @@ def sharpness(image: Array, mask: Mask) -> float:
     values = grey(image)
     coarse = cv2.GaussianBlur(values, (0, 0), 2.0)
     ratios = []
-    for kernel in (np.float32([[-1, 0, 1]]), np.float32([[-1], [0], [1]])):
-        fine_step, coarse_step = (np.abs(cv2.filter2D(v, -1, kernel)) for v in (values, coarse))
-        ratios.append(float(fine_step[mask].mean() / max(coarse_step[mask].mean(), 1e-9)))
+    for axis in (0, 1):
+        fine_step, coarse_step = (np.abs(np.diff(v, axis=axis)) for v in (values, coarse))
+        inside = mask[1:] if axis == 0 else mask[:, 1:]
+        ratios.append(float(fine_step[inside].mean() / max(coarse_step[inside].mean(), 1e-9)))
     return min(ratios)
 
 

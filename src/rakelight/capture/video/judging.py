@@ -17,6 +17,9 @@ OVER, DARK, RELATIVELY_DARK = 0.25, 0.01, 0.05
 # Sharpness over that of frames under a similar light, below which a frame is blurred; how many they
 # are.
 BLURRED, ALIKE = 0.9, 15
+# The same where there are too few frames for any to be under a similar light, and how far from where
+# most are frames may seem to be then, pixels of the detail pictures.
+FEW, BLURRED_OF_FEW, STILL_OF_FEW_PX = 20, 0.6, 1.0
 # What does not fit any light, over the pixel's brightness, where something stands before it; the
 # least fraction of the object's pixels before which it does.  Of 12 videos, 98 % of the frames with
 # an arm and 6 % of the others are beyond.
@@ -55,9 +58,12 @@ def covered(light: Explained) -> Floats:
 
 def _moved(at_px: Floats) -> Mask:
     away = np.linalg.norm(at_px, axis=1)
+    farthest_px = STILL_PX if len(away) >= FEW else STILL_OF_FEW_PX
     if np.isnan(away).mean() > UNKNOWN:
         return np.zeros(len(away), bool)
-    return np.asarray(np.nan_to_num(away, nan=0.0, posinf=np.inf) > STILL_PX)
+    # Of few frames, what cannot be compared to the others is lit differently, not moved.
+    unknown = np.isnan(away) if len(away) >= FEW else ~np.isfinite(away)
+    return np.asarray(~unknown & (away > farthest_px))
 
 
 def _blurred(frames: Frames, light: Explained) -> Mask:
@@ -68,4 +74,5 @@ def _blurred(frames: Frames, light: Explained) -> Mask:
         np.median(frames.sharpness[similar(lights, i, 0, ALIKE, 1)]) if count > 1 else 0.0
         for i in range(count)
     ]
-    return np.asarray(frames.sharpness < BLURRED * np.array(usual))
+    least = BLURRED if count >= FEW else BLURRED_OF_FEW
+    return np.asarray(frames.sharpness < least * np.array(usual))

@@ -1,8 +1,8 @@
 """What light explains of the frames, and what does not fit: an arm, a hand, the lamp itself.
 
 Pictures of a matte object under any light are sums of a few, three and a bit (Shashua 1997): a
-basis is fitted robustly.  Shadows and highlights do not fit it either.  They lie between the pixel's
-own darkest value and its fit, or beyond the fit towards white, whatever the paint; and frames under
+basis is fitted robustly.  Shadows and highlights do not fit it either.  They lie between a
+pixel's darkest value and its fit, or beyond the fit towards white, whatever the paint; and frames under
 a similar light have them, too.  What stands before the object does neither.
 """
 
@@ -69,7 +69,9 @@ def explained(frames: Frames) -> Explained:
     rank = max(min(RANK, count // FRAMES_EACH), 1)
     use = usable.reshape(count, -1).astype(np.float32)
     coefficients, basis = _robust_basis(relative, use, rank)
-    turn = np.linalg.qr(basis.T.astype(np.float64), mode="r").T / np.sqrt(basis.shape[1])
+    turn = np.asarray(np.linalg.qr(basis.T.astype(np.float64), mode="r")).T / np.sqrt(
+        basis.shape[1]
+    )
     lights = coefficients @ turn
     foreign = np.zeros((count, *mask.shape), np.float32)
     if count >= FRAMES_EACH * RANK:

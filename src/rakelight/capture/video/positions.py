@@ -78,7 +78,8 @@ def pairs_alike(coefficients: Floats) -> Array:
 def solve_positions(count: int, edges: Array, shifts: Floats, weights: Floats) -> Floats:
     """(N, 2) positions whose differences are the shifts (M, 2) of the edges (M, 2); NaN: no edge.
 
-    What no edge connects with most frames is infinitely far away, if they are several.  Robust: a shift far from the solution (Geman and McClure 1987) counts little.
+    What no edge connects with most frames is infinitely far away, if they are several.  Robust: a
+    shift far from the solution (Geman and McClure 1987) counts little.
 
     >>> edges, shifts = np.array([[0, 1], [1, 2], [0, 2]]), np.array([[1.0, 0], [1, 0], [2, 0]])
     >>> at = solve_positions(4, edges, shifts, np.ones(3))

@@ -90,7 +90,9 @@ def findings_of(
         found.append(Finding("warning", "lamp-hardly-moved", text, remedy))
     flicker = exposure_changes(light.brightness, light.coefficients, kept)
     if flicker > FLICKER:
-        text = f"the exposure changed by up to {flicker:.0%} from frame to frame, and was evened out"
+        text = (
+            f"the exposure changed by up to {flicker:.0%} from frame to frame, and was evened out"
+        )
         found.append(Finding("note", "auto-exposure", text, "fix the exposure before recording"))
     return tuple(found)
 
