@@ -69,7 +69,7 @@ def _taken(frames: Frames, group: list[int], names: list[str]) -> Tile:
 
 
 def _towards(frames: Frames, frame: int) -> Floats:
-    """(2,) where the light comes from, roughly: the side on which the object is brighter than usual.
+    """(2,) where the light comes from, roughly: where the object is brighter than usual.
 
     Right and down.  True of convex objects, which is what most are as a whole.
     """

@@ -39,8 +39,8 @@ class Frames:
     detail : (N, hd, wd) uint8 what light changes least
     step_px : pixels of the recording per pixel of `detail`
     sharpness : (N,) gradients of the finest scale over those of a coarser one
-    saturated : (N,) fraction of the object's pixels; brightness : (N,) the object's 90th percentile,
-        linear light
+    saturated : (N,) fraction of the object's pixels
+    brightness : (N,) the object's 90th percentile, linear light
     mask, detail_mask : (h, w), (hd, wd) where the object is
     window : rows and columns of the recording that the pictures show
     """

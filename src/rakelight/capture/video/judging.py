@@ -17,8 +17,8 @@ OVER, DARK, RELATIVELY_DARK = 0.25, 0.01, 0.05
 # Sharpness over that of frames under a similar light, below which a frame is blurred; how many they
 # are.
 BLURRED, ALIKE = 0.9, 15
-# The same where there are too few frames for any to be under a similar light, and how far from where
-# most are frames may seem to be then, pixels of the detail pictures.
+# The same where there are too few frames for any to be under a similar light, and how far frames
+# may then seem to be from where most are, pixels of the detail pictures.
 FEW, BLURRED_OF_FEW, STILL_OF_FEW_PX = 20, 0.6, 1.0
 # What does not fit any light, over the pixel's brightness, where something stands before it; the
 # least fraction of the object's pixels before which it does.  Of 12 videos, 98 % of the frames with

@@ -2,8 +2,8 @@
 
 Pictures of a matte object under any light are sums of a few, three and a bit (Shashua 1997): a
 basis is fitted robustly.  Shadows and highlights do not fit it either.  They lie between a
-pixel's darkest value and its fit, or beyond the fit towards white, whatever the paint; and frames under
-a similar light have them, too.  What stands before the object does neither.
+pixel's darkest value and its fit, or beyond the fit towards white, whatever the paint; and frames
+under a similar light have them, too.  What stands before the object does neither.
 """
 
 from __future__ import annotations
