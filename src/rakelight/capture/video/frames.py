@@ -26,6 +26,8 @@ MARGIN = 0.1
 SMALL_PX, DETAIL_PX, SHARP_PX = 96, 320, 640
 # Bytes of each kind that are kept of all frames, at most: the pictures are smaller where need be.
 SMALL_BYTES, DETAIL_BYTES = 240e6, 160e6
+# Of every so many pixels along each side one is looked at for saturation.
+STRIDE = 8
 # Depth maps whose average shows which object is meant.
 OBJECT_MAPS = 9
 
@@ -83,14 +85,16 @@ def look_through(recording: Recording, progress: ProgressCallback) -> Frames:
         window=window,
     )
     sharp_mask = _resized(inside.astype(np.float32), sharp) > 0.5
-    strided = inside[::4, ::4]
+    strided = inside[::STRIDE, ::STRIDE]
     seen = 0
     for k, (number, image) in enumerate(recording.color.walk(numbers.tolist())):
         if k >= len(numbers) or number != numbers[k]:
             break
         part = image[window]
         top = np.iinfo(part.dtype).max
-        kept.saturated[k] = (part[::4, ::4][strided] >= SATURATED * top).any(axis=-1).mean()
+        kept.saturated[k] = (
+            (part[::STRIDE, ::STRIDE][strided] >= SATURATED * top).any(axis=-1).mean()
+        )
         medium = _resized(part, sharp)
         kept.sharpness[k] = sharpness(medium, sharp_mask)
         little = _resized(medium, fine)
@@ -153,10 +157,12 @@ def sharpness(image: Array, mask: Mask) -> float:
     values = grey(image)
     coarse = cv2.GaussianBlur(values, (0, 0), 2.0)
     ratios = []
-    for axis in (0, 1):
-        fine_step, coarse_step = (np.abs(np.diff(v, axis=axis)) for v in (values, coarse))
-        inside = mask[1:] if axis == 0 else mask[:, 1:]
-        ratios.append(float(fine_step[inside].mean() / max(coarse_step[inside].mean(), 1e-9)))
+    for first, second in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
+        inside = np.ascontiguousarray(mask[second], np.uint8)
+        fine_step, coarse_step = (
+            cv2.mean(cv2.absdiff(each[second], each[first]), inside)[0] for each in (values, coarse)
+        )
+        ratios.append(fine_step / max(coarse_step, 1e-9))
     return min(ratios)
 
 
