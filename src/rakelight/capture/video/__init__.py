@@ -27,7 +27,8 @@ from rakelight.capture.video.report import (
 from rakelight.errors import InputError
 from rakelight.model import Array, Finding, Floats, ProgressCallback
 
-# Depth maps at most, and depth values in all of them: their average is made in doubles, sorted (estimated 40 bytes each).
+# Depth maps at most, and depth values in all of them, whose average is made in doubles, sorted
+# (estimated 40 bytes for each).
 DEPTH_MAPS, DEPTH_VALUES = 48, 10e6
 
 
