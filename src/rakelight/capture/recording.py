@@ -7,7 +7,7 @@ same for every kind of recording.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -68,28 +68,26 @@ def capture_of(recording: Recording, wanted: Wanted) -> Reading:
     Raises CaptureError where the recording is empty or no capture can be made of it.
     """
     from rakelight.capture.from_arrays import capture_from_arrays
+    from rakelight.capture.video import take
 
     for stream, what in ((recording.color, "colour"), (recording.depth, "depth")):
         if not len(stream):
             raise CaptureError(f"no {what} frames in it", source=recording.source)
-    chosen = evenly(len(recording.color), PHOTOGRAPHS)
-    if wanted.photographs is not None:
-        chosen = [chosen[i] for i in wanted.photographs if 0 <= i < len(chosen)]
-    photographs = np.stack([image for _, image in recording.color.walk(sorted(chosen))])
-    nearest = np.abs(recording.depth.times_s[:, None] - recording.color.times_s[chosen]).argmin(0)
-    depth_m = np.stack([depth for _, depth in recording.depth.walk(sorted(set(nearest.tolist())))])
+    taken = take(recording, wanted.photographs, wanted.progress)
+    capture = capture_from_arrays(
+        taken.photographs,
+        taken.depth_m,
+        recording.camera,
+        encoding="linear",
+        lighting="moving-lamp",
+        names=taken.names,
+        depth_camera=recording.depth_camera,
+        depth_to_color=recording.depth_to_color,
+        depth_noise=recording.depth_noise,
+    )
+    findings = (*recording.findings, *taken.findings, *capture.findings)
     return Reading(
-        capture_from_arrays(
-            photographs,
-            depth_m,
-            recording.camera,
-            encoding=recording.encoding,
-            lighting="moving-lamp",
-            names=tuple(recording.names[i] if recording.names else f"frame {i}" for i in chosen),
-            depth_camera=recording.depth_camera,
-            depth_to_color=recording.depth_to_color,
-            depth_noise=recording.depth_noise,
-        )
+        replace(capture, findings=findings, source=recording.source), taken.contact_sheet
     )
 
 

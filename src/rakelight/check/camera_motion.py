@@ -1,9 +1,6 @@
 """Camera motion: how far each photograph is shifted against the others.
 
-Lights change what a surface looks like, so photographs are compared by the detail that light hardly
-changes: logarithms without their low frequencies, of equal contrast everywhere.  Corners of one
-photograph are tracked into each of the others and back (Shi & Tomasi 1994, Lucas & Kanade 1981).
-Those of paint, seams and background agree about a motion; those of shading and shadows do not.
+Corners of one photograph are found again in each of the others (prepare/detail.py).
 """
 
 from __future__ import annotations
@@ -14,22 +11,13 @@ import numpy as np
 from rakelight.errors import listed
 from rakelight.geometry.grid import bounding_window
 from rakelight.model import Array, Capture, Finding, Floats
+from rakelight.prepare.detail import corners_of, shift_between
+from rakelight.prepare.detail import detail as detail_of
 
 # Margin around the object, over its width, for the background behind it.
 MARGIN = 0.1
 # Pixels along the window's longer side at which photographs are compared, at the least.
 SIDE_PX = 400
-# Side, pixels, of the box blur whose result is subtracted; noise floor, over the bright parts'
-# value; least contrast of the logarithms.
-DETAIL_PX, FLOOR, FLAT = 25, 0.05, 0.02
-# Corners: most, least quality over the best one's, least distance in pixels.
-CORNERS, CORNER_QUALITY, APART_PX = 200, 0.02, 5
-# Window, pixels, and pyramid levels of Lucas-Kanade.
-WINDOW_PX, LEVELS = 15, 3
-# Largest error, pixels, of a corner tracked there and back; largest distance from the median shift.
-BACK_PX, SAME_PX = 0.2, 0.5
-# Least number of corners for a shift, and least fraction of them that agree with the median.
-FEWEST, AGREEING = 30, 0.6
 # Least fraction of the photographs that have a shift.
 MOST = 0.65
 # Largest shift that light alone causes: pixels, and median deviations of the corners.
@@ -89,41 +77,18 @@ def stood_still(capture: Capture) -> tuple[Floats, Array]:
 def detail(photograph: Array, step: int) -> Array:
     """(h, w) uint8 the detail of a photograph (H, W, 3), `step` times smaller."""
     size = photograph.shape[1] // step, photograph.shape[0] // step
-    small = cv2.resize(photograph, size, interpolation=cv2.INTER_AREA).astype(np.float32)
-    grey = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY)
-    floor = max(FLOOR * float(np.quantile(grey[::4, ::4], 0.95)), 1.0)
-    log = np.log(grey + floor)
-    fine = log - cv2.blur(log, (DETAIL_PX, DETAIL_PX))
-    power = cv2.blur(fine**2, (2 * DETAIL_PX, 2 * DETAIL_PX))
-    contrast = np.sqrt(np.maximum(power, FLAT**2))  # running sums may end below zero
-    return np.asarray(np.clip(128 + 50 * fine / contrast, 0, 255), np.uint8)
+    return detail_of(np.asarray(cv2.resize(photograph, size, interpolation=cv2.INTER_AREA)))
 
 
 def _tracked(pictures: list[Array], reference: int) -> tuple[Floats, Floats]:
     """(N, 2) shifts from the reference and (N,) the corners' median deviation; NaN = not known."""
     shifts, deviation = np.full((len(pictures), 2), np.nan), np.full(len(pictures), np.nan)
     first = pictures[reference]
-    corners: Array | None = cv2.goodFeaturesToTrack(first, CORNERS, CORNER_QUALITY, APART_PX)
+    corners = corners_of(first)
     if corners is None:
         return shifts, deviation
-
-    def track(source: Array, target: Array, points: Array) -> tuple[Array, Array]:
-        there, found, _ = cv2.calcOpticalFlowPyrLK(
-            source, target, points, np.empty_like(points),
-            winSize=(WINDOW_PX, WINDOW_PX), maxLevel=LEVELS,
-        )  # fmt: skip
-        return np.asarray(there), np.asarray(found).ravel() > 0
-
     for i, picture in enumerate(pictures):
-        there, found = track(first, picture, corners)
-        back, also = track(picture, first, there)
-        consistent = found & also
-        consistent &= np.abs(back - corners).max(axis=(1, 2)) < BACK_PX
-        if consistent.sum() < FEWEST:
-            continue
-        flow = (there - corners)[consistent, 0]
-        middle = np.median(flow, axis=0)
-        off = np.abs(flow - middle)
-        if (off.max(axis=1) < SAME_PX).mean() >= AGREEING:
-            shifts[i], deviation[i] = middle, np.median(off, axis=0).max()
+        found = shift_between(first, picture, corners)
+        if found is not None:
+            shifts[i], deviation[i] = found
     return shifts, deviation

@@ -1,0 +1,173 @@
+"""Which frames of a video of a moving lamp become photographs, and which are dropped."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rakelight.capture.readers.base import Wanted
+from rakelight.capture.recording import PHOTOGRAPHS, capture_of
+from rakelight.capture.video.choice import most_different
+from rakelight.capture.video.frames import look_through
+from rakelight.capture.video.judging import reasons_to_drop
+from rakelight.capture.video.light import explained
+from rakelight.capture.video.merging import MOST_AVERAGED, merged, same_light, still_depth
+from rakelight.capture.video.positions import positions, solve_positions
+from rakelight.errors import CaptureError, InputError
+from rakelight.model import silent
+from tests.capture.moving_lamp import make_video, recording_of
+
+SIZE = 0.5
+
+
+def dropped(video):
+    frames = look_through(video.recording, silent)
+    light = explained(frames)
+    reasons = reasons_to_drop(frames, light, positions(frames, light.coefficients, silent))
+    return {name: set(np.flatnonzero(these).tolist()) for name, these in reasons.items()}
+
+
+def share_of(reasons, numbers):
+    every = set().union(*reasons.values())
+    return len(every & set(numbers)) / max(len(set(numbers)), 1)
+
+
+@pytest.mark.parametrize("seed", [20, 21, 23])
+def test_bad_frames_are_dropped_and_good_ones_are_not(seed):
+    video = make_video(
+        seed, 90, size=SIZE, arm=0.12, over=0.05, bump=65, shake=3, quality=90, flicker=0.03
+    )
+    reasons = dropped(video)
+    assert share_of(reasons, video.bad) >= 0.95
+    assert share_of(reasons, set(range(90)) - set(video.bad)) <= 0.1
+    assert set(video.wrong["over"]) <= reasons["over-exposed"]
+
+
+def test_a_frame_is_dropped_for_one_reason():
+    reasons = dropped(make_video(20, 60, size=SIZE, arm=0.2, over=0.1, bump=45))
+    numbers = [i for these in reasons.values() for i in these]
+    assert len(numbers) == len(set(numbers))
+
+
+def test_the_larger_still_part_is_kept():
+    video = make_video(23, 80, size=SIZE, bump=25, bump_px=3.0)
+    assert set(range(25)) <= dropped(video)["camera or object moved"]
+    assert not dropped(make_video(23, 80, size=SIZE))["camera or object moved"]
+
+
+def test_blur_is_seen_beside_frames_of_similar_light():
+    video = make_video(21, 80, size=SIZE, blurred=0.08)
+    reasons = dropped(video)
+    assert share_of(reasons, video.wrong["blurred"]) >= 0.8
+    assert share_of(reasons, set(range(80)) - set(video.bad)) <= 0.1
+
+
+def test_positions_know_both_sides_of_a_bump_from_pairs_alike():
+    edges = np.array([[0, 1], [2, 3], [0, 2], [1, 3], [1, 2]])
+    shifts = np.array([[0, 0], [0, 0], [4, 1], [4, 1], [-9, 9.0]])
+    at = solve_positions(4, edges, shifts, np.ones(5))
+    assert np.abs(at[2] - at[0] - [4, 1]).max() < 0.05
+
+
+def test_single_shots_are_all_kept():
+    rng = np.random.default_rng(0)
+    turn = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    lamp = np.stack([0.6 * np.cos(turn), 0.6 * np.sin(turn), -0.8 + 0 * turn], axis=-1)
+    order = rng.permutation(12)
+    reading = capture_of(make_video(21, 12, size=SIZE, lamp=lamp[order]).recording, Wanted())
+    assert reading.capture.names == tuple(f"frame {i}" for i in range(12))
+
+
+def test_a_lamp_that_stands_still_is_an_error():
+    video = make_video(21, 40, size=SIZE, still=True)
+    with pytest.raises(CaptureError, match="the light never changes"):
+        capture_of(video.recording, Wanted())
+
+
+def test_too_few_usable_frames_say_why():
+    video = make_video(21, 30, size=SIZE, over=1.0)
+    with pytest.raises(CaptureError, match=r"too few frames.*over-exposed \d+.*expose shorter"):
+        capture_of(video.recording, Wanted())
+
+
+def test_a_capture_of_a_video_with_its_contact_sheet_and_findings():
+    video = make_video(21, 80, size=SIZE, arm=0.15, quality=90)
+    stages = []
+    reading = capture_of(video.recording, Wanted(progress=lambda now: stages.append(now.stage)))
+    capture = reading.capture
+    assert capture.photographs.dtype == np.uint16
+    assert (len(capture.photographs), capture.encoding) == (PHOTOGRAPHS, "linear")
+    numbers = [int(name.split()[1]) for name in capture.names]
+    assert not set(numbers) & set(video.bad)
+    assert reading.contact_sheet.dtype == np.uint8
+    assert 1000 < reading.contact_sheet.shape[1] <= 2000
+    assert list(dict.fromkeys(stages)) == ["read", "choose", "average"]
+    codes = {finding.code: finding for finding in capture.findings}
+    assert "16 photographs of 80 frames" in codes["frames-taken"].message
+    assert codes["frames-something-before-the-object"].remedy
+    # the object, where no arm is: within noise of what the lamp shows
+    seen = capture.photographs[3][video.truth.mask] / 65535
+    true = video.clean[numbers[3]][video.truth.mask]
+    assert np.median(np.abs(seen - true)) < 0.03
+
+
+def test_wanted_photographs_are_those_among_the_chosen():
+    video = make_video(21, 60, size=SIZE)
+    every = capture_of(video.recording, Wanted()).capture
+    some = capture_of(video.recording, Wanted(photographs=(5, 1))).capture
+    assert some.names == (every.names[5], every.names[1])
+    assert np.array_equal(some.photographs[1], every.photographs[1])
+    with pytest.raises(InputError, match="numbers from 0 to 15"):
+        capture_of(video.recording, Wanted(photographs=(16,)))
+
+
+def test_frames_of_one_light_are_averaged_and_saturation_stays():
+    rng = np.random.default_rng(1)
+    turn = np.repeat(np.linspace(0, 2 * np.pi, 8, endpoint=False), 6)
+    lamp = np.stack([0.6 * np.cos(turn), 0.6 * np.sin(turn), -0.8 + 0 * turn], axis=-1)
+    video = make_video(21, 48, size=SIZE, lamp=lamp, noise=0.02)
+    video.frames[7, 50, 50] = 255
+    recording = recording_of(video.frames, np.ones((8, 8), np.float32), video.recording.camera, rng)
+    recording = replace(recording, depth=video.recording.depth)
+    frames = look_through(recording, silent)
+    light = explained(frames)
+    groups = same_light(light, np.arange(48), [6, 20])
+    assert sorted(groups[0]) == list(range(6, 12))
+    assert sorted(groups[1]) == list(range(18, 24))
+    assert MOST_AVERAGED >= 6
+    images = merged(recording, frames, light, groups, silent)
+    assert images[0, 50, 50].tolist() == [65535] * 3
+    mask = video.truth.mask & (np.arange(mask_rows(video))[:, None] != 50)
+    of_mean = np.std(images[0][mask] / 65535 - video.clean[6][mask])
+    single = merged(recording, frames, light, [[6], [20]], silent)
+    of_one = np.std(single[0][mask] / 65535 - video.clean[6][mask])
+    assert of_mean < 0.5 * of_one  # of six: 0.41
+
+
+def mask_rows(video):
+    return video.truth.mask.shape[0]
+
+
+def test_depth_is_of_frames_in_which_all_stands_still():
+    video = make_video(21, 40, size=SIZE)
+    frames = look_through(video.recording, silent)
+    moved = np.arange(40) < 20
+    maps = still_depth(video.recording, frames, moved, 1e9, 5)
+    assert maps == [20, 25, 30, 34, 39]
+    pixels = np.prod(video.recording.depth.shape)
+    assert len(still_depth(video.recording, frames, moved, 2.5 * pixels, 5)) == 2
+
+
+def test_the_choice_spreads_over_the_lights_seen():
+    turn = np.radians([0, 1, 2, 3, 90, 91, 180, 270])
+    lights = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    chosen = most_different(lights, 4)
+    assert len({i // 90 for i in np.degrees(turn[chosen]).round().astype(int)}) == 4
+
+
+def test_frames_that_end_early_are_an_error():
+    video = make_video(21, 30, size=SIZE)
+    color = video.recording.color
+    short = replace(color, walk=lambda wanted: list(color.walk(wanted))[:-3])
+    with pytest.raises(CaptureError, match="frames are missing"):
+        capture_of(replace(video.recording, color=short), Wanted())
