@@ -33,6 +33,7 @@ from rakelight.methods.multi_light.confidence import (
 from rakelight.methods.multi_light.energy import Fit, reset_scale
 from rakelight.methods.multi_light.model_selection import select_model
 from rakelight.methods.multi_light.noise import (
+    IMAGE_CORRELATION_AREA_PX,
     estimate_depth_weight,
     estimate_equal_intensity_weight,
 )
@@ -59,7 +60,8 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     Raises MethodError for fewer than 3 photographs.
     """
     require_photographs(prepared, "multi-light", 3)
-    weight = options.depth_weight or FIRST_DEPTH_WEIGHT * prepared.factor**2
+    correlated = min(prepared.factor**2, IMAGE_CORRELATION_AREA_PX)
+    weight = options.depth_weight or FIRST_DEPTH_WEIGHT * correlated
     finest = finest_level(prepared, cut=True, unbiased=True)
     levels = [
         level.weighted(weight * COARSER_WEIGHT**k)
