@@ -158,7 +158,7 @@ def test_a_coarse_sensor_measures_means_over_its_pixels(ratio):
 
 
 def test_ratios_that_no_sensor_has_are_refused():
-    with pytest.raises(InputError, match="seen 0.5, 2, needed 1 to 100"):
+    with pytest.raises(InputError, match=r"seen 0\.5, 2, needed 1 to 100"):
         draw(0, ratios=(0.5, 2))
 
 

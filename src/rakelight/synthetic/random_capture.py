@@ -257,7 +257,7 @@ def draw(
     }
     values["easy"] = easy
     if ratios:
-        values["depth_factor"] = ratios[stream(seed, "ratio").integers(len(ratios))]
+        values["depth_factor"] = ratios[int(stream(seed, "ratio").integers(len(ratios)))]
     values["depth_rms_mm"] = min(values["depth_rms_mm"], MOST_RMS_PX * values["pixel_mm"])
     for name, files, made in (
         ("shape", scans, (*SHAPES, *RELIEFS)),
