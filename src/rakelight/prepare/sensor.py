@@ -152,16 +152,16 @@ def sensor_shape(capture: Capture) -> tuple[int, int]:
                 source=capture.source,
                 remedy="give both, or neither when the depth is aligned to the colour",
             )
-        height, width = capture.depth_m.shape[1:]
-        if not SensorGrid((height, width), capture.camera.shape).fits:
-            raise CaptureError(
-                "depth_m and colour camera are of different size",
-                source=capture.source,
-                seen=str((height, width)),
-                needed=f"the proportions of {capture.camera.shape}, and no more pixels",
-                remedy="give depth_camera, where the depth is another camera's",
-            )
-        return height, width
+        maps = capture.depth_m.shape
+        if len(maps) == 3 and SensorGrid(maps[1:], capture.camera.shape).fits:
+            return maps[1], maps[2]
+        raise CaptureError(
+            "depth_m and colour camera are of different size",
+            source=capture.source,
+            seen=str(maps[1:]),
+            needed=f"the proportions of {capture.camera.shape}, and no more pixels",
+            remedy="give depth_camera, where the depth is another camera's",
+        )
     _require_size(capture, "depth_m", capture.depth_m.shape[1:], capture.depth_camera.shape)
     return sensor_grid(capture.camera, capture.depth_camera).shape
 
