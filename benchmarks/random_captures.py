@@ -2,6 +2,7 @@
 
     python benchmarks/random_captures.py --seeds 0:200 --jobs 2 [--oracle 60] [-o out/random.json]
     python benchmarks/random_captures.py --seeds 0:60 --method rgb-ratio --oracle 60
+    python benchmarks/random_captures.py --seeds 0:24 --ratios 10 12 16 --size 2   # coarse sensors
     python benchmarks/random_captures.py --seeds 3:4 --set lights=one-side    # causes taken apart
     python benchmarks/random_captures.py --compare before.json after.json
     python benchmarks/random_captures.py --read out/random.json --worst 10
@@ -40,13 +41,14 @@ from typing import Any
 import numpy as np
 
 from rakelight import Capture, Lights, RakelightError, Result, Truth, refine
+from rakelight.geometry.averaging import Averaging
 from rakelight.geometry.camera import back_project
-from rakelight.geometry.grid import area_mean, pair_slices, surface_links
+from rakelight.geometry.grid import pair_slices, surface_links
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods import load_method
 from rakelight.metrics import depth_error_map_mm, evaluate_maps, normal_error_map_deg
 from rakelight.model import Floats, Mask
-from rakelight.prepare.sensor import sensed
+from rakelight.prepare.sensor import SensorGrid, sensed
 from rakelight.synthetic import Draw, draw, render_draw
 
 WEIGHTS = tuple(np.geomspace(1e-3, 30, 7).tolist())
@@ -62,7 +64,10 @@ Record = dict[str, Any]
 
 def assess(seed: int, arguments: argparse.Namespace) -> Record:
     """All about one draw."""
-    drawn = draw(seed, 1.0, arguments.scans, arguments.pictures, **arguments.overrides)
+    drawn = draw(
+        seed, arguments.size, arguments.scans, arguments.pictures, arguments.ratios,
+        **arguments.overrides,
+    )  # fmt: skip
     record: Record = {"seed": seed, "draw": asdict(drawn)}
     began = time.process_time()
     try:
@@ -122,10 +127,9 @@ def limit(capture: Capture, truth: Truth) -> tuple[Floats, Floats]:
     1/z' = a/z + g . r at the rays r = (x, y, 1):  normals n become a n + (n . X) g at points X.
     """
     average, sigma = sensed(capture, capture.mask)
-    factor = capture.camera.height // len(average)
-    whole = area_mean(truth.mask, factor) == 1
-    depth = area_mean(truth.depth.astype(float), factor)
-    used = whole & np.isfinite(average) & (sigma > 0)
+    grid = SensorGrid(average.shape, capture.camera.shape)
+    depth = Averaging.on(truth.mask, grid.edges(0), grid.edges(1)).down(np.nan_to_num(truth.depth))
+    used = grid.covered(truth.mask) & np.isfinite(average) & (sigma > 0)
     camera = capture.camera.resized(*average.shape[::-1])
     rays = back_project(np.ones(average.shape), camera)[used]
     columns = np.column_stack([1 / depth[used], rays])
@@ -351,6 +355,8 @@ def main() -> None:
     )
     parser.add_argument("--seeds", type=seeds, default=range(200), help="FIRST:END")
     parser.add_argument("--method", default="multi-light")
+    parser.add_argument("--ratios", type=float, nargs="+", default=[], help="of depth_factor")
+    parser.add_argument("--size", type=float, default=1.0, help="scale of the images")
     parser.add_argument("--oracle", type=int, default=0, help="of so many draws, the first")
     parser.add_argument("--jobs", type=int, default=1, help="processes of one thread each")
     parser.add_argument("--set", type=setting, action="append", default=[], metavar="FIELD=VALUE")

@@ -474,7 +474,7 @@ class Capture:
         names : of the photographs, for messages
         depth_camera, depth_to_color : of depth that is not in the colour camera's frame; the pose
             is the identity when None.  Without depth_camera the depth covers the photographs' field
-            of view exactly, H and W being whole multiples of h and w
+            of view exactly: H / h and W / w are alike but for rounding, and need not be whole
         depth_noise : of the depth sensor, None when it is not known
         register : whether `multi-light` corrects a small error of depth_to_color
 

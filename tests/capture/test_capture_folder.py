@@ -9,7 +9,7 @@ import pytest
 
 from rakelight.capture import load_capture, load_truth, write_capture
 from rakelight.errors import CaptureError, InputError, MachineError, OutputExistsError
-from rakelight.model import Camera, RigidTransform, SensorNoise
+from rakelight.model import Camera, Capture, RigidTransform, SensorNoise
 from tests.capture.capture_builder import (
     HEIGHT,
     WIDTH,
@@ -45,6 +45,20 @@ def test_written_and_read_back_is_the_same(tmp_path, dtype, factor):
     assert again.names == ("000.png", "001.png", "002.png", "003.png")
     assert again.source == str(tmp_path / "c")
     assert "median depth 0.60 m" in [finding.message for finding in again.findings]
+
+
+@pytest.mark.parametrize("size", [(10, 13), (8, 11), (16, 21), (7, 9)])
+def test_depth_of_any_ratio_of_resolutions_is_read(tmp_path, size):
+    """One side of each is rounded: 13.33, 10.67, 21.33, 9.33 pixels wide."""
+    depth_m = np.random.default_rng(0).normal(0.6, 0.01, (2, *size)).astype(np.float32)
+    capture = small_capture(depth_m=depth_m)
+    write_capture(capture, tmp_path / "c")
+    again = load_capture(tmp_path / "c")
+    assert same_bits(again.depth_m, depth_m)
+    arrays = Capture.from_arrays(capture.photographs, depth_m, capture.camera, mask=capture.mask)
+    assert [f.message for f in arrays.findings if f.code == "median-depth"] == [
+        f.message for f in again.findings if f.code == "median-depth"
+    ]
 
 
 def test_depth_camera_comes_back(tmp_path):

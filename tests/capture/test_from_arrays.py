@@ -220,6 +220,8 @@ BAD = {
     "no measurement, no mask": ({"depth": 0 * DEPTH, "mask": None}, "no depth at all"),
     "backwards": ({"depth": -DEPTH}, r"seen median -0\.599 m.*Fix: -depth"),
     "sizes": ({"depth": DEPTH[:, :, 1:]}, "sizes do not fit.*give the depth camera"),
+    "wide": ({"depth": DEPTH[:, 1:-2]}, "seen depth 16x9, colour 32x24, needed .* to half a pixel"),
+    "finer": ({"depth": DEPTH.repeat(3, 1).repeat(3, 2)}, "seen depth 48x36.*no larger"),
     "far": ({"depth": one(DEPTH, (0, 5, 7), 1e9)}, "depth that none can be .seen 1e.09"),
     # mask
     "empty mask": ({"mask": np.zeros_like(MASK)}, "the mask is empty"),

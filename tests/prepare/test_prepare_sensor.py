@@ -97,7 +97,44 @@ def test_averages_of_a_plane_are_its_values_at_the_middles(sensor):
         assert np.abs(found - expected)[1:-1, 1:-1].max() < 0.3 * 0.5
 
 
+@pytest.mark.parametrize(
+    ("sensor", "shape", "fits"),
+    [
+        ((192, 256), (3024, 4032), True),
+        ((192, 256), (1440, 1920), True),
+        ((188, 250), (750, 1000), True),
+        ((187, 250), (750, 1000), True),
+        ((240, 427), (720, 1280), True),
+        ((240, 426), (720, 1280), True),  # rounded down
+        ((427, 240), (1280, 720), True),
+        ((1, 1), (5, 5), True),
+        ((192, 256), (720, 1280), False),
+        ((256, 192), (3024, 4032), False),
+        ((480, 639), (960, 1280), False),  # a column was cut off
+        ((480, 848), (1080, 1920), False),
+        ((960, 1280), (480, 640), False),
+    ],
+)
+def test_sizes_fit_where_the_proportions_do(sensor, shape, fits):
+    assert SensorGrid(sensor, shape).fits is fits
+
+
 # ---- what a method is given
+
+
+@pytest.mark.parametrize("sensor", [(21, 28), (32, 43), (48, 64)])
+def test_aligned_depth_of_any_ratio_is_that_of_a_camera_in_the_same_place(sensor):
+    """The latter is drawn as triangles on its own grid."""
+    camera = COLOUR.resized(*sensor[::-1])
+    depth = depth_of(camera)[None].astype(np.float32)
+    same = {"depth_m": depth, "depth_noise": SensorNoise(0.001)}
+    aligned = prepare(make_capture(**same, depth_camera=None, depth_to_color=None))
+    own = prepare(make_capture(**same, depth_camera=camera, depth_to_color=HERE))
+    assert aligned.factor == own.factor
+    np.testing.assert_array_equal(aligned.mask, own.mask)
+    np.testing.assert_allclose(aligned.depth_m[own.mask], own.depth_m[own.mask], atol=1e-6)
+    np.testing.assert_allclose(aligned.sensor.depth_m, own.sensor.depth_m, atol=1e-6)
+    np.testing.assert_array_equal(aligned.sensor.row_edges, own.sensor.row_edges)
 
 
 @pytest.mark.parametrize("factor", [2.0, 1.754])

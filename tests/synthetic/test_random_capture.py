@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from rakelight.errors import InputError
+from rakelight.geometry.averaging import Averaging
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.normals import surface_normals
 from rakelight.metrics import evaluate_maps
 from rakelight.pipeline import refine
+from rakelight.prepare.sensor import SensorGrid
 from rakelight.synthetic import SHAPES
 from rakelight.synthetic.draws import OneOf, Range, distributions
 from rakelight.synthetic.random_capture import (
@@ -44,6 +46,7 @@ PERFECT = {
     "depth_maps": 1,
     "depth_factor": 1,
 }
+PERFECT_MAPS = {name: value for name, value in PERFECT.items() if name != "depth_factor"}
 
 
 def linear(capture):
@@ -128,6 +131,35 @@ def test_an_override_leaves_the_rest_as_it_was():
     assert other["tilt_deg"] == 33.0
     before, after = (random_capture(11, 0.2, shape="folds", photographs=n)[0] for n in (3, 5))
     assert before.depth_m.tobytes() == after.depth_m.tobytes()
+
+
+def test_other_ratios_leave_the_rest_as_it_was():
+    ratios = (10, 12.5, 16)
+    others = [draw(seed, ratios=ratios) for seed in range(60)]
+    for before, other in zip(DRAWS, others, strict=False):
+        assert other.depth_factor in ratios
+        assert other.photographs <= before.photographs
+        changed = {"depth_factor": before.depth_factor, "photographs": before.photographs}
+        assert replace(other, **changed) == before
+    assert len({other.depth_factor for other in others}) == 3
+    assert {other.photographs for other in others} > {3, 4}
+
+
+@pytest.mark.parametrize("ratio", [7.5, 10, 15.75])
+def test_a_coarse_sensor_measures_means_over_its_pixels(ratio):
+    capture, truth = random_capture(3, 0.5, shape="folds", ratios=(ratio,), **PLAIN | PERFECT_MAPS)
+    grid = SensorGrid(capture.depth_m.shape[1:], capture.camera.shape)
+    assert grid.factor == pytest.approx(ratio)
+    averaging = Averaging.on(truth.mask, grid.edges(0), grid.edges(1))
+    whole = grid.covered(truth.mask)
+    assert np.count_nonzero(whole) > 4
+    expected = averaging.down(np.nan_to_num(truth.depth))[whole]
+    np.testing.assert_allclose(capture.depth_m[0][whole], expected, atol=5e-5)
+
+
+def test_ratios_that_no_sensor_has_are_refused():
+    with pytest.raises(InputError, match=r"seen 0\.5, 2, needed 1 to 100"):
+        draw(0, ratios=(0.5, 2))
 
 
 def test_scans_and_pictures_are_drawn_where_they_are_and_found_by_name(tmp_path):

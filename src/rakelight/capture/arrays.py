@@ -106,7 +106,7 @@ def checked_capture(capture: Capture) -> Capture:
     return capture
 
 
-def check_sensor(capture: Capture) -> int | None:
+def check_sensor(capture: Capture) -> float | None:
     """How many colour pixels a depth pixel has along each side; None for another camera's depth.
 
     capture : as `checked_arrays` returns it, its mask is not looked at
@@ -125,7 +125,7 @@ def check_sensor(capture: Capture) -> int | None:
 
 
 def check_object(
-    capture: Capture, factor: int | None, holes: Array | None = None
+    capture: Capture, factor: float | None, holes: Array | None = None
 ) -> tuple[Finding, ...]:
     """What a person should know of the mask and the depth on it.
 

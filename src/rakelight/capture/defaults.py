@@ -6,6 +6,7 @@ import numpy as np
 
 from rakelight.errors import CaptureError
 from rakelight.model import Capture, Encoding, Finding, Lighting, Mask
+from rakelight.prepare.sensor import SensorGrid
 
 
 def chosen_encoding(
@@ -72,15 +73,14 @@ def object_mask(
     return mask, findings
 
 
-def on_depth_grid(mask: Mask, factor: int | None, shape: tuple[int, int]) -> Mask | None:
+def on_depth_grid(mask: Mask, factor: float | None, shape: tuple[int, int]) -> Mask | None:
     """(h, w) True where a depth pixel sees the object; None for another camera's depth.
 
     factor : colour pixels per depth pixel along each side, None for another camera's depth
 
     >>> on_depth_grid(np.eye(4, dtype=bool), 2, (2, 2)).tolist()
     [[True, False], [False, True]]
+    >>> on_depth_grid(np.eye(3, dtype=bool), 1.5, (2, 2)).tolist()
+    [[True, True], [True, True]]
     """
-    if factor is None:
-        return None
-    h, w = shape
-    return np.asarray(mask.reshape(h, factor, w, factor).any(axis=(1, 3)))
+    return None if factor is None else SensorGrid(shape, mask.shape).touched(mask)

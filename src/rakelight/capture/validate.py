@@ -23,6 +23,7 @@ from rakelight.model import (
     RigidTransform,
     SensorNoise,
 )
+from rakelight.prepare.sensor import SensorGrid
 
 NEEDED_PHOTOGRAPHS = 3  # an albedo and a normal are three unknowns per pixel
 MOST_UNUSABLE = 0.20  # of the object
@@ -379,26 +380,28 @@ def check_mask(mask: Mask, source: str) -> tuple[Finding, ...]:
 
 def depth_factor(
     depth_shape: tuple[int, int], colour_shape: tuple[int, int], depth_source: str
-) -> int:
-    """How many colour pixels one depth pixel has along each side.
+) -> float:
+    """How many colour pixels one depth pixel has along each side, the geometric mean of both.
 
-    Raises CaptureError unless it is one integer for both sides.
+    Raises CaptureError for depth maps of other proportions than the photographs', or larger.
 
-    >>> depth_factor((480, 640), (960, 1280), "depth")
-    2
+    >>> depth_factor((192, 256), (3024, 4032), "depth")
+    15.75
+    >>> depth_factor((188, 250), (750, 1000), "depth") < 4
+    True
     """
     (h, w), (height, width) = depth_shape, colour_shape
-    factor = max(width // w, 1)
-    if (h * factor, w * factor) != (height, width):
-        raise CaptureError(
-            "depth and colour sizes do not fit",
-            source=depth_source,
-            seen=f"depth {w}x{h}, colour {width}x{height}",
-            needed="colour 1, 2, 3 … times the depth along both sides",
-            remedy="if they are two cameras, give the depth camera ([depth_intrinsics] in "
-            "capture.toml, depth_camera= with arrays), or export the depth aligned to the colour",
-        )
-    return factor
+    grid = SensorGrid(depth_shape, colour_shape)
+    if grid.fits:
+        return grid.factor
+    raise CaptureError(
+        "depth and colour sizes do not fit",
+        source=depth_source,
+        seen=f"depth {w}x{h}, colour {width}x{height}",
+        needed="depth of the colour images' proportions, to half a pixel, and no larger",
+        remedy="if they are two cameras, give the depth camera ([depth_intrinsics] in "
+        "capture.toml, depth_camera= with arrays), or export the depth aligned to the colour",
+    )
 
 
 def check_depth(

@@ -15,6 +15,9 @@ from rakelight.prepare.average import NEIGHBOURHOOD_PX, noise_sigma, robust_aver
 from rakelight.prepare.flying import flying, stray
 from rakelight.prepare.register import project, register, sensor_grid
 
+# By how much rounding to whole pixels changes the side of a depth map, pixels.
+ROUNDED_PX = 0.5
+
 
 @dataclass(frozen=True, slots=True)
 class SensorDepth:
@@ -51,7 +54,8 @@ class SensorDepth:
 class SensorGrid:
     """A sensor's pixels (hs, ws) over the same view as an image's (h, w).
 
-    Where `shape` is a multiple of `sensor`, sensor pixels are blocks.
+    Where `shape` is a multiple of `sensor`, sensor pixels are blocks; else they share image pixels
+    at their edges, by area.
     """
 
     sensor: tuple[int, int]
@@ -62,6 +66,21 @@ class SensorGrid:
         """Image pixels per sensor pixel, along each side; the geometric mean of both."""
         rows, columns = (side / small for side, small in zip(self.shape, self.sensor, strict=True))
         return rows if rows == columns else float(np.sqrt(rows * columns))
+
+    @property
+    def fits(self) -> bool:
+        """Whether both can show one view: no sensor pixel is narrower, and the proportions agree.
+
+        Along the side where they agree better, to `ROUNDED_PX`.
+
+        >>> SensorGrid((192, 256), (3024, 4032)).fits, SensorGrid((192, 256), (720, 1280)).fits
+        (True, False)
+        >>> SensorGrid((188, 250), (750, 1000)).fits, SensorGrid((480, 639), (960, 1280)).fits
+        (True, False)
+        """
+        (small_h, small_w), (height, width) = self.sensor, self.shape
+        off = min(abs(small_w - small_h * width / height), abs(small_h - small_w * height / width))
+        return off <= ROUNDED_PX and small_h <= height and small_w <= width
 
     def edges(self, axis: int) -> Floats:
         """Where the sensor's pixels begin and end along an axis, in image pixels."""
@@ -133,8 +152,16 @@ def sensor_shape(capture: Capture) -> tuple[int, int]:
                 source=capture.source,
                 remedy="give both, or neither when the depth is aligned to the colour",
             )
-        _require_size(capture, "depth_m", capture.depth_m.shape[1:], _whole_fraction(capture))
-        return capture.depth_m.shape[1], capture.depth_m.shape[2]
+        maps = capture.depth_m.shape
+        if len(maps) == 3 and SensorGrid(maps[1:], capture.camera.shape).fits:
+            return maps[1], maps[2]
+        raise CaptureError(
+            "depth_m and colour camera are of different size",
+            source=capture.source,
+            seen=str(maps[1:]),
+            needed=f"the proportions of {capture.camera.shape}, and no more pixels",
+            remedy="give depth_camera, where the depth is another camera's",
+        )
     _require_size(capture, "depth_m", capture.depth_m.shape[1:], capture.depth_camera.shape)
     return sensor_grid(capture.camera, capture.depth_camera).shape
 
@@ -150,26 +177,17 @@ def check_sizes(capture: Capture) -> None:
     _require_size(capture, "mask", capture.mask.shape, size)
 
 
-def _whole_fraction(capture: Capture) -> tuple[float, ...]:
-    height, width = capture.camera.shape
-    step = width // capture.depth_m.shape[-1] or 1
-    return height / step, width / step
-
-
 def _require_size(
-    capture: Capture, name: str, seen: tuple[int, ...], needed: tuple[float, ...]
+    capture: Capture, name: str, seen: tuple[int, ...], needed: tuple[int, ...]
 ) -> None:
-    if seen == needed:
-        return
-    own = capture.depth_camera is not None
-    whole = f"a whole fraction of {capture.camera.shape}"
-    raise CaptureError(
-        f"{name} and {'depth' if own and name == 'depth_m' else 'colour'} camera are of "
-        "different size",
-        source=capture.source,
-        seen=str(seen),
-        needed=whole if name == "depth_m" and not own else str(needed),
-    )
+    if seen != needed:
+        camera = "depth" if name == "depth_m" else "colour"
+        raise CaptureError(
+            f"{name} and {camera} camera are of different size",
+            source=capture.source,
+            seen=str(seen),
+            needed=str(needed),
+        )
 
 
 def sensed(capture: Capture, mask: Mask | None = None) -> tuple[Floats, Floats]:

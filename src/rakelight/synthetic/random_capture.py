@@ -13,13 +13,16 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from fractions import Fraction
 from functools import lru_cache, partial
+from math import lcm
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rakelight.errors import InputError
+from rakelight.geometry.averaging import overlaps
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.grid import area_mean, bounding_window
 from rakelight.geometry.normals import normals_from_gradient
@@ -61,7 +64,8 @@ MOST_RMS_PX = 12.0
 SOLID_RAYS, OTHER_RAYS = 2, 3
 """Samples per pixel along each side."""
 SIDE_PX = 24
-"""Sides of photographs are multiples of it, for depth maps 1 to 8 times as coarse."""
+"""Sides of photographs are multiples of it, and of what makes the depth map's whole."""
+MOST_RATIO = 100
 MARGIN_PX = 4
 RENDERED_PX = 6
 """How far beyond the object a background is rendered: blur and too large masks reach there."""
@@ -92,8 +96,8 @@ class Draw:
         wall_px : how far behind, pixel sizes
     Light
         lighting : as of captures; only "moving-lamp" is drawn
-        photographs : how many, at least `depth_factor` squared, as methods need; one where the
-            lighting is another
+        photographs : how many, at least the drawn `depth_factor` squared, as the published methods
+            need; one where the lighting is another
         lights : ring: all at `tilt_deg`, 4 degrees to and fro; cone: at random up to it;
             one-side: within `side_deg` around the object, at it, 8 degrees to and fro
         near_radii : the lights' distance from the object, in its radii (3 to 10 of them are 0.3 to
@@ -112,7 +116,7 @@ class Draw:
         gamma : the exponent of light before it is encoded as stated
         bits, encoding : of the files
     The depth sensor
-        depth_factor : colour pixels per depth pixel, along each side
+        depth_factor : colour pixels per depth pixel, along each side; not always a whole number
         depth_maps : how many
         depth_rms_mm : of the correlated error, at most 12 pixel sizes
         depth_length_px : distance, in colour pixels, at which its correlation is 1/e
@@ -177,7 +181,7 @@ class Draw:
     encoding: Encoding = drawn(  # noqa: RUF009
         OneOf({"linear": 0.5, "srgb": 0.5})
     )
-    depth_factor: int = drawn(OneOf({1: 0.35, 2: 0.4, 3: 0.1, 4: 0.09, 6: 0.03, 8: 0.03}))
+    depth_factor: float = drawn(OneOf({1: 0.35, 2: 0.4, 3: 0.1, 4: 0.09, 6: 0.03, 8: 0.03}))
     depth_maps: int = drawn(Range(1, 20, log=True, whole=True))
     depth_rms_mm: float = drawn(Range(0.2, 6, log=True))
     depth_length_px: float = drawn(Range(0, 40))
@@ -210,14 +214,18 @@ def draw(
     size: float = 1.0,
     scans: Sequence[File] = (),
     pictures: Sequence[File] = (),
+    ratios: Sequence[float] = (),
     **overrides: Any,
 ) -> Draw:
     """What is drawn for a seed; `overrides` set fields of `Draw` to other values.
 
     scans : depth maps that can be shapes (`shape_from_file`), which an override may name by their
         stem; pictures : photographs as paint, likewise
+    ratios : instead of the table's, what `depth_factor` is drawn from, 1 to 100, all alike likely;
+        all else stays as drawn, and photographs are not made as many as its square
 
-    Raises InputError for an override that is no field, or a name that is not known.
+    Raises InputError for an override that is no field, a name that is not known, or a ratio out of
+    range.
 
     >>> one, other = draw(7), draw(7, lights="one-side")
     >>> other.lights, other.photographs == one.photographs
@@ -235,12 +243,21 @@ def draw(
             seen=f"seed {seed}, size {size}",
             needed="a seed of at least 0, a size of 0.1 to 10",
         )
+    if not all(1 <= ratio <= MOST_RATIO for ratio in ratios):
+        raise InputError(
+            "not possible ratios",
+            source="ratios",
+            seen=", ".join(f"{ratio:g}" for ratio in ratios),
+            needed=f"1 to {MOST_RATIO}",
+        )
     table = distributions(Draw)
     easy = overrides.get("easy", table["easy"].draw(stream(seed, "easy"), False))
     values: dict[str, Any] = {
         name: each.draw(stream(seed, name), easy) for name, each in table.items()
     }
     values["easy"] = easy
+    if ratios:
+        values["depth_factor"] = ratios[int(stream(seed, "ratio").integers(len(ratios)))]
     values["depth_rms_mm"] = min(values["depth_rms_mm"], MOST_RMS_PX * values["pixel_mm"])
     for name, files, made in (
         ("shape", scans, (*SHAPES, *RELIEFS)),
@@ -263,7 +280,7 @@ def draw(
     values |= overrides
     if values["lighting"] != "moving-lamp":
         values["photographs"] = 1
-    elif "photographs" not in overrides:
+    elif "photographs" not in overrides and not ratios:
         values["photographs"] = max(values["photographs"], values["depth_factor"] ** 2)
     return Draw(seed=seed, size=size, **values)
 
@@ -273,6 +290,7 @@ def random_capture(
     size: float = 1.0,
     scans: Sequence[File] = (),
     pictures: Sequence[File] = (),
+    ratios: Sequence[float] = (),
     **overrides: Any,
 ) -> tuple[Capture, Truth]:
     """The capture of `draw(seed, ...)`, and what is true of it; see there.
@@ -283,7 +301,7 @@ def random_capture(
     >>> capture.photographs.shape[0], bool(truth.mask.any())
     (3, True)
     """
-    return render_draw(draw(seed, size, scans, pictures, **overrides))
+    return render_draw(draw(seed, size, scans, pictures, ratios, **overrides))
 
 
 def render_draw(drawn: Draw) -> tuple[Capture, Truth]:
@@ -354,10 +372,11 @@ def _object(drawn: Draw) -> tuple[Surface, Camera, int]:
     rows, columns = bounding_window(seen, margin=1)
     view = shape.camera.scaled(zoom)
     factor = view.fx / look.fx
+    multiple = lcm(SIDE_PX, Fraction(drawn.depth_factor).limit_denominator(8).numerator)
     tops, sides = [], []
     for window in (columns, rows):
         side = (window.stop - window.start) * factor + 2 * MARGIN_PX
-        sides.append(SIDE_PX * int(np.ceil(side / SIDE_PX)))
+        sides.append(multiple * int(np.ceil(side / multiple)))
         tops.append(round((window.start + window.stop) / 2 * factor - sides[-1] / 2))
     view = replace(
         view, width=sides[0], height=sides[1], cx=view.cx - tops[0], cy=view.cy - tops[1]
@@ -566,6 +585,16 @@ def _develop(drawn: Draw, light: Floats) -> Array:
     return values
 
 
+def _means(image: Floats, factor: float) -> Floats:
+    """(h, w) means of an image over cells of factor x factor pixels; NaN where any pixel is."""
+    if factor == round(factor):
+        return area_mean(image, round(factor))
+    rows, columns = (
+        overlaps(np.linspace(0, side, round(side / factor) + 1), side) for side in image.shape
+    )
+    return np.asarray(rows @ image @ columns.T) / factor**2
+
+
 def _sensed(drawn: Draw, depth_m: Floats, camera: Camera, rays: int) -> Floats:
     """(K, h, w) what the depth sensor reports of the samples' depth.
 
@@ -579,7 +608,7 @@ def _sensed(drawn: Draw, depth_m: Floats, camera: Camera, rays: int) -> Floats:
         for shift, side in zip(shifts, depth_m.shape, strict=True)
     )
     shifted[rows[0], columns[0]] = depth_m[rows[1], columns[1]]
-    depth = area_mean(shifted, factor * rays)
+    depth = _means(shifted, factor * rays)
     depth = bent(depth, drawn.depth_bend_mm, stream(drawn.seed, "bend"))
     length_px = drawn.depth_length_px * drawn.size / factor
     jump_m = 3 * factor * float(np.nanmedian(depth)) / camera.fx

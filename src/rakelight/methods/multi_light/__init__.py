@@ -33,6 +33,7 @@ from rakelight.methods.multi_light.confidence import (
 from rakelight.methods.multi_light.energy import Fit, reset_scale
 from rakelight.methods.multi_light.model_selection import select_model
 from rakelight.methods.multi_light.noise import (
+    IMAGE_CORRELATION_AREA_PX,
     estimate_depth_weight,
     estimate_equal_intensity_weight,
 )
@@ -44,7 +45,8 @@ from rakelight.model import Finding, Floats, ProgressCallback
 from rakelight.prepare import Prepared
 
 # First depth weight, 1/variance relative to white noise's, times the result's pixels in a depth
-# pixel, over which the photographs' errors are correlated (ablation.md: halved 0.94, doubled 1.12).
+# pixel over which the photographs' errors are correlated (ablation.md: halved 0.94, doubled 1.12):
+# all of them while they are fewer than `IMAGE_CORRELATION_AREA_PX`.
 FIRST_DEPTH_WEIGHT = 10.0
 # Factor of the depth weight per halving of the resolution: a coarser level explains averaged
 # photographs, and only roughly (ablation.md: halved 1.03; uw-owl then 5.3 degrees instead of 4.7).
@@ -59,7 +61,8 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     Raises MethodError for fewer than 3 photographs.
     """
     require_photographs(prepared, "multi-light", 3)
-    weight = options.depth_weight or FIRST_DEPTH_WEIGHT * prepared.factor**2
+    correlation_area = min(prepared.factor**2, IMAGE_CORRELATION_AREA_PX)
+    weight = options.depth_weight or FIRST_DEPTH_WEIGHT * correlation_area
     finest = finest_level(prepared, cut=True, unbiased=True)
     levels = [
         level.weighted(weight * COARSER_WEIGHT**k)
