@@ -13,6 +13,7 @@ from importlib import import_module
 TYPE_CHECKING = False  # as `typing` has it, which takes a while to import
 if TYPE_CHECKING:
     from rakelight.capture import load_capture, load_truth, write_capture
+    from rakelight.checkup import CheckReport, check_capture
     from rakelight.errors import (
         CaptureError,
         InputError,
@@ -52,6 +53,7 @@ _HOMES = {
     "Camera": "rakelight.model",
     "Capture": "rakelight.model",
     "CaptureError": "rakelight.errors",
+    "CheckReport": "rakelight.checkup",
     "Evaluation": "rakelight.metrics",
     "Finding": "rakelight.model",
     "FusionLike": "rakelight.methods.single_image.fusion_like",
@@ -73,6 +75,7 @@ _HOMES = {
     "RigidTransform": "rakelight.model",
     "SensorNoise": "rakelight.model",
     "Truth": "rakelight.model",
+    "check_capture": "rakelight.checkup",
     "evaluate": "rakelight.metrics",
     "load_capture": "rakelight.capture",
     "load_result": "rakelight.export",
@@ -109,6 +112,7 @@ __all__ = [
     "Camera",
     "Capture",
     "CaptureError",
+    "CheckReport",
     "Evaluation",
     "Finding",
     "FusionLike",
@@ -131,6 +135,7 @@ __all__ = [
     "SensorNoise",
     "Truth",
     "__version__",
+    "check_capture",
     "evaluate",
     "load_capture",
     "load_result",

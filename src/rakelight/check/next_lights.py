@@ -39,6 +39,8 @@ WITHOUT = 0.1
 SAMPLE = 300
 # Normals of a surface that is not known: those of half a sphere that faces the camera.
 SPHERE_DEG = 60.0
+# Cosine of the angle, 30 degrees, that directions named together are apart: the hand is not exact.
+NEARBY = 0.866
 # Lowering of the normals' error by the best next light, from which on it is worth taking.
 WORTH = 0.08
 # Angle off the axis, degrees, from which on a light has a side.
@@ -77,9 +79,11 @@ def next_lights(lights: Floats, normals: Floats, count: int = 3) -> tuple[NextLi
     directions = reachable()
     M = information(lights / max(intensity, np.finfo(float).tiny), normals)
     before = np.trace(across(normals) @ np.linalg.inv(M), axis1=1, axis2=2).mean()
-    found = []
+    found: list[NextLight] = []
     for _ in range(count):
         lowered = gains(M, normals, directions)
+        for each in found:
+            lowered[directions @ each.direction > NEARBY] = 0.0
         best = directions[int(np.argmax(lowered))]
         after = before - float(lowered.max())
         found.append(NextLight(best, in_words(best), float(1 - np.sqrt(after / before))))

@@ -22,7 +22,7 @@ from rakelight.model import Array, Capture, Finding, Floats, Mask
 FINE_PX, COARSE_PX = 1.0, 2.0
 # Side, pixels, of the window about the object's middle that is looked at, at the photographs' own
 # resolution: enough edges, and quick.
-SIDE_PX = 512
+SIDE_PX = 384
 # Share of the window's pixels, those with the largest gradients, that count as edges; the quantile
 # of their widths that is the photograph's (the sharpest, without the luckiest).
 EDGES, SHARPEST = 0.02, 0.25
