@@ -53,9 +53,7 @@ def exposure(capture: Capture) -> Exposure:
     values = capture.photographs.reshape(len(capture.photographs), -1, 3)[:, chosen]
     saturated, black, _ = exposure_shares(values[:, None], np.ones((1, len(chosen)), bool))
     light = to_linear(values, capture.encoding).max(axis=-1)
-    return Exposure(
-        np.array(saturated), np.array(black), np.quantile(light, BRIGHT_PART, axis=1)
-    )
+    return Exposure(np.array(saturated), np.array(black), np.quantile(light, BRIGHT_PART, axis=1))
 
 
 def exposure_findings(names: tuple[str, ...], found: Exposure) -> tuple[Finding, ...]:

@@ -149,10 +149,12 @@ def in_words(direction: Array) -> str:
     >>> in_words(np.array([-0.5, -0.5, -0.7071]))
     'from the upper left, about 45 degrees off the camera axis'
     """
-    sides = ("from above", "from the upper right", "from the right", "from the lower right",
-             "from below", "from the lower left", "from the left", "from the upper left")  # fmt: skip
+    sides = (
+        "above", "the upper right", "the right", "the lower right",
+        "below", "the lower left", "the left", "the upper left",
+    )  # fmt: skip
     side = sides[round(azimuth_deg(direction) / 45) % 8]
-    return f"{side}, about {5 * round(tilt_deg(direction) / 5)} degrees off the camera axis"
+    return f"from {side}, about {5 * round(tilt_deg(direction) / 5)} degrees off the camera axis"
 
 
 def one_side(directions: Floats) -> float | None:
@@ -188,6 +190,8 @@ def light_findings(directions: Floats, coming: tuple[NextLight, ...]) -> tuple[F
         message = f"all lights come {side}: what is turned away from there is in shadow"
         findings.append(Finding("warning", "lights-on-one-side", message, f"light it {where}"))
     elif coming and coming[0].gain >= WORTH:
-        message = f"a light {coming[0].words} would lower the normals' error by {coming[0].gain:.0%}"
+        message = (
+            f"a light {coming[0].words} would lower the normals' error by {coming[0].gain:.0%}"
+        )
         findings.append(Finding("note", "next-light", message, f"take the next {where}"))
     return tuple(findings)

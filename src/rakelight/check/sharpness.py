@@ -31,6 +31,9 @@ FEWEST, WIDEST_PX = 30, 8.0
 # A photograph is blurred whose edges are as many times as wide as the median photograph's, and as
 # many pixels wider.
 TIMES, WIDER_PX = 1.6, 0.8
+# Width of the median photograph's edges up to which photographs are compared: softer ones are those
+# of shading, which come and go with the light.
+SHARP_PX = 1.6
 # Width of the median photograph's edges above which all are out of focus.
 OUT_OF_FOCUS_PX = 4.0
 
@@ -78,7 +81,7 @@ def edge_width(photograph: Array, mask: Mask) -> float:
     return float(np.quantile(widths, SHARPEST))
 
 
-def _gradients(image: Floats) -> Floats:
+def _gradients(image: Array) -> Floats:
     """(h, w) length of the gradient."""
     return np.asarray(np.hypot(cv2.Sobel(image, -1, 1, 0), cv2.Sobel(image, -1, 0, 1)))
 
@@ -93,6 +96,8 @@ def blurred_ones(widths: Floats) -> Mask:
     if known.size < 3:
         return np.zeros(len(widths), dtype=bool)
     typical = float(np.median(known))
+    if typical > SHARP_PX:
+        return np.zeros(len(widths), dtype=bool)
     return np.nan_to_num(widths) > max(TIMES * typical, typical + WIDER_PX)
 
 

@@ -58,7 +58,8 @@ def check_capture(capture: Capture) -> CheckReport:
         found = checks.result()
     findings = [each for each in capture.findings if each.code not in REPLACED]
     findings += [*found.findings, *_exposed(capture, found.exposed)]
-    refusal, coming = found.refusal, next_lights(np.zeros((0, 3)), sphere_normals())
+    refusal: InputError | None = found.refusal
+    coming = next_lights(np.zeros((0, 3)), sphere_normals())
     if refusal is None:
         refusal = quick.refusal
         findings += [*quick.findings, *_few(len(capture.photographs), refusal)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -27,8 +28,8 @@ def command(
 ) -> None:
     """Is the capture folder CAPTURE any good, and what could be better: before anybody waits.
 
-    Looks at exposure, sharpness, motion, lights and depth, refines it quickly at low resolution, and
-    says what accuracy to expect and where the next lights should be.  The exit code is 2 when
+    Looks at exposure, sharpness, motion, lights and depth, refines it quickly at low resolution,
+    and says what accuracy to expect and where the next lights should be.  The exit code is 2 when
     nothing is to be gained by refining it.
     """
     from rakelight.capture import load_capture
@@ -72,7 +73,7 @@ def show(report: CheckReport) -> None:
         console.print(Text(printable(line)), soft_wrap=True)
 
 
-def photograph_table(report: CheckReport):  # type: ignore[no-untyped-def]
+def photograph_table(report: CheckReport) -> Any:
     """A line for each photograph, as a rich table."""
     from rich import box
     from rich.table import Table

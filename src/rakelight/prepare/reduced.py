@@ -57,8 +57,11 @@ def _at(capture: Capture, shrink: int, ratio: float) -> Capture:
     """The capture with `shrink` times fewer pixels along each side."""
     own = capture.depth_camera
     block = shrink if own is not None else max(shrink, round(ratio))
+    window = bounding_window(capture.mask, MARGIN_PX)
     parts = []
-    for part, side in zip(bounding_window(capture.mask, MARGIN_PX), capture.mask.shape, strict=True):
+    for part, side in zip(
+        window, capture.mask.shape, strict=True
+    ):
         most = side // block * block
         parts.append(slice(part.start // block * block, min(-(-part.stop // block) * block, most)))
     rows, columns = parts
