@@ -28,6 +28,8 @@ SIDE_PX = 384
 EDGES, SHARPEST = 0.02, 0.25
 # Least number of edge pixels; largest width that can be told.
 FEWEST, WIDEST_PX = 30, 8.0
+# Gradient over the largest value that is rounding of float32, not an edge.
+ROUNDING = 1e-4
 # A photograph is blurred whose edges are as many times as wide as the median photograph's, and as
 # many pixels wider.
 TIMES, WIDER_PX = 1.6, 0.8
@@ -72,7 +74,7 @@ def edge_width(photograph: Array, mask: Mask) -> float:
     if count < FEWEST:
         return float("nan")
     largest = np.argpartition(inside, -count)[-count:]
-    if inside[largest].min() <= 0:
+    if inside[largest].min() <= ROUNDING * float(grey.max()):
         return float("nan")
     square = np.maximum((inside[largest] / np.maximum(coarse[mask][largest], 1e-9)) ** 2, 1 + 1e-6)
     widths = np.sqrt(

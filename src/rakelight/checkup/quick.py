@@ -12,7 +12,7 @@ from rakelight.checkup.report import Accuracy
 from rakelight.checkup.verdict import refused_finding
 from rakelight.errors import InputError, MethodError
 from rakelight.methods import choose_method, load_method
-from rakelight.methods.base import Estimate
+from rakelight.methods.base import UNDETERMINED_RAD, Estimate
 from rakelight.methods.multi_light import MultiLight
 from rakelight.model import Capture, Finding, Floats
 from rakelight.pipeline import estimated, solving
@@ -92,7 +92,7 @@ def _accuracy(prepared: Prepared, estimate: Estimate) -> Accuracy | None:
     if depth_m is None or normals_deg is None:
         return None
     depth_mm = 1000 * float(np.median(depth_m[prepared.mask]))
-    angle = float(np.median(normals_deg[prepared.mask]))
+    angle = min(float(np.median(normals_deg[prepared.mask])), float(np.degrees(UNDETERMINED_RAD)))
     return Accuracy(
         (DEPTH_RANGE[0] * depth_mm, DEPTH_RANGE[1] * depth_mm),
         (NORMALS_RANGE[0] * angle, NORMALS_RANGE[1] * angle),

@@ -59,9 +59,7 @@ def _at(capture: Capture, shrink: int, ratio: float) -> Capture:
     block = shrink if own is not None else max(shrink, round(ratio))
     window = bounding_window(capture.mask, MARGIN_PX)
     parts = []
-    for part, side in zip(
-        window, capture.mask.shape, strict=True
-    ):
+    for part, side in zip(window, capture.mask.shape, strict=True):
         most = side // block * block
         parts.append(slice(part.start // block * block, min(-(-part.stop // block) * block, most)))
     rows, columns = parts
