@@ -8,9 +8,9 @@ from typing import Any
 
 import click
 
+from rakelight.checkup.report import CheckReport
 from rakelight.cli.options import output_options, refuse_input_as_output
 from rakelight.errors import printable
-from rakelight.checkup.report import CheckReport
 
 
 @click.command("check")
@@ -115,7 +115,7 @@ def facts(report: CheckReport) -> list[str]:
         (low, high), (least, most) = expected.depth_mm, expected.normals_deg
         lines.append(
             f"expect: depth to {low:.2g} - {high:.2g} mm, normals to {least:.2g} - {most:.2g} "
-            "degrees (4 of 5 captures)"
+            "degrees (roughly: 3 of 4 captures)"
         )
     for i, light in enumerate(report.next_lights):
         start = "the next light: " if i == 0 else "then: "
