@@ -42,7 +42,7 @@ class PhotographCheck:
 
 @dataclass(frozen=True, slots=True)
 class Accuracy:
-    """What to expect of the result, as ranges that held about three of four random captures.
+    """What to expect of the result, as ranges that held about two of three random captures.
 
     depth_mm : root mean square error of the depth; normals_deg : mean error of the normals
     """

@@ -115,7 +115,7 @@ def facts(report: CheckReport) -> list[str]:
         (low, high), (least, most) = expected.depth_mm, expected.normals_deg
         lines.append(
             f"expect: depth to {low:.2g} - {high:.2g} mm, normals to {least:.2g} - {most:.2g} "
-            "degrees (roughly: 3 of 4 captures)"
+            "degrees (roughly: 2 of 3 captures)"
         )
     for i, light in enumerate(report.next_lights):
         start = "the next light: " if i == 0 else "then: "
