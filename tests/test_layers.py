@@ -26,6 +26,7 @@ LAYERS = (
     ("check",),
     ("methods",),
     ("pipeline",),
+    ("checkup",),
     ("synthetic", "metrics", "export"),
     ("report", "paper", "batch"),
     ("cli",),

@@ -13,6 +13,7 @@ from importlib import import_module
 TYPE_CHECKING = False  # as `typing` has it, which takes a while to import
 if TYPE_CHECKING:
     from rakelight.capture import load_capture, load_truth, write_capture
+    from rakelight.checkup import CheckReport, check_capture
     from rakelight.errors import (
         CaptureError,
         InputError,
@@ -54,6 +55,7 @@ _HOMES = {
     "Capture": "rakelight.model",
     "CaptureError": "rakelight.errors",
     "Distortion": "rakelight.model",
+    "CheckReport": "rakelight.checkup",
     "Evaluation": "rakelight.metrics",
     "Finding": "rakelight.model",
     "FusionLike": "rakelight.methods.single_image.fusion_like",
@@ -75,6 +77,7 @@ _HOMES = {
     "RigidTransform": "rakelight.model",
     "SensorNoise": "rakelight.model",
     "Truth": "rakelight.model",
+    "check_capture": "rakelight.checkup",
     "evaluate": "rakelight.metrics",
     "load_capture": "rakelight.capture",
     "load_result": "rakelight.export",
@@ -111,6 +114,7 @@ __all__ = [
     "Camera",
     "Capture",
     "CaptureError",
+    "CheckReport",
     "Distortion",
     "Evaluation",
     "Finding",
@@ -134,6 +138,7 @@ __all__ = [
     "SensorNoise",
     "Truth",
     "__version__",
+    "check_capture",
     "evaluate",
     "load_capture",
     "load_result",

@@ -288,16 +288,16 @@ def check_not_twice(photographs: Array, names: Sequence[str], source: str) -> No
         alike[few].append(i)
 
 
-def check_exposure(
-    photographs: Array, mask: Mask, names: Sequence[str], source: str
-) -> tuple[Finding, ...]:
-    """Enough of the object is neither saturated nor black in enough photographs.
+def exposure_shares(photographs: Array, mask: Mask) -> tuple[list[float], list[float], Array]:
+    """Shares of the object, per photograph, with a saturated channel and black in all channels.
 
-    photographs : (N, H, W, 3) as stored; mask : (H, W) True = object
+    photographs : (N, H, W, 3) as stored; mask : (H, W) True = object.  The third is (P,) how many
+    photographs have a usable channel at each of the object's pixels.
 
-    With three photographs or more, raises CaptureError when more than 20 % of the object has
-    fewer than three that a channel is usable of.  The notes count pixels with a saturated channel,
-    and pixels black in all.
+    >>> photographs = np.array([[[[255, 9, 9], [0, 0, 0]]], [[[9, 9, 9], [9, 9, 9]]]], np.uint8)
+    >>> saturated, black, usable = exposure_shares(photographs, np.ones((1, 2), bool))
+    >>> saturated, black, usable.tolist()
+    ([0.5, 0.0], [0.5, 0.0], [2, 1])
     """
     white = np.iinfo(photographs.dtype).max
     inside = np.flatnonzero(mask)
@@ -312,6 +312,21 @@ def check_exposure(
         usable += usable_channels[0] | usable_channels[1] | usable_channels[2]
         saturated.append(float((brightest >= SATURATED * white).mean()))
         black.append(float(too_dark.mean()))
+    return saturated, black, usable
+
+
+def check_exposure(
+    photographs: Array, mask: Mask, names: Sequence[str], source: str
+) -> tuple[Finding, ...]:
+    """Enough of the object is neither saturated nor black in enough photographs.
+
+    photographs : (N, H, W, 3) as stored; mask : (H, W) True = object
+
+    With three photographs or more, raises CaptureError when more than 20 % of the object has
+    fewer than three that a channel is usable of.  The notes count pixels with a saturated channel,
+    and pixels black in all.
+    """
+    saturated, black, usable = exposure_shares(photographs, mask)
     if len(photographs) >= NEEDED_PHOTOGRAPHS:
         unusable = float((usable < NEEDED_PHOTOGRAPHS).mean())
         if unusable > MOST_UNUSABLE:

@@ -29,7 +29,11 @@ def camera_motion(capture: Capture) -> tuple[Finding, ...]:
 
     None unless most photographs have a shift: without texture a surface shows shading alone.
     """
-    shifts, moved = stood_still(capture)
+    return motion_finding(capture, *stood_still(capture))
+
+
+def motion_finding(capture: Capture, shifts: Floats, moved: Array) -> tuple[Finding, ...]:
+    """The warning about photographs that moved, from what `stood_still` says of the capture."""
     if not moved.any():
         return ()
     names = capture.names or tuple(f"photograph {i}" for i in range(len(moved)))

@@ -23,6 +23,7 @@ COMMANDS = {
     "demo": "make a synthetic capture, refine it, compare it with its truth",
     "refine": "refine the depth of a capture: a folder or a recording",
     "import": "make a capture folder of a recording or another format",
+    "check": "say whether a capture is any good, and what to do better",
     "view": "open the report of a result in the browser",
     "synth": "make a capture with known truth",
     "eval": "compare a result with the truth of a synthetic capture",

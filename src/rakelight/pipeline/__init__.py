@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from time import perf_counter
 from typing import Any
@@ -11,9 +13,7 @@ import numpy as np
 
 from rakelight.capture.arrays import checked_capture
 from rakelight.check.camera_motion import camera_motion
-from rakelight.check.depth_orientation import depth_orientation
-from rakelight.check.depth_shift import depth_shift
-from rakelight.check.inside_out import inside_out
+from rakelight.check.depth_checks import DEPTH_CHECKS
 from rakelight.errors import CaptureError, InputError, MethodError
 from rakelight.jit import one_blas_thread
 from rakelight.memory import require_memory
@@ -70,14 +70,8 @@ def refine(
     if not callable(progress):
         raise InputError("progress is no function", seen=type(progress).__name__)
     chosen, options = _chosen(capture, method, options)
-    try:
-        # What overflows shows in the result.
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            result = _refined(capture, chosen, scale, options, progress)
-    except ValueError as error:
-        if isinstance(error, np.linalg.LinAlgError) or "infs or NaNs" in str(error):  # scipy's
-            raise _without_solution(capture, str(error)) from error
-        raise
+    with solving(capture):
+        result = _refined(capture, chosen, scale, options, progress)
     found = (result.depth[result.mask], result.normals[result.mask], result.albedo)
     if np.isinf(result.depth).any() or not all(np.isfinite(each).all() for each in found):
         raise _without_solution(capture, "values that are not finite")
@@ -123,6 +117,26 @@ def _shown(options: Any) -> str:
     return type(options).__qualname__ if name is None else public_options(name)
 
 
+@contextmanager
+def solving(capture: Capture) -> Iterator[None]:
+    """Where a method runs: CaptureError in place of what solvers raise of systems without solution.
+
+    >>> empty = np.zeros((0, 0))
+    >>> with solving(Capture(empty, empty, empty, None)):
+    ...     raise np.linalg.LinAlgError("singular")
+    Traceback (most recent call last):
+    rakelight.errors.CaptureError: no surface explains this capture (seen singular, ...
+    """
+    try:
+        # What overflows shows in the result.
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            yield
+    except ValueError as error:
+        if isinstance(error, np.linalg.LinAlgError) or "infs or NaNs" in str(error):  # scipy's
+            raise _without_solution(capture, str(error)) from error
+        raise
+
+
 def _without_solution(capture: Capture, seen: str) -> CaptureError:
     return CaptureError(
         "no surface explains this capture",
@@ -146,14 +160,7 @@ def _refined(
     progress(Progress("prepare"))
     prepared, checked = _prepared(capture, chosen, scale)
     prepared_at = perf_counter()
-    with one_blas_thread():
-        degenerate = without_normals(prepared)
-        if degenerate is not None:
-            estimate = degenerate
-        elif chosen.starts_from_depth:
-            prepared, estimate = guarded(chosen.run, prepared, options, progress)
-        else:
-            estimate = chosen.run(prepared, options, progress)
+    prepared, estimate = estimated(chosen, prepared, options, progress)
     refined_at = perf_counter()
 
     depth_m, normals = surface(prepared, estimate)
@@ -188,6 +195,19 @@ def _refined(
     )
 
 
+def estimated(
+    chosen: Method, prepared: Prepared, options: Any, progress: ProgressCallback = silent
+) -> tuple[Prepared, Estimate]:
+    """The method's estimate with its safeguards, and the photographs that it was made from."""
+    with one_blas_thread():
+        degenerate = without_normals(prepared)
+        if degenerate is not None:
+            return prepared, degenerate
+        if chosen.starts_from_depth:
+            return guarded(chosen.run, prepared, options, progress)
+        return prepared, chosen.run(prepared, options, progress)
+
+
 def _prepared(
     capture: Capture, chosen: Method, scale: Scale
 ) -> tuple[Prepared, tuple[Finding, ...]]:
@@ -200,9 +220,7 @@ def _prepared(
         checks = beside.submit(
             lambda: (
                 *camera_motion(capture),
-                *depth_shift(capture),
-                *depth_orientation(capture),
-                *inside_out(capture),
+                *(found for check in DEPTH_CHECKS.values() for found in check(capture)),
             )
         )
         prepared = prepare(capture, scale)

@@ -100,7 +100,7 @@ def prepare(capture: Capture, scale: Scale = "auto") -> Prepared:
     shrink = _shrink(colour, scale)
     camera = capture.camera.scaled(1 / shrink)
     mask = _shrunk_mask(capture, shrink)
-    photographs = capture.photographs if shrink == 1 else _shrunk(capture, shrink)
+    photographs = capture.photographs if shrink == 1 else shrunk_photographs(capture, shrink)
     grid = SensorGrid(colour.sensor, camera.shape)
 
     average, sigma = sensed(capture, capture.mask)
@@ -202,7 +202,7 @@ def _shrunk_mask(capture: Capture, shrink: int) -> Mask:
     return mask
 
 
-def _shrunk(capture: Capture, shrink: int) -> Array:
+def shrunk_photographs(capture: Capture, shrink: int) -> Array:
     """The photographs averaged over blocks in linear light, as 16-bit values, encoded as they were.
 
     So black is the same at every scale.  A block with a saturated pixel stays saturated in that

@@ -46,11 +46,11 @@ def report_html(result: Result, truth: Truth | None = None) -> bytes:
     environment = Environment(
         autoescape=True,
         undefined=StrictUndefined,
-        finalize=_shown,
+        finalize=shown,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    page = environment.from_string(_text("page.html")).render(
+    page = environment.from_string(page_text("page.html")).render(
         policy=_policy(script, style),
         style=Markup(style),
         script=Markup(script),
@@ -97,21 +97,22 @@ def _against(result: Result, truth: Truth) -> dict[str, Any]:
     }
 
 
-def _shown(value: Any) -> Any:
+def shown(value: Any) -> Any:
     """What the page says of a value: no text from outside reverses or hides the text around it."""
     return printable(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
-def _text(name: str) -> str:
+def page_text(name: str) -> str:
+    """The content of a file of this folder."""
     return files("rakelight.report").joinpath(name).read_text(encoding="utf-8")
 
 
 def _style() -> str:
-    return _text("page.css")
+    return page_text("page.css")
 
 
 def _script() -> str:
-    parts = "\n".join(_text(f"viewer/{name}") for name in VIEWER)
+    parts = "\n".join(page_text(f"viewer/{name}") for name in VIEWER)
     return f'(() => {{\n"use strict";\n{parts}\n}})();\n'
 
 

@@ -14,7 +14,14 @@ from rakelight.errors import CaptureError
 __all__ = ["Reader", "Reading", "Wanted", "find_reader", "readers"]
 
 # The module of each reader.  The first that recognises a source reads it.
-_MODULES = ("rakelight_folder", "realsense", "record3d", "stray_scanner", "tum_rgbd", "open3d_recorder")
+_MODULES = (
+    "rakelight_folder",
+    "realsense",
+    "record3d",
+    "stray_scanner",
+    "tum_rgbd",
+    "open3d_recorder",
+)
 
 
 @cache

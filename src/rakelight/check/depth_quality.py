@@ -1,0 +1,90 @@
+"""What the depth is worth on the object: holes, noise, and whether its unit can be right."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rakelight.errors import CaptureError
+from rakelight.geometry.grid import bounding_window
+from rakelight.model import Capture, Finding
+from rakelight.prepare.holes import hole_findings, within_reach
+from rakelight.prepare.sensor import SensorGrid, sensed
+
+# Share of the object without depth above which the photographs carry too much of it.
+MANY_HOLES = 0.10
+# Distances, metres, at which depth cameras for objects measure; widths of an object that they can
+# resolve and see whole.  Beyond, the unit of the depth is the likelier mistake.
+LIKELY_M, LIKELY_WIDTH_M = (0.12, 6.0), (0.008, 4.0)
+
+
+@dataclass(frozen=True, slots=True)
+class DepthQuality:
+    """The depth on the object.
+
+    median_m, width_m : its distance, and the object's longer side across
+    holes : share of the object without depth
+    noise_mm : standard deviation of a depth pixel: what the maps differ by, or the sensor's model
+    pixels : depth pixels on the object
+    """
+
+    median_m: float
+    width_m: float
+    holes: float
+    noise_mm: float
+    pixels: int
+
+
+def depth_quality(capture: Capture) -> tuple[DepthQuality, tuple[Finding, ...]]:
+    """The depth of a capture on its object, and what to say of it.
+
+    Raises CaptureError where the object has no depth.
+    """
+    depth_m, sigma_m = sensed(capture, capture.mask)
+    grid = SensorGrid(depth_m.shape, capture.mask.shape)
+    inside = grid.covered(capture.mask)
+    if not inside.any():
+        inside = grid.touched(capture.mask)
+    measured = inside & np.isfinite(depth_m)
+    if not measured.any():
+        raise CaptureError("no depth on the object", source=capture.source)
+    median_m = float(np.median(depth_m[measured]))
+    rows, columns = bounding_window(capture.mask)
+    across = (columns.stop - columns.start) / capture.camera.fx
+    along = (rows.stop - rows.start) / capture.camera.fy
+    found = DepthQuality(
+        median_m=median_m,
+        width_m=median_m * max(across, along),
+        holes=1 - float(np.count_nonzero(measured) / np.count_nonzero(inside)),
+        noise_mm=1000 * float(np.median(sigma_m[measured])),
+        pixels=int(np.count_nonzero(inside)),
+    )
+    holes = hole_findings(inside, within_reach(measured, inside), measured)
+    return found, (*_unit(found), *_many_holes(found), *holes)
+
+
+def _many_holes(found: DepthQuality) -> tuple[Finding, ...]:
+    if found.holes <= MANY_HOLES:
+        return ()
+    message = f"{found.holes:.0%} of the object has no depth: the photographs carry it there"
+    remedy = "change the distance or the angle, keep the lamp out of the sensor, or spray it matt"
+    return (Finding("warning", "depth-holes", message, remedy),)
+
+
+def _unit(found: DepthQuality) -> tuple[Finding, ...]:
+    """A warning where distance or size are none that a depth camera sees.
+
+    >>> codes = [DepthQuality(z, w, 0.0, 1.0, 9) for z, w in ((0.6, 0.2), (0.06, 0.02))]
+    >>> [[finding.code for finding in _unit(each)] for each in codes]
+    [[], ['depth-unit']]
+    """
+    seen = ((found.median_m, LIKELY_M), (found.width_m, LIKELY_WIDTH_M))
+    if all(least <= value <= most for value, (least, most) in seen):
+        return ()
+    message = (
+        f"by its depth the object is {found.median_m:.3g} m away and {found.width_m:.3g} m wide: "
+        "is the unit right?"
+    )
+    remedy = "compare with a ruler and correct depth_scale, the depth value of one metre"
+    return (Finding("warning", "depth-unit", message, remedy),)

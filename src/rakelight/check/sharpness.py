@@ -1,0 +1,123 @@
+"""How sharp each photograph is: the width of its sharpest edges, in pixels.
+
+A step that is blurred by a Gaussian of standard deviation b has at its middle a gradient
+proportional to 1 / b.  Blurred once more, by u and by v > u, the ratio R of both gradients gives
+
+    b^2 = (v^2 - R^2 u^2) / (R^2 - 1),    R^2 = (v^2 + b^2) / (u^2 + b^2)
+
+whatever the height of the step (Zhuo & Sim, Pattern Recognition 44, 2011).  Light changes the
+height of edges, not their width; edges of shadows are soft, so the sharpest ones count.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from rakelight.errors import listed
+from rakelight.geometry.grid import bounding_window
+from rakelight.model import Array, Capture, Finding, Floats, Mask
+
+# Standard deviations u and v of the two further blurs, pixels: u calms noise, v is well above it.
+FINE_PX, COARSE_PX = 1.0, 2.0
+# Side, pixels, of the window about the object's middle that is looked at, at the photographs' own
+# resolution: enough edges, and quick.
+SIDE_PX = 384
+# Share of the window's pixels, those with the largest gradients, that count as edges; the quantile
+# of their widths that is the photograph's (the sharpest, without the luckiest).
+EDGES, SHARPEST = 0.02, 0.25
+# Least number of edge pixels; largest width that can be told.
+FEWEST, WIDEST_PX = 30, 8.0
+# Gradient over the largest value that is rounding of float32, not an edge.
+ROUNDING = 1e-4
+# A photograph is blurred whose edges are as many times as wide as the median photograph's, and as
+# many pixels wider.
+TIMES, WIDER_PX = 1.6, 0.8
+# Width of the median photograph's edges up to which photographs are compared: softer ones are those
+# of shading, which come and go with the light.
+SHARP_PX = 1.6
+# Width of the median photograph's edges above which all are out of focus.
+OUT_OF_FOCUS_PX = 4.0
+
+
+def edge_widths(capture: Capture) -> Floats:
+    """(N,) standard deviation, pixels, of the blur of each photograph's sharpest edges.
+
+    NaN where the object shows no edges.
+    """
+    mask = cv2.erode(capture.mask.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+    if not mask.any():
+        return np.full(len(capture.photographs), np.nan)
+    parts = []
+    for part in bounding_window(mask):
+        middle = (part.start + part.stop) // 2
+        parts.append(slice(max(part.start, middle - SIDE_PX // 2), middle + SIDE_PX // 2))
+    window = tuple(parts)
+    return np.array([edge_width(each[window], mask[window]) for each in capture.photographs])
+
+
+def edge_width(photograph: Array, mask: Mask) -> float:
+    """Standard deviation, pixels, of the blur of the sharpest edges inside a mask (h, w).
+
+    photograph : (h, w, 3) as stored
+
+    >>> step = np.zeros((60, 60, 3), np.uint8); step[:, 30:] = 200
+    >>> blurred = cv2.GaussianBlur(step, (0, 0), 3)
+    >>> everywhere = np.ones((60, 60), bool)
+    >>> round(edge_width(step, everywhere)), round(edge_width(blurred, everywhere))
+    (1, 3)
+    """
+    grey = cv2.cvtColor(photograph, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    fine, coarse = (_gradients(cv2.GaussianBlur(grey, (0, 0), s)) for s in (FINE_PX, COARSE_PX))
+    inside = fine[mask]
+    count = int(EDGES * inside.size)
+    if count < FEWEST:
+        return float("nan")
+    largest = np.argpartition(inside, -count)[-count:]
+    if inside[largest].min() <= ROUNDING * float(grey.max()):
+        return float("nan")
+    square = np.maximum((inside[largest] / np.maximum(coarse[mask][largest], 1e-9)) ** 2, 1 + 1e-6)
+    widths = np.sqrt(
+        np.clip((COARSE_PX**2 - square * FINE_PX**2) / (square - 1), 0.0, WIDEST_PX**2)
+    )
+    return float(np.quantile(widths, SHARPEST))
+
+
+def _gradients(image: Array) -> Floats:
+    """(h, w) length of the gradient."""
+    return np.asarray(np.hypot(cv2.Sobel(image, -1, 1, 0), cv2.Sobel(image, -1, 0, 1)))
+
+
+def blurred_ones(widths: Floats) -> Mask:
+    """(N,) which photographs are blurred beside the others, by their edges' widths (N,).
+
+    >>> blurred_ones(np.array([1.0, 1.1, 0.9, 4.0])).tolist()
+    [False, False, False, True]
+    """
+    known = widths[np.isfinite(widths)]
+    if known.size < 3:
+        return np.zeros(len(widths), dtype=bool)
+    typical = float(np.median(known))
+    if typical > SHARP_PX:
+        return np.zeros(len(widths), dtype=bool)
+    return np.nan_to_num(widths) > max(TIMES * typical, typical + WIDER_PX)
+
+
+def sharpness_findings(names: tuple[str, ...], widths: Floats) -> tuple[Finding, ...]:
+    """Warnings about photographs that are blurred beside the others, or all out of focus."""
+    which = blurred_ones(widths)
+    findings = []
+    if which.any():
+        typical = float(np.nanmedian(widths))
+        message = (
+            f"blurred: {listed(names, which)}, edges up to {widths[which].max():.1f} pixels wide "
+            f"where the others' are {typical:.1f}"
+        )
+        remedy = "take these again with the camera fixed and the focus locked"
+        findings.append(Finding("warning", "blurred", message, remedy))
+    known = widths[np.isfinite(widths)]
+    if known.size and float(np.median(known)) > OUT_OF_FOCUS_PX:
+        message = f"out of focus: edges are {float(np.median(known)):.1f} pixels wide"
+        remedy = "focus on the object and lock the focus, or use the photographs at half the size"
+        findings.append(Finding("note", "out-of-focus", message, remedy))
+    return tuple(findings)

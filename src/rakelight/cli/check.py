@@ -1,0 +1,123 @@
+"""`rakelight check CAPTURE`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from rakelight.checkup.report import CheckReport
+from rakelight.cli.options import output_options, refuse_input_as_output
+from rakelight.errors import printable
+
+
+@click.command("check")
+@click.argument("capture", type=click.Path(path_type=Path))
+@click.option(
+    "--html",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Write the check as a page with the photographs and a plot of the lights.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace an older page of a check at FILE.")
+@output_options
+def command(
+    capture: Path, html: Path | None, overwrite: bool, as_json: bool, quiet: bool, debug: bool
+) -> None:
+    """Is the capture folder CAPTURE any good, and what could be better: before anybody waits.
+
+    Looks at exposure, sharpness, motion, lights and depth, refines it quickly at low resolution,
+    and says what accuracy to expect and where the next lights should be.  The exit code is 2 when
+    nothing is to be gained by refining it.
+    """
+    from rakelight.capture import load_capture
+    from rakelight.checkup import check_capture
+    from rakelight.report.check_page import check_html, require_free_page, write_page
+
+    if html is not None:
+        refuse_input_as_output(capture, html)
+        require_free_page(html, overwrite=overwrite)
+    loaded = load_capture(capture)
+    report = check_capture(loaded)
+    if html is not None:
+        write_page(html, check_html(report, loaded), overwrite=overwrite)
+    if as_json:
+        click.echo(json.dumps(report.as_dict()))
+    elif not quiet:
+        show(report)
+        if html is not None:
+            click.echo(f"page: {printable(str(html))}")
+    if report.refusal is not None:
+        raise report.refusal
+
+
+def show(report: CheckReport) -> None:
+    """Print the verdict, the findings and a table of the photographs."""
+    import sys
+
+    from rich.console import Console
+    from rich.text import Text
+
+    console = Console(file=sys.stdout, highlight=False)
+    colour = {"good": "green", "usable": "yellow"}.get(report.verdict, "red")
+    console.print(Text(printable(report.headline), style=f"bold {colour}"), soft_wrap=True)
+    for finding in report.findings:
+        line = f"{finding.severity}: {finding.message}"
+        line += f". To do: {finding.remedy}" if finding.remedy else ""
+        style = "yellow" if finding.severity == "warning" else ""
+        console.print(Text(printable(line), style=style), soft_wrap=True)
+    console.print(photograph_table(report))
+    for line in facts(report):
+        console.print(Text(printable(line)), soft_wrap=True)
+
+
+def photograph_table(report: CheckReport) -> Any:
+    """A line for each photograph, as a rich table."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=box.SIMPLE)
+    table.add_column("photograph", no_wrap=False)
+    for heading in ("saturated", "black", "edges px", "shift px", "light off axis", "from"):
+        table.add_column(heading, justify="right")
+    table.add_column("")
+    for each in report.as_dict()["photographs"]:
+        light, shift, edge = each["light"], each["shift_px"], each["edge_px"]
+        moved = None if shift is None else (shift[0] ** 2 + shift[1] ** 2) ** 0.5
+        cells = [
+            f"{each['saturated']:.0%}",
+            f"{each['black']:.0%}",
+            "-" if edge is None else f"{edge:.1f}",
+            "-" if moved is None else f"{moved:.1f}",
+            "-" if light is None else f"{light['tilt_deg']:.0f}°",
+            "-" if light is None else f"{light['azimuth_deg']:.0f}°",
+            ", ".join(each["marks"]),
+        ]
+        table.add_row(
+            *(Text(printable(cell)) for cell in (each["name"], *cells)),
+            style="yellow" if each["marks"] else "",
+        )
+    return table
+
+
+def facts(report: CheckReport) -> list[str]:
+    """Depth, expected accuracy and the next lights, a line each."""
+    lines = []
+    if (depth := report.depth) is not None:
+        lines.append(
+            f"depth: {depth.median_m:.2f} m away, object {1000 * depth.width_m:.0f} mm wide, "
+            f"{depth.holes:.1%} holes, noise {depth.noise_mm:.2g} mm, {depth.pixels} depth pixels"
+        )
+    if (expected := report.accuracy) is not None:
+        (low, high), (least, most) = expected.depth_mm, expected.normals_deg
+        lines.append(
+            f"expect: depth to {low:.2g} - {high:.2g} mm, normals to {least:.2g} - {most:.2g} "
+            "degrees (roughly: 2 of 3 captures)"
+        )
+    for i, light in enumerate(report.next_lights):
+        start = "the next light: " if i == 0 else "then: "
+        lines.append(f"{start}{light.words} (normals' error {-light.gain:.0%})")
+    return lines

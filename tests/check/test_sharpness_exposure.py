@@ -1,0 +1,49 @@
+import cv2
+import numpy as np
+import pytest
+
+from rakelight.check.exposure import exposure, exposure_findings
+from rakelight.check.sharpness import blurred_ones, edge_width, edge_widths, sharpness_findings
+from tests.check.wrong_captures import sound, with_photograph
+
+
+@pytest.mark.parametrize("sigma", [1.0, 2.0, 4.0])
+@pytest.mark.parametrize("height", [30, 200])
+def test_the_width_of_an_edge_is_its_blur_whatever_its_height(sigma, height):
+    step = np.zeros((80, 80, 3), np.uint16)
+    step[:, 40:] = 256 * height
+    blurred = cv2.GaussianBlur(step, (0, 0), sigma)
+    assert edge_width(blurred, np.ones((80, 80), bool)) == pytest.approx(sigma, abs=0.3)
+
+
+def test_nothing_to_see_has_no_width():
+    assert np.isnan(edge_width(np.full((50, 50, 3), 9, np.uint8), np.ones((50, 50), bool)))
+    assert np.isnan(edge_width(np.zeros((5, 5, 3), np.uint8), np.ones((5, 5), bool)))
+
+
+def test_soft_photographs_are_not_compared():
+    assert not blurred_ones(np.array([2.1, 2.1, 8.0, 2.2])).any()
+    assert not blurred_ones(np.array([0.4, 3.0])).any()
+
+
+def test_all_out_of_focus_is_said():
+    (found,) = sharpness_findings(("a", "b", "c"), np.array([5.0, 5.5, 4.8]))
+    assert (found.severity, found.code) == ("note", "out-of-focus")
+
+
+def test_the_blurred_one_of_a_capture():
+    capture = with_photograph(sound("vase")[0], 5, lambda p: cv2.GaussianBlur(p, (0, 0), 3))
+    assert np.flatnonzero(blurred_ones(edge_widths(capture))).tolist() == [5]
+
+
+def test_shares_of_a_capture():
+    capture = sound("vase")[0]
+    half = capture.photographs[2].copy()
+    rows = np.nonzero(capture.mask)[0]
+    half[: int(np.median(rows))] = 65535
+    found = exposure(with_photograph(capture, 2, lambda _: half))
+    assert found.saturated[2] == pytest.approx(0.5, abs=0.03)
+    assert found.saturated[[0, 1, 3]].max() < 0.01
+    assert np.flatnonzero(found.over).tolist() == [2]
+    assert not found.under.any()
+    assert capture.names[2] in exposure_findings(capture.names, found)[0].message
