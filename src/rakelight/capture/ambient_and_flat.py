@@ -151,13 +151,15 @@ def _smoothed(light: Floats) -> Floats:
         wide = cv2.GaussianBlur(wide, (0, 0), _SIGMA_CELLS, borderType=cv2.BORDER_REPLICATE)
     down = _interpolation(height, rows, margin)
     across = _interpolation(width, columns, margin)
-    return np.einsum("ij,jkc,lk->ilc", down, wide, across, optimize=True).astype(np.float32)
+    whole = np.einsum("ij,jkc,lk->ilc", down, wide, across, optimize=True)
+    return np.asarray(whole, np.float32)
 
 
 def _interpolation(pixels: int, cells: int, margin: int) -> Floats:
     """(pixels, cells + 2 margin): weights of linear interpolation between the cells' centres."""
     at = (np.arange(pixels) + 0.5) * cells / pixels - 0.5 + margin
-    return np.maximum(0, 1 - np.abs(at[:, None] - np.arange(cells + 2 * margin))).astype(np.float32)
+    weights = 1 - np.abs(at[:, None] - np.arange(cells + 2 * margin))
+    return np.asarray(np.maximum(0, weights), np.float32)
 
 
 def check_fits(

@@ -154,7 +154,7 @@ def _array(child: subprocess.Popen[bytes], stated: dict[str, Any]) -> Array:
     if not small or stated["dtype"] not in _DTYPES:
         raise ValueError("no array of ours")
     array = np.empty(shape, stated["dtype"])
-    view = memoryview(array).cast("B") if array.size else memoryview(b"")
+    view = memoryview(array.reshape(-1).view(np.uint8))  # type: ignore[arg-type]
     done = 0
     while done < len(view):
         count = child.stdout.readinto(view[done:])  # type: ignore[attr-defined]

@@ -298,11 +298,11 @@ def _without_ambient(
     root: Root, images: Array, encoding: Encoding
 ) -> tuple[Array, Encoding, tuple[Finding, ...]]:
     """The photographs corrected by ambient.png and flat.png, where there are such files."""
-    pictures = [_read_picture(root, name, images) for name in ("ambient.png", "flat.png")]
-    if pictures == [None, None]:
+    ambient, flat = (_read_picture(root, name, images) for name in ("ambient.png", "flat.png"))
+    if ambient is None and flat is None:
         return images, encoding, ()
     sources = root.shown("ambient.png"), root.shown("flat.png")
-    images, findings = corrected(images, encoding, *pictures, sources)
+    images, findings = corrected(images, encoding, ambient, flat, sources)
     return images, "linear", findings
 
 

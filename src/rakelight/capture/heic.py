@@ -34,7 +34,8 @@ def decode(data: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
     images = pillow_heif.open_heif(io.BytesIO(data), convert_hdr_to_8bit=False)
     image = images[images.primary_index]
     check_size(*image.size, "")
-    nclx = image.info.get("nclx_profile") or {}
+    info: dict[str, Any] = image.info
+    nclx = info.get("nclx_profile") or {}
     transfer = nclx.get("transfer_characteristics")
     if transfer in _HDR:
         raise CaptureError(
@@ -46,8 +47,8 @@ def decode(data: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
     pixels = np.asarray(image)
     if pixels.ndim == 2:
         pixels = np.repeat(pixels[..., None], 3, axis=2)
-    profile = bytes(image.info.get("icc_profile") or b"")
+    profile = bytes(info.get("icc_profile") or b"")
     wide = b"Display P3" in profile or "Display P3".encode("utf-16-be") in profile
     facts = {"display_p3": wide or nclx.get("color_primaries") == _DISPLAY_P3}
-    exif = np.frombuffer(image.info.get("exif") or b"", np.uint8)
+    exif = np.frombuffer(info.get("exif") or b"", np.uint8)
     return {"pixels": np.ascontiguousarray(pixels[..., :3]), "exif": exif}, facts
