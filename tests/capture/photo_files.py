@@ -11,7 +11,7 @@ from rakelight.prepare.linear import srgb
 
 
 def dng(mosaic, black=0, white=65535, orientation=1, neutral=(1.0, 1.0, 1.0), focal_35mm=0):
-    """A DNG: one uncompressed mosaic (H, W) uint16, red green / green blue; no library writes it."""
+    """A DNG: one mosaic (H, W) uint16, red green / green blue, which no library writes."""
     height, width = mosaic.shape
     pixels = np.ascontiguousarray(mosaic, "<u2").tobytes()
 
