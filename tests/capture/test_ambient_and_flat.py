@@ -98,7 +98,7 @@ def test_strong_ambient_light_and_vignetting_are_repaired():
     """Window light with a shadow's edge, half of all light; corners two thirds as bright."""
     shape = make_shape("vase")
     options = SceneOptions(
-        camera=shape.camera.scaled(0.2), photographs=6, depth_factor=2, supersampling=1,
+        camera=shape.camera.scaled(0.15), photographs=6, depth_factor=2, supersampling=1,
         image_noise=0.003, depth_noise=DepthNoise(rms_mm=2.0),
     )  # fmt: skip
     made, truth = render_scene(shape, make_albedo("pattern"), options)
@@ -106,7 +106,7 @@ def test_strong_ambient_light_and_vignetting_are_repaired():
     lamp = 0.55 * made.photographs / 65535
     edge = 1 + np.tanh((np.arange(width) - 0.5 * width) / 4)[:, None]
     paint = np.where(made.mask[..., None], truth.albedo / truth.albedo.max(), 0.3)
-    ambient, lens = 0.12 * paint * edge, corner_falloff(height, width)
+    ambient, lens = 0.2 * paint * edge, corner_falloff(height, width)
     random = np.random.default_rng(0)
 
     def noisy(light):
