@@ -455,6 +455,8 @@ class Capture:
         depth_to_color: RigidTransform | None = None,
         depth_noise: SensorNoise | None = None,
         register: bool = False,
+        ambient: Array | None = None,
+        flat: Array | None = None,
     ) -> Capture:
         """A capture of numpy arrays, by the rules of the capture folder.
 
@@ -477,6 +479,11 @@ class Capture:
             of view exactly: H / h and W / w are alike but for rounding, and need not be whole
         depth_noise : of the depth sensor, None when it is not known
         register : whether `multi-light` corrects a small error of depth_to_color
+        ambient : (H, W, 3), of the photographs' type: one with the lamp off, which is subtracted in
+            linear light
+        flat : (H, W, 3) uint8, uint16 or floating point, encoded as the photographs: a white card
+            that fills the image, by which vignetting is divided out.  With either the capture's
+            photographs are linear, 16 bit
 
         Returns
         -------
@@ -511,6 +518,8 @@ class Capture:
             depth_to_color=depth_to_color,
             depth_noise=depth_noise,
             register=register,
+            ambient=ambient,
+            flat=flat,
         )
 
     @property

@@ -11,6 +11,7 @@ import numpy as np
 
 from rakelight.capture import validate
 from rakelight.capture.config import CONFIG, CaptureTable
+from rakelight.capture.headers import Header
 from rakelight.capture.listing import Images, Root, allocate
 from rakelight.errors import CaptureError
 from rakelight.files import in_threads
@@ -20,38 +21,43 @@ from rakelight.model import Array, Camera, Floats, RigidTransform
 def check_depth_kind(depth: Images, table: CaptureTable, root: Root) -> None:
     """Every file is one channel of 16-bit or float depth, and depth_scale fits that."""
     for name, header in zip(depth.names, depth.headers, strict=True):
-        if header.format == "JPEG":
-            raise CaptureError(
-                "JPEG cannot carry depth",
-                source=depth.shown(name),
-                seen="a JPEG, by its first bytes",
-                needed="PNG or TIFF",
-                remedy="export the depth as 16-bit PNG",
-            )
-        if header.channels != 1:
-            raise CaptureError(
-                "depth has one channel",
-                source=depth.shown(name),
-                seen=f"{header.channels} channels",
-                remedy="export the depth itself, not a coloured picture of it",
-            )
-        if header.dtype in ("uint8", "int8"):
-            raise CaptureError(
-                "256 levels cannot carry millimetres",
-                source=depth.shown(name),
-                seen="8-bit depth",
-                needed="16-bit PNG or float TIFF",
-                remedy="export the depth as 16-bit PNG",
-            )
-        if header.dtype not in ("uint16", "int16", "float32", "float64"):
-            raise CaptureError(
-                "this kind of depth is not read",
-                source=depth.shown(name),
-                seen=header.dtype,
-                needed="16-bit PNG or float TIFF",
-            )
+        check_depth_header(header, depth.shown(name))
     validate.check_same_kind(dict(zip(depth.names, depth.headers, strict=True)), depth.source)
     _check_depth_scale(depth, table.depth_scale, root.shown(CONFIG))
+
+
+def check_depth_header(header: Header, source: str) -> None:
+    """Raise CaptureError unless it is one channel of 16-bit or float depth."""
+    if header.format == "JPEG":
+        raise CaptureError(
+            "JPEG cannot carry depth",
+            source=source,
+            seen="a JPEG, by its first bytes",
+            needed="PNG or TIFF",
+            remedy="export the depth as 16-bit PNG",
+        )
+    if header.channels != 1:
+        raise CaptureError(
+            "depth has one channel",
+            source=source,
+            seen=f"{header.channels} channels",
+            remedy="export the depth itself, not a coloured picture of it",
+        )
+    if header.dtype in ("uint8", "int8"):
+        raise CaptureError(
+            "256 levels cannot carry millimetres",
+            source=source,
+            seen="8-bit depth",
+            needed="16-bit PNG or float TIFF",
+            remedy="export the depth as 16-bit PNG",
+        )
+    if header.dtype not in ("uint16", "int16", "float32", "float64"):
+        raise CaptureError(
+            "this kind of depth is not read",
+            source=source,
+            seen=header.dtype,
+            needed="16-bit PNG or float TIFF",
+        )
 
 
 def _check_depth_scale(depth: Images, depth_scale: float | None, source: str) -> None:

@@ -7,6 +7,7 @@ The format is in docs/reference/files.md.  What a file may be:
 - depth: see rakelight.capture.depth.
 - mask.png: PNG; a pixel is object where any colour channel is not zero.  Without it the object
   nearest to the camera is cut out.
+- ambient.png, flat.png: see rakelight.capture.ambient_and_flat.
 - hidden files are skipped, files of other kinds listed in a note.
 """
 
@@ -21,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from rakelight.capture import validate
+from rakelight.capture.ambient_and_flat import check_fits, corrected
 from rakelight.capture.arrays import checked_arrays, checked_truth
 from rakelight.capture.config import CONFIG, EXAMPLE, CaptureTable, format_config, parse_config
 from rakelight.capture.defaults import (
@@ -46,6 +48,7 @@ from rakelight.folders import file_list, staged_folder
 from rakelight.model import (
     Array,
     Capture,
+    Encoding,
     Finding,
     Floats,
     Mask,
@@ -89,6 +92,7 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
         f"{8 * images.dtype.itemsize}-bit",
         f'write encoding = "linear" or "srgb" into {CONFIG}',
     )
+    images, encoding, light = _without_ambient(root, images, encoding)
     capture = Capture(
         photographs=images,
         depth_m=depth_m,
@@ -112,6 +116,7 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
         mask=mask,
         findings=(
             *assumed,
+            *light,
             *file_findings(rgb),
             *file_findings(depth),
             *mask_findings,
@@ -287,6 +292,30 @@ def _read_photographs(rgb: Images) -> Array:
 
     in_threads(read, range(len(rgb.names)))
     return photographs
+
+
+def _without_ambient(
+    root: Root, images: Array, encoding: Encoding
+) -> tuple[Array, Encoding, tuple[Finding, ...]]:
+    """The photographs corrected by ambient.png and flat.png, where there are such files."""
+    ambient, flat = (_read_picture(root, name, images) for name in ("ambient.png", "flat.png"))
+    if ambient is None and flat is None:
+        return images, encoding, ()
+    sources = root.shown("ambient.png"), root.shown("flat.png")
+    images, findings = corrected(images, encoding, ambient, flat, sources)
+    return images, "linear", findings
+
+
+def _read_picture(root: Root, name: str, images: Array) -> Array | None:
+    """(H, W, 3) of a PNG beside rgb/, None when there is none; its size is checked first."""
+    path, source = root.path / name, root.shown(name)
+    if not os.path.lexists(path):
+        return None
+    data = read_bytes(path, source=source)
+    header = read_header(data, source)
+    shape = (header.height, header.width, 3)
+    check_fits(shape, header.dtype, images, source, same_type=name == "ambient.png")
+    return as_rgb(decode_image(data, source))
 
 
 def _read_mask(root: Root, shape: tuple[int, int]) -> tuple[Mask, tuple[Finding, ...]] | None:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from rakelight.capture import validate
+from rakelight.capture.ambient_and_flat import WHITE_16_BIT, corrected
 from rakelight.capture.arrays import (
     MAKE_A_CAMERA,
     check_object,
@@ -36,8 +37,6 @@ from rakelight.model import (
     SensorNoise,
 )
 
-WHITE_16_BIT = 65535
-
 # Depth cameras whose z axis points backwards give negative depth: this share of it is no noise.
 _MOSTLY_NEGATIVE = 0.5
 
@@ -55,6 +54,8 @@ def capture_from_arrays(
     depth_to_color: RigidTransform | None = None,
     depth_noise: SensorNoise | None = None,
     register: bool = False,
+    ambient: Array | None = None,
+    flat: Array | None = None,
 ) -> Capture:
     """What `Capture.from_arrays` says; its docstring has the parameters and the errors.
 
@@ -68,6 +69,10 @@ def capture_from_arrays(
     pixels, kind = _photographs(photographs)
     depth_m, holes = _depth(depth)
     stated, assumed = chosen_encoding(encoding, kind, 'give encoding="linear" or "srgb"')
+    if ambient is not None or flat is not None:
+        pictures = _picture(ambient, "ambient"), _picture(flat, "flat")
+        pixels, light = corrected(pixels, stated, *pictures)
+        stated, assumed = "linear", (*assumed, *light)
     capture = Capture(
         photographs=pixels,
         depth_m=depth_m,
@@ -149,6 +154,18 @@ def _photographs(photographs: Any) -> tuple[Array, str]:
     copied = allocate(images.shape, f"uint{bits}", "photographs")
     copied[:] = images
     return copied, f"{bits}-bit"
+
+
+def _picture(picture: Any, name: str) -> Array | None:
+    """One picture (H, W, 3) as `_photographs` takes them; None for none."""
+    if picture is None:
+        return None
+    try:
+        images, _ = _photographs(picture)
+    except InputError as error:
+        error.source = name
+        raise
+    return images[0] if len(images) == 1 else images
 
 
 def _colour_remedy(shape: tuple[int, ...]) -> str:

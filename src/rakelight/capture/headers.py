@@ -205,7 +205,8 @@ def _what_it_is(data: bytes) -> str:
     return f"a file that starts with {data[:8]!r}"
 
 
-def _check_size(width: int, height: int, source: str) -> None:
+def check_size(width: int, height: int, source: str) -> None:
+    """Raise CaptureError for an empty image, and for one beyond 100 megapixels."""
     if width < 1 or height < 1:
         raise damaged(source, f"a size of {width}x{height}")
     if width * height > MAX_PIXELS:
@@ -225,7 +226,7 @@ def _png_header(data: bytes, source: str) -> Header:
     sound = kind == b"IHDR" and length == 13 and bits in _PNG_BITS.get(colour, ())
     if not sound or compression != 0 or filtering != 0 or interlace > 1:
         raise damaged(source, "no valid PNG header")
-    _check_size(width, height, source)
+    check_size(width, height, source)
     orientation, view = 1, memoryview(data)
     for chunk, start, end in png_chunks(data, source):
         if zlib.crc32(view[start + 4 : end - 4]) != struct.unpack_from(">I", data, end - 4)[0]:
@@ -263,7 +264,7 @@ def _jpeg_header(data: bytes, source: str) -> Header:
 
 def _jpeg_frame(data: bytes, at: int, source: str) -> Header:
     bits, height, width, channels = struct.unpack_from(">BHHB", data, at)
-    _check_size(width, height, source)
+    check_size(width, height, source)
     if channels not in (1, 3) or bits != 8:
         raise CaptureError(
             "this kind of JPEG is not read",
@@ -278,9 +279,9 @@ def _jpeg_frame(data: bytes, at: int, source: str) -> Header:
 def _tiff_header(data: bytes, source: str) -> Header:
     tags = TiffTags(data)
     width, height = tags.first("width", 0), tags.first("height", 0)
-    _check_size(width, height, source)
+    check_size(width, height, source)
     if "tile_width" in tags:
-        _check_size(tags.first("tile_width", 0), tags.first("tile_height", 0), source)
+        check_size(tags.first("tile_width", 0), tags.first("tile_height", 0), source)
     channels, bits = tags.first("channels", 1), tags.first("bits", 1)
     dtype = _TIFF_DTYPES.get((bits, tags.first("sample_format", 1)))
     photometric = tags.first("photometric", 1)

@@ -48,15 +48,7 @@ class Images:
 
     def chosen(self, numbers: Sequence[int]) -> Images:
         """Some of the images, by their numbers from 0; raises InputError for one that is not."""
-        count = len(self.names)
-        beyond = [number for number in numbers if not 0 <= number < count]
-        if beyond or not numbers:
-            raise InputError(
-                "no such photographs",
-                source="photographs",
-                seen=f"number {beyond[0]}" if beyond else "none",
-                needed=f"numbers from 0 to {count - 1}",
-            )
+        check_numbers(numbers, len(self.names))
         names, headers = zip(*((self.names[i], self.headers[i]) for i in numbers), strict=True)
         return replace(self, names=names, headers=headers)
 
@@ -71,6 +63,18 @@ class Images:
         return f"{self.source}/{name}"
 
 
+def check_numbers(numbers: Sequence[int], count: int) -> None:
+    """Raise InputError unless there are such photographs among `count`."""
+    beyond = [number for number in numbers if not 0 <= number < count]
+    if beyond or not numbers:
+        raise InputError(
+            "no such photographs",
+            source="photographs",
+            seen=f"number {beyond[0]}" if beyond else "none",
+            needed=f"numbers from 0 to {count - 1}",
+        )
+
+
 def list_images(root: Root, name: str, what: str) -> Images:
     """The images in the subfolder `name`, in the order of the numbers in their names."""
     folder, source = root.path / name, root.shown(name)
@@ -81,7 +85,7 @@ def list_images(root: Root, name: str, what: str) -> Images:
             needed=f"the {what} as {name}/000.png, {name}/001.png, …",
         )
     with clear_errors(source, "cannot be read"):
-        present = sorted((p for p in folder.iterdir() if p.name[0] != "."), key=_by_number)
+        present = sorted((p for p in folder.iterdir() if p.name[0] != "."), key=by_number)
     chosen = [p.name for p in present if p.suffix.lower() in SUFFIXES]
     ignored = tuple(p.name for p in present if p.name not in chosen)
     if not chosen:
@@ -101,7 +105,7 @@ def list_images(root: Root, name: str, what: str) -> Images:
     return Images(folder, source, tuple(chosen), tuple(headers), ignored)
 
 
-def _by_number(path: Path) -> tuple[tuple[int, str], ...]:
+def by_number(path: Path) -> tuple[tuple[int, str], ...]:
     """2.png before 10.png: digits compare as numbers, and before letters."""
     parts = re.split(r"([0-9]+)", path.name)
     return tuple((int(part), "") if part.isdecimal() else (-1, part) for part in parts)

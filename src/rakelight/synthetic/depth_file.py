@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import io
-import re
 import zipfile
 from dataclasses import replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rakelight.capture.npy import npy_header
 from rakelight.errors import InputError, parsing
 from rakelight.files import read_bytes
 from rakelight.geometry.camera import pixel_rays
@@ -25,9 +25,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import RectBivariateSpline as Spline
 
 
-MAX_SIDE = 16384
 FARTHEST_M = 1000
-_LONGEST_HEADER = 10_000  # bytes at the start of an array; numpy writes about 128
 
 
 def shape_from_file(
@@ -188,7 +186,7 @@ def _npz_array(archive: zipfile.ZipFile, key: str, source: str) -> Floats:
             needed=f"{key}.npy",
         )
     with archive.open(f"{key}.npy") as member:
-        shape, fortran_order, dtype = _npy_header(member, key, source)
+        shape, fortran_order, dtype = npy_header(member, key, source)
         size = shape[0] * shape[1] * dtype.itemsize
         stated = archive.getinfo(f"{key}.npy").file_size - member.tell()
         values = member.read(size + 1) if stated == size else b""
@@ -206,37 +204,6 @@ def _npz_array(archive: zipfile.ZipFile, key: str, source: str) -> Floats:
 def _as_floats(values: Array) -> Floats:
     with np.errstate(invalid="ignore"):  # of NaN with unusual bits
         return values.astype(float)
-
-
-def _npy_header(
-    member: IO[bytes], key: str, source: str
-) -> tuple[tuple[int, int], bool, np.dtype[np.generic]]:
-    """Shape, whether columns come first, and type; the values come next in `member`.
-
-    Looked for in the text: numpy would evaluate it, and warn about what it finds.
-    """
-    start = member.read(8)
-    width = {1: 2, 2: 4, 3: 4}.get(start[6], 0) if len(start) == 8 else 0  # bytes of its length
-    length = int.from_bytes(member.read(width), "little")
-    if not start.startswith(b"\x93NUMPY") or not 0 < length <= _LONGEST_HEADER:
-        raise InputError(f"{key} is damaged", source=source, seen="no header of an array")
-    text = member.read(length).decode("latin-1")
-    dtype = re.search(r"""['"]descr['"]: *['"]([<>|=]?(?:b1|[iu][1248]|f[248]))['"]""", text)
-    order = re.search(r"""['"]fortran_order['"]: *(True|False)""", text)
-    shape = re.search(r"""['"]shape['"]: *\( *(\d{1,9})L?, *(\d{1,9})L? *,? *\)""", text)
-    if not (dtype and order and shape):
-        raise InputError(
-            f"{key} is not an image of numbers", source=source, seen=text.strip(), needed="(H, W)"
-        )
-    height, columns = int(shape[1]), int(shape[2])
-    if not (0 < height <= MAX_SIDE and 0 < columns <= MAX_SIDE):
-        raise InputError(
-            f"{key} is not an image of numbers",
-            source=source,
-            seen=f"{height} x {columns}",
-            needed=f"at most {MAX_SIDE} x {MAX_SIDE}",
-        )
-    return (height, columns), order[1] == "True", np.dtype(dtype[1])
 
 
 def _depth_from_tiff(data: bytes, source: str) -> Floats:

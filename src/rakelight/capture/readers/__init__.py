@@ -21,6 +21,7 @@ _MODULES = (
     "stray_scanner",
     "tum_rgbd",
     "open3d_recorder",
+    "photographs",
 )
 
 

@@ -1,0 +1,130 @@
+"""OpenEXR: linear light as half or float, and depth in a channel Z."""
+
+from __future__ import annotations
+
+import io
+import re
+import struct
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rakelight.capture.headers import check_size, damaged
+from rakelight.errors import CaptureError
+from rakelight.model import Array
+
+MAGIC = b"v/1\x01"
+# Bits of the version field: deep data and several parts are other files than ours.
+_DEEP, _SEVERAL_PARTS = 0x800, 0x1000
+_MOST_ATTRIBUTES = 1000
+_DEPTH = re.compile(r"(?:.*\.)?(?:Z|depth(?:\.[VYZ])?)", re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True)
+class ExrHeader:
+    """Size in pixels and the channels of an OpenEXR file.
+
+    color : names of red, green and blue (three times the same for grey); () where there are none
+    depth : name of the depth, "" where there is none
+    """
+
+    width: int
+    height: int
+    color: tuple[str, ...]
+    depth: str
+
+
+def read_exr_header(data: bytes, source: str = "") -> ExrHeader:
+    """The header of an OpenEXR file; raises CaptureError where it is none of ours.
+
+    >>> read_exr_header(MAGIC + bytes(4), "a.exr")
+    Traceback (most recent call last):
+    rakelight.errors.CaptureError: a.exr: the image is damaged (seen no size or no channels). ...
+    """
+    try:
+        magic, version = struct.unpack_from("<4sI", data)
+        if magic != MAGIC:
+            raise damaged(source, "not an OpenEXR")
+        if version & (_DEEP | _SEVERAL_PARTS):
+            raise CaptureError(
+                "this kind of EXR is not read",
+                source=source,
+                seen="deep data or several parts",
+                needed="one image",
+            )
+        attributes = _attributes(data)
+        left, top, right, bottom = struct.unpack("<4i", attributes.get("dataWindow", b"")[:16])
+        names = _channel_names(attributes.get("channels", b""))
+    except (struct.error, ValueError, IndexError) as error:
+        raise damaged(source, "no size or no channels") from error
+    check_size(right - left + 1, bottom - top + 1, source)
+    depth = sorted((name for name in names if _DEPTH.fullmatch(name)), key=len)
+    return ExrHeader(right - left + 1, bottom - top + 1, _color(names), depth[0] if depth else "")
+
+
+def _attributes(data: bytes) -> dict[str, bytes]:
+    """Name -> value of the header's attributes."""
+    found: dict[str, bytes] = {}
+    at = 8
+    for _ in range(_MOST_ATTRIBUTES):
+        if data[at] == 0:
+            return found
+        end = data.index(0, at, at + 256)
+        name = data[at:end].decode("latin-1")
+        at = data.index(0, end + 1, end + 257) + 1
+        (size,) = struct.unpack_from("<I", data, at)
+        if at + 4 + size > len(data):
+            raise ValueError("cut short")
+        found[name] = data[at + 4 : at + 4 + size]
+        at += 4 + size
+    raise ValueError("too many attributes")
+
+
+def _channel_names(value: bytes) -> tuple[str, ...]:
+    names: list[str] = []
+    at = 0
+    while value[at] != 0:
+        end = value.index(0, at)
+        names.append(value[at:end].decode("latin-1"))
+        at = end + 1 + 16
+    return tuple(names)
+
+
+def _color(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Red, green and blue: the plain ones, those of the first layer, or Y."""
+    layers = ["", *sorted(name[:-1] for name in names if name.endswith(".R"))]
+    for layer in layers:
+        color = tuple(layer + channel for channel in "RGB")
+        if set(color) <= set(names):
+            return color
+    return ("Y", "Y", "Y") if "Y" in names else ()
+
+
+def decode(data: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
+    """`color` (H, W, 3) and `depth` (H, W), float32, those that there are.
+
+    To be called in `decoder_child` only.
+    """
+    import OpenEXR
+
+    header = read_exr_header(data)
+    channels = OpenEXR.File(io.BytesIO(data), separate_channels=True, num_threads=0).channels()
+
+    def pixels(name: str) -> Array:
+        values = np.asarray(channels[name].pixels)
+        if values.dtype.kind != "f" or values.shape != (header.height, header.width):
+            raise CaptureError(
+                "this kind of EXR is not read",
+                seen=f"channel {name}: {values.shape} {values.dtype}",
+                needed="half or float, one value per pixel",
+            )
+        with np.errstate(invalid="ignore"):  # of NaN with unusual bits
+            return values.astype(np.float32)
+
+    arrays = {}
+    if header.color:
+        arrays["color"] = np.stack([pixels(name) for name in header.color], axis=-1)
+    if header.depth:
+        arrays["depth"] = pixels(header.depth)
+    return arrays, {}

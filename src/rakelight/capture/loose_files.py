@@ -1,0 +1,276 @@
+"""A folder of photographs and depth: which file is what, by names and by content.
+
+Names come first: a file, or its folder, with `depth` in its name is depth, one with the word `mask`
+the mask, `ambient` and `flat` are pictures for the correction of the light, `depth_scale` is the
+number of depth values per metre.  A file without such a name is depth where its format holds
+nothing else (PFM, NPY, EXR without colour), or where it is one channel of 16 bit or floating point
+beside photographs in colour.  The other images are the photographs.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from rakelight.capture import exr, heic, intrinsics, npy, pfm, raw
+from rakelight.capture.headers import PNG_MAGIC, Header, TiffTags, read_header
+from rakelight.capture.listing import by_number
+from rakelight.errors import CaptureError, listed
+from rakelight.files import clear_errors, read_bytes
+
+Kind = Literal["PNG", "JPEG", "TIFF", "heic", "raw", "exr", "pfm", "npy"]
+Role = Literal["photograph", "depth", "mask", "ambient", "flat"]
+
+_MOST_FILES = 2000  # that are looked at; more are a recording or a disk
+_WHERE = "put the photographs in one folder, or name the others depth, mask, ambient, flat"
+
+
+@dataclass(frozen=True, slots=True)
+class LooseFile:
+    """An image or array among the files.
+
+    name : relative to the folder; source : for messages
+    header : of PNG, JPEG and TIFF; exr : of EXR
+    """
+
+    path: Path
+    name: str
+    source: str
+    kind: Kind
+    header: Header | None = None
+    exr: exr.ExrHeader | None = None
+
+    @property
+    def one_channel(self) -> bool:
+        """Whether it could be depth by what it holds."""
+        if self.exr is not None:
+            return bool(self.exr.depth) or len(set(self.exr.color)) == 1
+        if self.header is not None:
+            return self.header.channels == 1 and self.header.dtype != "uint8"
+        return self.kind in ("pfm", "npy")
+
+    @property
+    def only_depth(self) -> bool:
+        """Whether it can be nothing else."""
+        if self.exr is not None:
+            return not self.exr.color
+        return self.kind in ("pfm", "npy")
+
+
+@dataclass(frozen=True, slots=True)
+class LooseFiles:
+    """What is what in a folder; each in the order of the numbers in the names.
+
+    texts : files that might hold intrinsics; depth_scale : the file that says it
+    unused : names of pictures that are left out, for a note
+    """
+
+    photographs: tuple[LooseFile, ...]
+    depth: tuple[LooseFile, ...]
+    mask: LooseFile | None
+    ambient: LooseFile | None
+    flat: LooseFile | None
+    texts: tuple[Path, ...]
+    depth_scale: Path | None
+    unused: tuple[str, ...]
+
+
+def kind_of(start: bytes, suffix: str) -> Kind | None:
+    """The kind of a file by its first bytes (some hundred); None where it is none of these.
+
+    >>> kind_of(b"II*\\0", ".tif"), kind_of(b"II*\\0", ".NEF"), kind_of(b"hello", ".png")
+    ('TIFF', 'raw', None)
+    """
+    box, brand = start[4:8], start[8:12]
+    if start.startswith(PNG_MAGIC):
+        return "PNG"
+    if start.startswith(b"\xff\xd8\xff"):
+        return "JPEG"
+    if start.startswith((b"II*\0", b"MM\0*")):
+        return "raw" if suffix.lower() in raw.SUFFIXES or brand[:2] == b"CR" else "TIFF"
+    if box == b"ftyp" and brand == b"crx ":
+        return "raw"
+    if box == b"ftyp" and brand in heic.BRANDS:
+        return "heic"
+    if start.startswith(exr.MAGIC):
+        return "exr"
+    if start.startswith(pfm.MAGIC) and start[2:3].isspace():
+        return "pfm"
+    return "npy" if start.startswith(npy.MAGIC) else None
+
+
+def role_of(name: str) -> Role | None:
+    """What a file is by its name relative to the folder; None where the name does not say.
+
+    >>> role_of("depth/000.png"), role_of("IMG_1.jpg"), role_of("object mask.png")
+    ('depth', None, 'mask')
+    """
+    path = Path(name.lower())
+    for word in ("mask", "ambient", "flat"):
+        if re.search(rf"(?<![a-z]){word}(?![a-z])", path.stem) or path.parent.name == word:
+            return word
+    return "depth" if "depth" in path.stem or "depth" in path.parent.name else None
+
+
+def candidates(folder: Path) -> list[Path]:
+    """The files in it and in its subfolders, not deeper, through no link to a folder; sorted."""
+    found: list[Path] = []
+    for path in sorted(folder.iterdir(), key=by_number):
+        if path.name.startswith("."):
+            continue
+        if path.is_dir():
+            inner = [] if path.is_symlink() else sorted(path.iterdir(), key=by_number)
+            found += [p for p in inner if not p.name.startswith(".") and not p.is_dir()]
+        else:
+            found.append(path)
+        if len(found) > _MOST_FILES:
+            raise CaptureError(
+                "too many files",
+                source=str(folder),
+                seen=f"more than {_MOST_FILES}",
+                remedy="put the photographs and the depth into a folder of their own",
+            )
+    return found
+
+
+def list_loose_files(folder: Path) -> LooseFiles:
+    """The files of a folder, each as what it is; raises CaptureError where that is not clear."""
+    with clear_errors(str(folder), "cannot be read"):
+        paths = candidates(folder)
+    texts = [p for p in paths if p.suffix.lower() in intrinsics.SUFFIXES]
+    scales = [p for p in texts if re.fullmatch(r"depth[-_ ]?scale", p.stem.lower())]
+    images = [file for path in paths if path not in texts and (file := _looked_at(folder, path))]
+    roles = {file.name: role_of(file.name) for file in images}
+    named = {
+        word: [file for file in images if roles[file.name] == word]
+        for word in ("depth", "mask", "ambient", "flat")
+    }
+    for word in ("mask", "ambient", "flat"):
+        if len(named[word]) > 1:
+            raise CaptureError(
+                f"more than one {word}",
+                source=str(folder),
+                seen=_names(named[word]),
+                remedy="keep one of them",
+            )
+    rest = [file for file in images if roles[file.name] is None]
+    depth, unused = _depth_among(folder, named["depth"], rest)
+    photographs, paired = _without_pairs([file for file in rest if file not in depth])
+    _check_photographs(folder, photographs)
+    one = {word: next(iter(named[word]), None) for word in ("mask", "ambient", "flat")}
+    return LooseFiles(
+        tuple(photographs),
+        tuple(depth),
+        one["mask"],
+        one["ambient"],
+        one["flat"],
+        tuple(p for p in texts if p not in scales),
+        scales[0] if scales else None,
+        tuple(file.name for file in (*unused, *paired)),
+    )
+
+
+def _looked_at(folder: Path, path: Path) -> LooseFile | None:
+    name = path.relative_to(folder).as_posix()
+    source = f"{folder}/{name}"
+    if not path.is_file():
+        return None
+    with clear_errors(source, "cannot be read"), path.open("rb") as file:
+        start = file.read(16)
+    kind = kind_of(start, path.suffix)
+    if kind in ("PNG", "JPEG", "TIFF"):
+        data = read_bytes(path, source=source)
+        if kind == "TIFF" and is_dng(data):
+            return LooseFile(path, name, source, "raw")
+        return LooseFile(path, name, source, kind, header=read_header(data, source))
+    if kind == "exr":
+        header = exr.read_exr_header(read_bytes(path, source=source), source)
+        return LooseFile(path, name, source, kind, exr=header)
+    return None if kind is None else LooseFile(path, name, source, kind)
+
+
+def is_dng(data: bytes) -> bool:
+    """Whether a TIFF says that it is a DNG."""
+    try:
+        return 50706 in TiffTags(data).places  # DNGVersion
+    except Exception:  # damaged: whoever reads it as a TIFF says so
+        return False
+
+
+def _depth_among(
+    folder: Path, named: list[LooseFile], rest: list[LooseFile]
+) -> tuple[list[LooseFile], list[LooseFile]]:
+    """The depth maps, and pictures of depth that are left out."""
+    if named:
+        real = [file for file in named if file.one_channel or file.only_depth]
+        # A coloured picture of the depth beside the depth itself is for people.
+        return (real, [file for file in named if file not in real]) if real else (named, [])
+    certain = [file for file in rest if file.only_depth]
+    possible = certain or [file for file in rest if file.one_channel]
+    if not possible:
+        raise CaptureError(
+            "no depth map in it",
+            source=str(folder),
+            seen=_names(rest),
+            needed="photographs and their depth: 16-bit PNG or TIFF, float TIFF, PFM, NPY, EXR",
+            remedy='name it depth.png, or put the depth maps into a folder "depth"',
+        )
+    if len(possible) == len(rest):
+        raise CaptureError(
+            "not clear which of these is depth",
+            source=str(folder),
+            seen=_names(rest),
+            needed="photographs, and depth by name",
+            remedy='name the depth depth.png, or put the depth maps into a folder "depth"',
+        )
+    return possible, []
+
+
+def _without_pairs(files: list[LooseFile]) -> tuple[list[LooseFile], list[LooseFile]]:
+    """Without the JPEG or HEIC that a camera wrote beside the raw file of the same name."""
+    raw_stems = {Path(file.name).stem for file in files if file.kind == "raw"}
+    paired = [
+        file
+        for file in files
+        if file.kind in ("JPEG", "heic") and Path(file.name).stem in raw_stems
+    ]
+    return [file for file in files if file not in paired], paired
+
+
+def _check_photographs(folder: Path, files: Sequence[LooseFile]) -> None:
+    """Raise CaptureError unless there are some, of one kind, in one folder."""
+    source = str(folder)
+    if not files:
+        raise CaptureError(
+            "no photographs in it",
+            source=source,
+            needed="JPEG, PNG, TIFF, HEIC, EXR, DNG, CR2, CR3, NEF or ARW",
+            remedy=_WHERE,
+        )
+    places = sorted({Path(file.name).parent.as_posix() for file in files})
+    if len(places) > 1:
+        raise CaptureError(
+            "photographs in several folders",
+            source=source,
+            seen=", ".join(places[:5]),
+            needed="one folder, its names in the order of the photographs",
+            remedy=_WHERE,
+        )
+    kinds = sorted({file.kind for file in files})
+    if len(kinds) > 1:
+        first = [next(file.name for file in files if file.kind == kind) for kind in kinds]
+        raise CaptureError(
+            "photographs of several formats",
+            source=source,
+            seen=", ".join(first),
+            needed="one format: each treats light in another way",
+            remedy="keep those of the most exact one (raw, then 16-bit TIFF, then the others); "
+            + _WHERE,
+        )
+
+
+def _names(files: Sequence[LooseFile]) -> str:
+    return listed([file.name for file in files], [True] * len(files))

@@ -1,0 +1,214 @@
+"""Any folder of photographs and depth: of phones, of cameras, of other programs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+
+from rakelight.capture import validate
+from rakelight.capture.config import CONFIG
+from rakelight.capture.decoder_process import DecoderProcess
+from rakelight.capture.exif import ROUGHNESS, camera_of
+from rakelight.capture.from_arrays import capture_from_arrays
+from rakelight.capture.intrinsics import MAX_BYTES, SUFFIXES, Intrinsics, parse_intrinsics
+from rakelight.capture.listing import check_numbers
+from rakelight.capture.loose_depth import depth_noted, read_loose_depth
+from rakelight.capture.loose_files import (
+    LooseFiles,
+    candidates,
+    kind_of,
+    list_loose_files,
+    role_of,
+)
+from rakelight.capture.loose_photographs import Photos, read_loose_mask, read_loose_photographs
+from rakelight.capture.readers.base import Reader, Reading, Wanted
+from rakelight.errors import CaptureError, InputError, printable
+from rakelight.files import read_bytes
+from rakelight.model import Camera, Finding
+
+# Sides whose proportions differ by less show the same field of view: 4032x3024 and 256x192 are
+# alike, 1920x1440 and 640x480, and rounding of one pixel in 192.
+_SAME_PROPORTIONS = 0.01
+
+EXIF_FOCAL = "intrinsics-from-exif"
+
+
+def sniff(path: Path) -> bool:
+    """Whether the folder holds photographs and something that may be their depth.
+
+    rgb/ and depth/ without intrinsics are left to the capture folder: it says what is missing.
+    """
+    if not path.is_dir() or os.path.lexists(path / CONFIG):
+        return False
+    try:
+        files = candidates(path)
+    except CaptureError:
+        return False
+    texts = [file for file in files if file.suffix.lower() in SUFFIXES]
+    if (path / "rgb").is_dir() and (path / "depth").is_dir() and not texts:
+        return False
+    photographs = depth = 0
+    for file in files:
+        if file in texts or not file.is_file():
+            continue
+        with suppress(OSError), file.open("rb") as opened:
+            kind = kind_of(opened.read(16), file.suffix)
+            role = role_of(file.relative_to(path).as_posix())
+            if kind is not None:
+                depth += role == "depth" or kind in ("PNG", "TIFF", "exr", "pfm", "npy")
+                photographs += role is None and kind not in ("pfm", "npy")
+    return photographs > 0 and depth > 0
+
+
+def read(path: Path, wanted: Wanted) -> Reading:
+    """The capture of the folder."""
+    files = list_loose_files(path)
+    if wanted.photographs is not None:
+        check_numbers(wanted.photographs, len(files.photographs))
+        chosen = tuple(files.photographs[i] for i in wanted.photographs)
+        files = replace(files, photographs=chosen)
+    with DecoderProcess() as decoder:
+        depth_m, depth_findings = read_loose_depth(files, decoder)
+        photos = read_loose_photographs(files, decoder, depth_m.shape[2], wanted.progress)
+    camera, camera_findings = _camera(path, files, photos)
+    depth_camera, view_findings = _depth_camera(camera, depth_m.shape[1:])
+    mask = None
+    if files.mask is not None:
+        mask = read_loose_mask(files.mask, camera.shape)
+    with _in_folder(path):
+        capture = capture_from_arrays(
+            photos.pixels,
+            depth_m,
+            camera,
+            mask=mask,
+            encoding=photos.encoding,
+            names=tuple(printable(Path(file.name).name) for file in files.photographs),
+            depth_camera=depth_camera,
+            ambient=photos.ambient,
+            flat=photos.flat,
+        )
+    findings = (
+        *camera_findings,
+        *view_findings,
+        *photos.findings,
+        *depth_noted(depth_findings, capture),
+        *_unused(files),
+        *capture.findings,
+    )
+    return Reading(replace(capture, source=str(path), findings=findings))
+
+
+@contextmanager
+def _in_folder(path: Path) -> Iterator[None]:
+    """Errors about an array name the folder, too."""
+    try:
+        yield
+    except InputError as error:
+        error.source = f"{path}: {error.source}" if error.source else str(path)
+        raise
+
+
+def _camera(folder: Path, files: LooseFiles, photos: Photos) -> tuple[Camera, tuple[Finding, ...]]:
+    """The camera of the photographs as they are returned, by a file or by EXIF."""
+    height, width = photos.pixels.shape[1:3]
+    full_width, full_height = photos.full
+    stated = _stated(folder, files)
+    if stated is not None:
+        text, intrinsics = stated
+        camera = intrinsics.camera
+        if not camera.width:
+            camera = replace(camera, width=full_width, height=full_height)
+        shape = (full_height, full_width)
+        if camera.shape == (height, width):
+            shape = (height, width)
+        validate.check_camera(camera, shape, f"{folder}/{text}", "intrinsics")
+        return camera.resized(width, height), _distortion(text, intrinsics)
+    found = camera_of(photos.exif, full_width, full_height)
+    if found is None:
+        raise CaptureError(
+            "no intrinsics: no file with them, and EXIF does not say the focal length",
+            source=str(folder),
+            needed="OpenCV YAML or XML, Open3D JSON, COLMAP cameras.txt, or a 3 x 3 matrix",
+            remedy="write fx 0 cx / 0 fy cy / 0 0 1 (pixels, three lines) into intrinsics.txt",
+        )
+    camera, why = found
+    message = (
+        f"focal length {camera.fx:.0f} px from {why} in EXIF, the principal point taken for the "
+        f"middle: about {ROUGHNESS:.0%} uncertain; depth stays metric, but widths across the image "
+        "and slopes are wrong by as much, and so are normals and the relief"
+    )
+    remedy = "calibrate the camera and put its intrinsics beside the photographs"
+    return camera.resized(width, height), (Finding("warning", EXIF_FOCAL, message, remedy),)
+
+
+def _stated(folder: Path, files: LooseFiles) -> tuple[str, Intrinsics] | None:
+    """The intrinsics of the photographs that a file in the folder states, and its name."""
+    found: dict[str, Intrinsics] = {}
+    for path in files.texts:
+        name = path.relative_to(folder).as_posix()
+        if not path.is_file() or path.stat().st_size > MAX_BYTES or "depth" in path.stem.lower():
+            continue
+        source = f"{folder}/{name}"
+        intrinsics = parse_intrinsics(read_bytes(path, source=source), source)
+        if intrinsics is not None:
+            found[name] = intrinsics
+    if len(set(found.values())) > 1:
+        raise CaptureError(
+            "several files with intrinsics",
+            source=str(folder),
+            seen=", ".join(found),
+            needed="those of the camera that took the photographs",
+            remedy="keep one of them",
+        )
+    return next(iter(found.items()), None)
+
+
+def _distortion(text: str, intrinsics: Intrinsics) -> tuple[Finding, ...]:
+    """A warning where the lens distorts: that is not undone here."""
+    if not intrinsics.distorted:
+        return ()
+    coefficients = ", ".join(f"{value:g}" for value in intrinsics.coefficients)
+    message = f"{text}: lens distortion ignored ({intrinsics.model}: {coefficients})"
+    remedy = "undistort photographs and depth, and give the intrinsics of the result"
+    return (Finding("warning", "distortion-ignored", message, remedy),)
+
+
+def _depth_camera(
+    camera: Camera, shape: tuple[int, ...]
+) -> tuple[Camera | None, tuple[Finding, ...]]:
+    """A camera for depth of the photographs' field of view whose sides divide theirs by no integer.
+
+    None where they do, and where the proportions are others: that is refused elsewhere.
+    """
+    h, w = shape
+    factor = max(camera.width // w, 1)
+    if (h * factor, w * factor) == camera.shape:
+        return None, ()
+    if abs((camera.width / camera.height) / (w / h) - 1) > _SAME_PROPORTIONS:
+        return None, ()
+    message = (
+        f"depth {w}x{h} is taken to show the field of view of the photographs "
+        f"({camera.width}x{camera.height}), {camera.width / w:.3g} pixels to one"
+    )
+    return camera.resized(w, h), (Finding("note", "same-view", message),)
+
+
+def _unused(files: LooseFiles) -> tuple[Finding, ...]:
+    if not files.unused:
+        return ()
+    names = ", ".join(map(printable, files.unused[:3]))
+    more = f" and {len(files.unused) - 3} more" if len(files.unused) > 3 else ""
+    message = f"left out, a better file is there: {names}{more}"
+    return (Finding("note", "ignored-files", message),)
+
+
+READER = Reader(
+    "photographs",
+    "a folder: JPEG, PNG, TIFF, HEIC, EXR or raw photographs, depth, intrinsics or EXIF",
+    sniff,
+    read,
+    "photos",
+)

@@ -1,0 +1,297 @@
+"""Folders of loose photographs and depth: what is found in them, and what is refused."""
+
+import io
+import json
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from rakelight import evaluate, load_capture, refine
+from rakelight.capture.images import encode_jpeg, encode_png, encode_tiff
+from rakelight.capture.readers import find_reader
+from rakelight.errors import CaptureError, InputError
+from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
+from tests.capture.capture_builder import small_capture
+from tests.capture.photo_files import dng, exr, heic, heic_of, mosaic_of, pfm
+
+K = b"40 0 15.25\n0 40.5 11.75\n0 0 1\n"
+
+
+def fill(folder, depth=True, texts=True, dtype=np.uint8):
+    """Photographs img1.png ... img4.png of `small_capture`, depth.tiff and intrinsics.txt."""
+    capture = small_capture(dtype=dtype)
+    folder.mkdir(exist_ok=True)
+    for i, photograph in enumerate(capture.photographs):
+        (folder / f"img{9 + i}.png").write_bytes(encode_png(photograph))
+    if depth:
+        (folder / "depth.tiff").write_bytes(encode_tiff(capture.depth_m[0]))
+    if texts:
+        (folder / "intrinsics.txt").write_bytes(K)
+    return capture
+
+
+def codes(capture):
+    return [finding.code for finding in capture.findings]
+
+
+def refusal(folder, *words):
+    with pytest.raises(InputError) as caught:
+        load_capture(folder)
+    line = str(caught.value)
+    assert line.startswith(str(folder))
+    for word in words:
+        assert word in line
+    return line
+
+
+def test_photographs_depth_and_a_matrix(tmp_path):
+    made = fill(tmp_path)
+    (tmp_path / "mask.png").write_bytes(encode_png(made.mask.astype(np.uint8)))
+    (tmp_path / "lights.lp").write_text("4\n")
+    assert find_reader(tmp_path).name == "photographs"
+    capture = load_capture(tmp_path)
+    assert capture.names == ("img9.png", "img10.png", "img11.png", "img12.png")
+    assert np.array_equal(capture.photographs, made.photographs)
+    assert np.array_equal(capture.depth_m, made.depth_m[:1], equal_nan=True)
+    assert np.array_equal(capture.mask, made.mask)
+    assert (capture.camera, capture.encoding) == (made.camera, "srgb")
+    assert capture.source == str(tmp_path)
+    assert load_capture(tmp_path, photographs=[2]).names == ("img11.png",)
+    with pytest.raises(InputError, match="no such photographs"):
+        load_capture(tmp_path, photographs=[4])
+
+
+def as_16_bit(depth_m):
+    return np.nan_to_num(1000 * depth_m).astype(np.uint16)
+
+
+def as_npy(depth_m):
+    file = io.BytesIO()
+    np.save(file, depth_m)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("name", ["Z0.npy", "a.pfm", "z.exr", "d.tif", "depth/a.png"])
+def test_depth_of_any_format_without_a_name(tmp_path, name):
+    depth_m = fill(tmp_path, depth=False).depth_m[0]
+    path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    if name.endswith("exr"):
+        exr(path, Z=depth_m)
+    else:
+        encode = {"npy": as_npy, "pfm": pfm, "tif": encode_tiff}.get(name[-3:])
+        path.write_bytes(encode(depth_m) if encode else encode_png(as_16_bit(depth_m)))
+    capture = load_capture(tmp_path)
+    assert len(capture.photographs) == 4
+    assert np.nanmax(np.abs(capture.depth_m[0] - depth_m)) < 0.0011
+    assert np.array_equal(np.isnan(capture.depth_m[0]), np.isnan(depth_m))
+    assert ("millimetres-assumed" in codes(capture)) == name.endswith("png")
+
+
+def test_the_unit_of_integers(tmp_path):
+    depth_m = fill(tmp_path, depth=False).depth_m[0]
+    (tmp_path / "depth.png").write_bytes(encode_png((as_16_bit(depth_m) // 20).astype(np.uint16)))
+    refusal(tmp_path, "the unit of the depth is not known", "depth_scale.txt")
+    (tmp_path / "depth_scale.txt").write_text("50\n")
+    assert np.nanmedian(load_capture(tmp_path).depth_m) == pytest.approx(0.58, abs=0.001)
+    (tmp_path / "depth_scale.txt").write_text("-1")
+    refusal(tmp_path, "no depth scale")
+
+
+def test_what_is_not_clear_is_refused(tmp_path):
+    depth_m = fill(tmp_path, depth=False, dtype=np.uint16).depth_m[0]
+    refusal(tmp_path, "no depth map in it", "depth.png")
+    (tmp_path / "d.tif").write_bytes(encode_tiff(depth_m))
+    assert len(load_capture(tmp_path).photographs) == 4
+    for i in range(4):
+        grey = small_capture(dtype=np.uint16).photographs[i, ..., 0]
+        (tmp_path / f"img{9 + i}.png").write_bytes(encode_png(grey))
+    refusal(tmp_path, "not clear which of these is depth", "depth.png")
+    (tmp_path / "d.tif").rename(tmp_path / "depth.tif")
+    assert len(load_capture(tmp_path).photographs) == 4
+    (tmp_path / "more").mkdir()
+    (tmp_path / "more" / "a.png").write_bytes(encode_png(grey))
+    refusal(tmp_path, "photographs in several folders")
+
+
+def test_other_refusals(tmp_path):
+    made = fill(tmp_path)
+    (tmp_path / "img1.jpg").write_bytes(encode_jpeg(made.photographs[0]))
+    refusal(tmp_path, "photographs of several formats")
+    (tmp_path / "img1.jpg").unlink()
+    (tmp_path / "img1.png").write_bytes(encode_png(made.photographs[0][:12]))
+    refusal(tmp_path, "photographs of different kinds")
+    (tmp_path / "img1.png").unlink()
+    (tmp_path / "k.txt").write_bytes(K.replace(b"40.5", b"41"))
+    refusal(tmp_path, "several files with intrinsics", "k.txt")
+    (tmp_path / "k.txt").unlink()
+    (tmp_path / "intrinsics.txt").unlink()
+    refusal(tmp_path, "no intrinsics", "intrinsics.txt")
+
+
+def test_a_capture_folder_without_its_table_is_still_one(tmp_path):
+    for name in ("rgb", "depth"):
+        fill(tmp_path / name, depth=False, texts=False)
+    refusal(tmp_path, "no capture.toml")
+
+
+def open_cv(name, K, distortion):
+    """What cv::FileStorage writes."""
+    storage = cv2.FileStorage(name, cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
+    storage.write("image_width", 32)
+    storage.write("image_height", 24)
+    storage.write("camera_matrix", K)
+    storage.write("distortion_coefficients", distortion)
+    return storage.releaseAndGetString()
+
+
+def test_intrinsics_of_other_programs(tmp_path):
+    made = fill(tmp_path, texts=False)
+    matrix = made.camera.matrix
+    none = np.zeros((1, 5))
+    open_3d = {"width": 32, "height": 24, "intrinsic_matrix": matrix.T.ravel().tolist()}
+    texts = {
+        "a.yml": open_cv(".yml", matrix, none),
+        "a.xml": open_cv(".xml", matrix, none),
+        "a.json": open_cv(".json", matrix, none),
+        "b.json": json.dumps(open_3d),
+        "cameras.txt": "# Camera list\n1 PINHOLE 32 24 40 40.5 15.75 12.25\n",
+        "k.csv": "40,0,15.25\n0,40.5,11.75\n0,0,1",
+    }
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+        assert load_capture(tmp_path).camera == made.camera, name
+        (tmp_path / name).unlink()
+    for name, text in {
+        "a.yml": open_cv(".yml", matrix, none + 0.01),
+        "cameras.txt": "1 OPENCV 32 24 40 40.5 15.75 12.25 0.01 0 0 0\n",
+        "fisheye.txt": "1 OPENCV_FISHEYE 32 24 40 40.5 15.75 12.25 0.01 0 0 0\n",
+    }.items():
+        (tmp_path / name).write_text(text)
+        warning = next(f for f in load_capture(tmp_path).findings if f.code == "distortion-ignored")
+        assert "0.01" in warning.message
+        (tmp_path / name).unlink()
+    (tmp_path / "cameras.txt").write_text("1 PINHOLE 64 48 80 81 31.5 24\n")
+    refusal(tmp_path, "[intrinsics] is for another image size", "fx = 40")
+
+
+def jpeg(pixels, **tags):
+    exif = Image.Exif()
+    for tag, value in tags.items():
+        exif.get_ifd(34665)[int(tag[1:])] = value
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, "JPEG", quality=95, exif=exif)
+    return file.getvalue()
+
+
+def test_intrinsics_by_exif_say_how_rough_they_are(tmp_path):
+    made = fill(tmp_path, texts=False)
+    for i, pixels in enumerate(made.photographs):
+        (tmp_path / f"img{9 + i}.png").unlink()
+        (tmp_path / f"img{9 + i}.jpg").write_bytes(jpeg(pixels, t41989=43))
+    capture = load_capture(tmp_path)
+    assert capture.camera.fx == pytest.approx(43 * np.hypot(32, 24) / np.hypot(36, 24))
+    assert (capture.camera.cx, capture.camera.cy) == (15.5, 11.5)
+    warning = next(f for f in capture.findings if f.code == "intrinsics-from-exif")
+    assert "5% uncertain" in warning.message
+    assert "jpeg" in codes(capture)
+
+
+def test_depth_whose_sides_divide_the_photographs_by_no_integer(tmp_path):
+    made = fill(tmp_path, depth=False)
+    depth_m = np.full((15, 20), 0.6, np.float32)
+    (tmp_path / "depth.tiff").write_bytes(encode_tiff(depth_m))
+    capture = load_capture(tmp_path)
+    assert capture.depth_camera == made.camera.resized(20, 15)
+    assert "same-view" in codes(capture)
+    (tmp_path / "depth.tiff").write_bytes(encode_tiff(depth_m[:13]))
+    refusal(tmp_path, "depth and colour sizes do not fit")
+
+
+def test_exr_brighter_than_white_is_scaled_alike(tmp_path):
+    made = fill(tmp_path)
+    light = made.photographs.astype(np.float32) / 100
+    for i, image in enumerate(light):
+        (tmp_path / f"img{9 + i}.png").unlink()
+        exr(tmp_path / f"img{9 + i}.exr", RGB=image)
+    capture = load_capture(tmp_path)
+    assert (capture.encoding, capture.photographs.dtype) == ("linear", np.uint16)
+    assert "light-scaled" in codes(capture)
+    usable = capture.photographs < 0.98 * 65535
+    assert usable.mean() > 0.99
+    factor = (capture.photographs / light)[usable]
+    assert factor.max() / factor.min() == pytest.approx(1, abs=2e-3)
+
+
+def test_raw_beside_its_jpeg(tmp_path):
+    made = fill(tmp_path)
+    (tmp_path / "intrinsics.txt").write_bytes(b"80 0 31 0 81 24 0 0 1")
+    for i, pixels in enumerate(made.photographs):
+        (tmp_path / f"img{9 + i}.png").unlink()
+        light = (pixels / 255).repeat(2, 0).repeat(2, 1)
+        file = dng(mosaic_of(light), 1000, 16000, neutral=(0.5 + 0.1 * i, 1, 1))
+        (tmp_path / f"img{9 + i}.dng").write_bytes(file)
+        (tmp_path / f"img{9 + i}.jpg").write_bytes(encode_jpeg(pixels))
+    capture = load_capture(tmp_path)
+    assert capture.photographs.shape == made.photographs.shape  # half of the mosaic's
+    assert capture.camera == replace(made.camera, fx=40.0, fy=40.5, cx=15.25, cy=11.75)
+    values = np.clip(made.photographs / 255 * [2, 1, 1], 0, 1)  # of the first for all
+    assert np.abs(capture.photographs / 65535 - values).max() < 1e-3
+    assert {"raw", "ignored-files"} <= set(codes(capture))
+
+
+def test_damaged_heic_is_one_clear_line(tmp_path):
+    made = fill(tmp_path)
+    for i, pixels in enumerate(made.photographs):
+        (tmp_path / f"img{9 + i}.png").unlink()
+        (tmp_path / f"img{9 + i}.heic").write_bytes(heic(pixels)[: 4000 if i else None][:900])
+    refusal(tmp_path, "img9.heic", "damaged")
+
+
+# --- end to end ---
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """A capture, its truth, and the error (mm) of what is refined from it without a detour."""
+    shape = make_shape("vase")
+    options = SceneOptions(
+        camera=shape.camera.scaled(0.15), photographs=6, depth_factor=2, image_noise=0.003,
+        supersampling=1, depth_noise=DepthNoise(rms_mm=2.0),
+    )  # fmt: skip
+    capture, truth = render_scene(shape, make_albedo("pattern"), options)
+    return capture, truth, evaluate(refine(capture), truth)
+
+
+@pytest.mark.parametrize("suffix", ["heic", "dng"])
+def test_a_capture_by_phone_or_camera_is_refined_as_well(tmp_path, scene, suffix):
+    made, truth, direct = scene
+    width, height = made.camera.width, made.camera.height
+    twice = 2 if suffix == "dng" else 1
+    camera = made.camera.scaled(twice)
+    K = " ".join(map(repr, camera.matrix.ravel().tolist()))
+    (tmp_path / "camera.txt").write_text(K)
+    (tmp_path / "depth.tiff").write_bytes(encode_tiff(made.depth_m[0]))
+    (tmp_path / "mask.png").write_bytes(encode_png(made.mask.astype(np.uint8)))
+    for i, pixels in enumerate(made.photographs):
+        light = pixels / 65535
+        file = heic_of(light, quality=90)
+        if suffix == "dng":
+            file = dng(mosaic_of(light.repeat(2, 0).repeat(2, 1)), 1000, 16000)
+        (tmp_path / f"IMG_{i}.{suffix}").write_bytes(file)
+    capture = load_capture(tmp_path)
+    assert capture.camera.shape == (height, width)
+    assert capture.photographs.dtype == (np.uint8 if suffix == "heic" else np.uint16)
+    found = evaluate(refine(capture), truth)
+    assert found.depth.rmse_mm < 1.3 * direct.depth.rmse_mm
+    assert found.normals.mae_deg < 1.3 * direct.normals.mae_deg
+
+
+def test_errors_are_capture_errors(tmp_path):
+    fill(tmp_path)
+    (tmp_path / "img9.png").write_bytes(b"\x89PNG\r\n\x1a\nrest")
+    with pytest.raises(CaptureError, match=r"img9\.png: the image is damaged"):
+        load_capture(tmp_path)
