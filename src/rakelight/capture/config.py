@@ -10,6 +10,7 @@ from typing import Any, NoReturn, get_args
 import msgspec
 import numpy as np
 
+from rakelight.capture.lights import Frame, LightsTable
 from rakelight.errors import CaptureError, parsing
 from rakelight.model import Camera, Encoding, Lighting, RigidTransform, SensorNoise
 
@@ -66,6 +67,7 @@ class CaptureTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     depth_intrinsics: IntrinsicsTable | None = None
     depth_to_color: TransformTable | None = None
     depth_noise: NoiseTable | None = None
+    lights: LightsTable | None = None
 
 
 _TABLES: dict[str, type[msgspec.Struct]] = {
@@ -74,8 +76,13 @@ _TABLES: dict[str, type[msgspec.Struct]] = {
     "depth_intrinsics": IntrinsicsTable,
     "depth_to_color": TransformTable,
     "depth_noise": NoiseTable,
+    "lights": LightsTable,
 }
-_CHOICES = {"encoding": get_args(Encoding), "lighting": get_args(Lighting)}
+_CHOICES = {
+    "encoding": get_args(Encoding),
+    "lighting": get_args(Lighting),
+    "lights.frame": get_args(Frame),
+}
 
 
 def parse_config(data: bytes, source: str = "capture.toml") -> CaptureTable:
@@ -220,11 +227,14 @@ def _refuse_value(content: dict[str, Any], message: str, source: str, cause: Exc
         ) from cause
     if path in _CHOICES:
         choices = _CHOICES[path]
-        near = get_close_matches(str(content[path]).lower(), choices, n=1)
+        *tables, key = path.split(".")
+        for table in tables:
+            content = content[table]
+        near = get_close_matches(str(content[key]).lower(), choices, n=1)
         raise CaptureError(
             f"key {path!r} has an unknown value",
             source=source,
-            seen=repr(content[path]),
+            seen=repr(content[key]),
             needed=" or ".join(map(repr, choices)),
             remedy=f"did you mean {near[0]!r}?" if near else "",
         ) from cause

@@ -30,6 +30,7 @@ from rakelight.model import (
     Encoding,
     Finding,
     Floats,
+    GivenLights,
     Lighting,
     Mask,
     RigidTransform,
@@ -55,6 +56,7 @@ def capture_from_arrays(
     depth_to_color: RigidTransform | None = None,
     depth_noise: SensorNoise | None = None,
     register: bool = False,
+    lights: GivenLights | None = None,
 ) -> Capture:
     """What `Capture.from_arrays` says; its docstring has the parameters and the errors.
 
@@ -80,6 +82,7 @@ def capture_from_arrays(
         depth_noise=depth_noise,
         register=register,
         names=tuple(names) if isinstance(names, list) else names,  # type: ignore[arg-type]
+        lights=lights,
     )
     with _named_as_arguments():
         capture = checked_arrays(capture)

@@ -68,7 +68,9 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
 
     # 1. The coarsest level: the light model, the start, and a first depth weight.
     coarsest = len(levels) - 1
-    factor, descent = select_model(levels[-1], options, progress, stage(coarsest))
+    factor, descent = select_model(
+        levels[-1], options, progress, stage(coarsest), prepared.lights
+    )
     weight *= factor
     levels = [level.weighted(factor) for level in levels]
     # 2. Without the highlights and cast shadows that this fit predicts.
@@ -96,8 +98,9 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     # cut at jumps that the sensor blurred or its noise hid: they are steep by now.
     level, fit, specular = without_outliers(levels[0], descent.fit)
     level = level.weighted(weight / first_weight).cut(fit.log_depth)
-    equal_intensity = estimate_equal_intensity_weight(level, fit.log_depth, prepared)
-    fit = replace(fit, equal_intensity_weight=equal_intensity)
+    if fit.directions is None:
+        equal_intensity = estimate_equal_intensity_weight(level, fit.log_depth, prepared)
+        fit = replace(fit, equal_intensity_weight=equal_intensity)
     last = descend(level, fit, options, progress, "refine, weighed", noisiest=1.0, thorough=True)
     descent = replace(last, steps=descent.steps + last.steps)
     return finished(prepared, level, descent, weight, specular)
@@ -152,7 +155,11 @@ def finished(
         height = f"{specular.sum() / gain:.2f} of white paint's brightness"
         notes.append(Finding("note", "highlights", f"highlights up to {height}, left out"))
     moment = sensor_moment(level, fit.log_depth)
-    bas_relief = bas_relief_variance(level, fit.log_depth, fit.lamps, moment)
+    bas_relief: Floats | float = 0.0
+    if fit.directions is None:
+        bas_relief = bas_relief_variance(level, fit.log_depth, fit.lamps, moment)
+    else:
+        moment[1:], moment[:, 1:] = 0.0, 0.0  # the lights leave but the scale of the depth open
     curvature, noise = missed_curvature(normals, level.grid), shared_noise(level, fit)
     local = photometric_variance(level, fit, noise) + curvature
     return Estimate(
