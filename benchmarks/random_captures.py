@@ -3,7 +3,7 @@
     python benchmarks/random_captures.py --seeds 0:200 --jobs 2 [--oracle 60] [-o out/random.json]
     python benchmarks/random_captures.py --seeds 0:60 --method rgb-ratio --oracle 60
     python benchmarks/random_captures.py --seeds 3:4 --set lights=one-side    # causes taken apart
-    python benchmarks/random_captures.py --seeds 0:20 --lights fixed --off 5  # lights that are given
+    python benchmarks/random_captures.py --seeds 0:20 --lights fixed --off 5      # given lights
     python benchmarks/random_captures.py --compare before.json after.json
     python benchmarks/random_captures.py --read out/random.json --worst 10
 

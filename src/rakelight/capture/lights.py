@@ -66,8 +66,8 @@ def checked_lights(
 
     >>> checked_lights(GivenLights(directions=np.array([[0.0, 0.0, 1.0]])), 1, 0.6)
     Traceback (most recent call last):
-    rakelight.errors.CaptureError: lights: all lights are behind the object (seen z from 1 to 1,
-    needed z below 0, towards the camera). Fix: ...
+    rakelight.errors.CaptureError: lights.directions: all lights are behind the object (seen z from
+    1 to 1, needed z below 0, towards the camera). Fix: ...
     """
     check_is(lights, GivenLights, source, "rakelight.GivenLights(directions=...)")
     check_is(lights.fixed, bool, f"{source}.fixed", "True or False")
@@ -356,7 +356,9 @@ def matched(listed: Sequence[str], names: Sequence[str], source: str) -> Array:
             + ", ".join(map(printable, missing[:3])),
             needed="a line for each photograph, by its name",
         )
-    twice = sorted({name for name, stem in zip(names, wanted, strict=True) if stems.count(stem) > 1})
+    twice = sorted(
+        {name for name, stem in zip(names, wanted, strict=True) if stems.count(stem) > 1}
+    )
     if twice:
         raise CaptureError(
             "two lights for a photograph", source=source, seen=printable(twice[0]), needed="one"
@@ -367,4 +369,3 @@ def matched(listed: Sequence[str], names: Sequence[str], source: str) -> Array:
 def _stem(name: str) -> str:
     last = name.replace("\\", "/").split("/")[-1].strip().casefold()
     return last.rsplit(".", 1)[0] if "." in last[1:] else last
-

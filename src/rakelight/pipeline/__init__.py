@@ -25,7 +25,7 @@ from rakelight.methods import (
     method_of,
     public_options,
 )
-from rakelight.methods.base import Estimate
+from rakelight.methods.base import Estimate, lights_unused
 from rakelight.model import (
     Capture,
     Finding,
@@ -141,6 +141,7 @@ def _refined(
     registered_at = perf_counter()
     progress(Progress("prepare"))
     prepared, checked = _prepared(capture, chosen, scale)
+    unused = lights_unused(prepared, chosen)
     prepared_at = perf_counter()
     with one_blas_thread():
         degenerate = without_normals(prepared)
@@ -173,7 +174,12 @@ def _refined(
             "refine": refined_at - prepared_at,
             **estimate.timings_s,
         },
-        findings=prepared.findings + checked + estimate.findings + bounded + _convergence(estimate),
+        findings=prepared.findings
+        + checked
+        + unused
+        + estimate.findings
+        + bounded
+        + _convergence(estimate),
         source=capture.source,
         photograph_names=prepared.names,
         capture=_figures(capture),

@@ -14,7 +14,7 @@ from rakelight.errors import CaptureError
 __all__ = ["Reader", "Reading", "Wanted", "find_reader", "readers"]
 
 # The module of each reader.  The first that recognises a source reads it.
-_MODULES = ("rakelight_folder",)
+_MODULES = ("rakelight_folder", "diligent", "rti", "srmeetsps")
 
 
 @cache

@@ -246,7 +246,7 @@ def parameter_map(fit: Fit) -> Floats:
     """
     *shape, numbers = *fit.lamps.ambient.shape, 5 if fit.near else 4
     order = np.arange(fit.lamps.ambient.size * numbers).reshape(*shape, numbers)
-    jacobian = np.eye(order.size)
+    jacobian: Floats = np.eye(order.size)
     if fit.shared_ambient:
         jacobian = shared_ambient_map(fit, order)
         order = np.arange(order[..., :-1].size).reshape(*shape, numbers - 1)
