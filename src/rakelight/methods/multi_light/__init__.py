@@ -96,9 +96,8 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     # cut at jumps that the sensor blurred or its noise hid: they are steep by now.
     level, fit, specular = without_outliers(levels[0], descent.fit)
     level = level.weighted(weight / first_weight).cut(fit.log_depth)
-    if fit.directions is None:
-        equal_intensity = estimate_equal_intensity_weight(level, fit.log_depth, prepared)
-        fit = replace(fit, equal_intensity_weight=equal_intensity)
+    equal_intensity = estimate_equal_intensity_weight(level, fit.log_depth, prepared)
+    fit = replace(fit, equal_intensity_weight=equal_intensity)
     last = descend(level, fit, options, progress, "refine, weighed", noisiest=1.0, thorough=True)
     descent = replace(last, steps=descent.steps + last.steps)
     return finished(prepared, level, descent, weight, specular)
