@@ -6,8 +6,8 @@
     python benchmarks/accuracy.py slant                against the surface's slant to the camera
     python benchmarks/accuracy.py maps -o out/maps     pictures of the errors
     python benchmarks/accuracy.py scans                laser scans, white depth noise
-    python benchmarks/accuracy.py hard                 shadows, highlights, near lamps together
-    python benchmarks/accuracy.py flat                 near lamps over low relief, several draws
+    python benchmarks/accuracy.py hard                 shadows, highlights, near lights together
+    python benchmarks/accuracy.py flat                 near lights over low relief, several draws
     python benchmarks/accuracy.py scales               a depth sensor 1, 2 and 4 times coarser
     python benchmarks/accuracy.py noise                the paper's sensor, from its input's errors
     python benchmarks/accuracy.py confidence           how it ranks the normals' errors
@@ -47,7 +47,7 @@ from rakelight.metrics import (
 )
 from rakelight.model import Array, Camera, Capture, Floats, Lights, Mask, Result, Truth
 from rakelight.paper.scenes import PAPER_OPTIONS, paper_object
-from rakelight.photometry.images import Lamps
+from rakelight.photometry.images import LightParameters
 from rakelight.pipeline import refine
 from rakelight.prepare import prepare
 from rakelight.solve import assemble, solve
@@ -155,7 +155,7 @@ def limits(arguments: argparse.Namespace) -> Iterator[str]:
         ("fitted to the true normals", fitted_to_normals(truth, camera, mask)),
         ("the same, those near jumps left out", fitted_to_normals(truth, camera, kept)),
         ("the true one, bas-relief from the sensor", true_but_relief(capture, truth, steady=False)),
-        ("the same, and from the lamps' brightness", true_but_relief(capture, truth, steady=True)),
+        ("the same, and from the lights' brightness", true_but_relief(capture, truth, steady=True)),
     ):
         normals = surface_normals(depth, mask, camera)
         whole, off = (evaluate_maps(depth, normals, truth, where) for where in (mask, kept))
@@ -173,15 +173,15 @@ def true_but_relief(capture: Capture, truth: Truth, *, steady: bool) -> Array:
     """The true depth (H, W), but for the four numbers that photographs leave to the sensor.
 
     A distant lamp's photographs are the same for all surfaces that a bas-relief transform relates.
-    steady : whether the true lamps' brightness has its say
+    steady : whether the true lights' brightness has its say
     """
     assert truth.lights is not None
     prepared = prepare(capture)
     level = finest_level(prepared, unbiased=True)
     true = np.where(prepared.mask, truth.depth[prepared.rows, prepared.columns], prepared.depth_m)
-    lamps = Lamps.distant(truth.lights.direction, truth.lights.ambient)
+    lights = LightParameters.distant(truth.lights.direction, truth.lights.ambient)
     weight = estimate_equal_intensity_weight(level, np.log(true), prepared) if steady else 0.0
-    log_depth, _ = nearest_bas_relief(level, np.log(true), lamps, weight)
+    log_depth, _ = nearest_bas_relief(level, np.log(true), lights, weight)
     return prepared.embed(np.exp(log_depth), np.nan)
 
 
@@ -239,19 +239,19 @@ def maps(arguments: argparse.Namespace) -> Iterator[str]:
 
 
 def scans(arguments: argparse.Namespace) -> Iterator[str]:
-    """Laser scans under white depth noise of 3.3 mm, 12 distant lamps, three paints."""
+    """Laser scans under white depth noise of 3.3 mm, 12 distant lights, three paints."""
     yield from _scans(arguments, {"photographs": 12, "depth_noise": DepthNoise(rms_mm=3.3)})
 
 
 def hard(arguments: argparse.Namespace) -> Iterator[str]:
-    """Near lamps, cast shadows and highlights together, correlated depth noise of 3.3 mm."""
+    """Near lights, cast shadows and highlights together, correlated depth noise of 3.3 mm."""
     conditions = {"photographs": 16, "depth_noise": HARD_NOISE, **DIFFICULTIES}
     yield from _scans(arguments, conditions)
 
 
 def flat(arguments: argparse.Namespace) -> Iterator[str]:
-    """Low relief, of which near lamps show fall-off above all; 16 photographs, draws of it all."""
-    yield "| shape | draw | near lamps: RMSE, mm | MAE, deg | and the rest: RMSE, mm | MAE, deg |"
+    """Low relief, of which near lights show fall-off above all; 16 photographs, draws of it all."""
+    yield "| shape | draw | near lights: RMSE, mm | MAE, deg | and the rest: RMSE, mm | MAE, deg |"
     yield "|" + " --- |" * 6
     for name in ("coin", "cloth"):
         for seed in range(4):
@@ -301,7 +301,7 @@ def _scans(arguments: argparse.Namespace, conditions: dict[str, Any]) -> Iterato
 
 
 def scales(arguments: argparse.Namespace) -> Iterator[str]:
-    """Laser scans, depth pixels 1, 2 and 4 colour pixels wide; 16 lamps, white depth noise."""
+    """Laser scans, depth pixels 1, 2 and 4 colour pixels wide; 16 lights, white depth noise."""
     yield "| shape | scale | RMSE, mm | MAE, deg | MAE over that at scale 1, deg |"
     yield "|" + " --- |" * 5
     for file in sorted(arguments.shapes.glob("*.npz")):

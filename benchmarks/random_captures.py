@@ -185,7 +185,7 @@ def within(result: Result, truth: Truth, counted: Mask) -> Record | None:
 
 
 def lights_deg(estimated: Lights, true: Lights | None) -> float | None:
-    """Mean angle between the lamps' directions."""
+    """Mean angle between the lights' directions."""
     if true is None or len(estimated) != len(true):
         return None
     cosine = np.sum(estimated.direction * true.direction, axis=-1)

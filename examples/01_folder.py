@@ -14,7 +14,7 @@ from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_sc
 
 
 def write_example_capture(folder: Path) -> None:
-    """A vase under eight lamps, depth at half the photographs' resolution."""
+    """A vase under eight lights, depth at half the photographs' resolution."""
     vase = make_shape("vase")
     options = SceneOptions(camera=vase.camera.scaled(0.25), photographs=8)
     capture, truth = render_scene(vase, make_albedo("pattern"), options)

@@ -200,7 +200,7 @@ NOT_THE_FIELDS = (
     r"hang(s|ing)? together", r"hung together", r"steadiness", r"unlikeness", r"hollows",
     r"dark is deep", r"depth[ _-]trust", r"less[ _]trust", r"deserved[ _]trust", r"\btrust\w*",
     r"goes[ _]down", r"begun[ _]anew", r"squared[ _]turn", r"relief[ _]step", r"weakest[ _]hold",
-    r"matted", r"most[ _]shine", r"freer[ _]lamps", r"first[ _]look", r"lamps[ _]of[ _]factors",
+    r"matted", r"most[ _]shine", r"freer[ _]lights", r"first[ _]look", r"lights[ _]of[ _]factors",
     r"brought[ _]near", r"fine[ _]relief\(", r"\bdimmed\b", r"\bdoubts\b",
 )  # fmt: skip
 

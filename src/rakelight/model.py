@@ -248,11 +248,11 @@ class Lights:
         s = intensity[i, c] * (P - X) / |P - X| * (|P - M| / |P - X|)^2
 
     vector : (N, C, 3) direction towards the lamp times its intensity, camera frame; C is 1 for
-        white lamps (shared by the channels) or 3 for coloured ones
+        white lights (shared by the channels) or 3 for coloured ones
     ambient : (N, C)
-    position_m : (N, C, 3) lamp positions in metres, camera frame, None for distant lamps; a distant
+    position_m : (N, C, 3) lamp positions in metres, camera frame, None for distant lights; a distant
         one among near ones stands at `FARTHEST_M`
-    middle_m : (3,) the object's middle in metres, None for distant lamps
+    middle_m : (3,) the object's middle in metres, None for distant lights
 
     >>> lights = Lights(vector=np.array([[[0.0, 0.0, -2.0]]]), ambient=np.array([[0.1]]))
     >>> lights.direction[0, 0].tolist(), float(lights.intensity[0, 0])
@@ -270,7 +270,7 @@ class Lights:
     def __post_init__(self) -> None:
         if (self.position_m is None) != (self.middle_m is None):
             raise InputError(
-                "lamps' positions and the middle of the object go together",
+                "lights' positions and the middle of the object go together",
                 source="Lights",
                 seen="one of position_m and middle_m",
                 needed="both or none",
@@ -289,7 +289,7 @@ class Lights:
 
     @property
     def distance_m(self) -> Floats | None:
-        """(N, C) of the lamps from the object's middle, infinite for distant ones; or None."""
+        """(N, C) of the lights from the object's middle, infinite for distant ones; or None."""
         if self.position_m is None or self.middle_m is None:
             return None
         distance = np.linalg.norm(self.position_m - self.middle_m, axis=-1)
@@ -302,7 +302,7 @@ class Lights:
 
     @property
     def direction(self) -> Floats:
-        """(N, C, 3) unit vectors towards the lamps (zero where the intensity is zero)."""
+        """(N, C, 3) unit vectors towards the lights (zero where the intensity is zero)."""
         return self.vector / np.maximum(self.intensity, np.finfo(float).tiny)[..., None]
 
 

@@ -9,7 +9,7 @@ from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shap
 
 
 def still_scene(shape="sphere", albedo="pattern", size=0.4, **changes):
-    """A noisy capture of a shape in 192 x 144 pixels under five lamps, depth in 96 x 72."""
+    """A noisy capture of a shape in 192 x 144 pixels under five lights, depth in 96 x 72."""
     solid = make_shape(shape)
     settings = {
         "photographs": 5,

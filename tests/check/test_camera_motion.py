@@ -30,7 +30,7 @@ def still():
         ("vase", "pattern", {"lighting": "rgb-leds"}),
     ],
 )
-def test_lamps_and_shadows_are_no_motion_of_the_camera(shape, albedo, changes):
+def test_lights_and_shadows_are_no_motion_of_the_camera(shape, albedo, changes):
     assert camera_motion(still_scene(shape, albedo, **changes)) == ()
 
 

@@ -8,7 +8,7 @@ from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_sc
 from tests.check.wrong_captures import noise_alone, sound
 
 
-def test_distant_lamps_need_few_components():
+def test_distant_lights_need_few_components():
     shading = relative_shading(sound("head")[0])
     share = shading.variances / shading.variances.sum()
     assert share[:3].sum() > 0.95

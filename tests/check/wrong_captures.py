@@ -14,7 +14,7 @@ NOISE = DepthNoise(rms_mm=3.3, correlation_length_px=5.0, step_mm=1.0)
 
 @cache
 def sound(shape, photographs=8, noise=NOISE):
-    """A capture and its truth: a painted solid under a ring of lamps, a noisy depth sensor."""
+    """A capture and its truth: a painted solid under a ring of lights, a noisy depth sensor."""
     options = SceneOptions(
         camera=make_shape(shape).camera.scaled(0.3), photographs=photographs, depth_noise=noise
     )

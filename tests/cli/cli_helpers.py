@@ -6,7 +6,7 @@ from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shap
 
 
 def small_scene(**changes):
-    """A sphere in 48 x 36 pixels under five lamps, depth in 24 x 18; and its truth."""
+    """A sphere in 48 x 36 pixels under five lights, depth in 24 x 18; and its truth."""
     sphere = make_shape("sphere")
     settings = {
         "camera": sphere.camera.scaled(0.1),

@@ -30,12 +30,12 @@ def test_settings_reach_the_method(run, capture, tmp_path):
 def test_settings_under_auto_are_of_the_method_that_is_chosen(run, capture, tmp_path):
     ran = run(
         *("refine", capture, "-o", tmp_path / "out", "--json"),
-        *("--set", "lamps=white", "--set", "depth_weight=none", "--set", "max_iterations=3"),
+        *("--set", "lights=white", "--set", "depth_weight=none", "--set", "max_iterations=3"),
     )
     assert ran.code == 0, ran.err
     assert json.loads(ran.out)["method"] == "multi-light"
     options = saved_options(tmp_path / "out")
-    assert (options["lamps"], options["depth_weight"]) == ("white", None)
+    assert (options["lights"], options["depth_weight"]) == ("white", None)
     # The same name is of another method for one photograph.
     ran = run(
         *("refine", capture, "-o", tmp_path / "one", "--photographs", "0"),
@@ -50,7 +50,7 @@ def test_settings_under_auto_are_of_the_method_that_is_chosen(run, capture, tmp_
     ("setting", "about", "words"),
     [
         ("depth_wieght=3", "--set depth_wieght", ("multi-light has no such option", "needed one of "
-         "depth_weight, lamps, distance", "Fix: did you mean depth_weight?")),
+         "depth_weight, lights, distance", "Fix: did you mean depth_weight?")),
         ("depth-weight=3", "--set depth-weight", ("did you mean depth_weight?",)),
         ("smooth=true", "--set smooth", ("multi-light has no such option",)),
         ("depth_weight=much", "--set depth_weight", ("seen much, needed a number or none",)),
@@ -59,10 +59,10 @@ def test_settings_under_auto_are_of_the_method_that_is_chosen(run, capture, tmp_
         ("max_iterations=2.5", "--set max_iterations", ("seen 2.5, needed a whole number",)),
         ("max_iterations=none", "--set max_iterations", ("needed a whole number",)),
         ("tolerance=none", "--set tolerance", ("seen none, needed a number)",)),
-        ("lamps=green", "--set lamps", ("seen green, needed auto or white or coloured",)),
+        ("lights=green", "--set lights", ("seen green, needed auto or white or coloured",)),
         ("depth_weight", "--set depth_weight", ("not a setting", "needed NAME=VALUE")),
         ("=3", "--set =3", ("not a setting",)),
-        ("lamps=", "--set lamps=", ("not a setting",)),
+        ("lights=", "--set lights=", ("not a setting",)),
     ],
 )  # fmt: skip
 def test_settings_that_cannot_be(refused, capture, tmp_path, method, setting, about, words):
@@ -71,8 +71,8 @@ def test_settings_that_cannot_be(refused, capture, tmp_path, method, setting, ab
 
 
 def test_a_setting_twice(refused, capture, tmp_path):
-    command = ("refine", capture, "-o", tmp_path / "out", "--set", "lamps=auto", "--set")
-    refused(*command, "lamps=white", about="--set lamps", words=("seen auto and white",))
+    command = ("refine", capture, "-o", tmp_path / "out", "--set", "lights=auto", "--set")
+    refused(*command, "lights=white", about="--set lights", words=("seen auto and white",))
 
 
 def test_a_wrong_setting_is_seen_before_the_capture_is_read(refused, tmp_path):

@@ -13,7 +13,7 @@ import pytest
 from rakelight.errors import InputError, MachineError, OutputExistsError
 from rakelight.export import load_result, read_summary, write_result
 from rakelight.model import Finding, Lights
-from rakelight.photometry.images import Lamps
+from rakelight.photometry.images import LightParameters
 from rakelight.report import save_result
 
 FILES = {
@@ -168,8 +168,8 @@ def test_lights_json(sphere, tmp_path):
 
 
 def test_a_distant_lamp_among_near_ones_has_no_position(sphere, tmp_path):
-    lamps = Lamps(sphere.lights.vector, sphere.lights.ambient, np.array([[2.0], [0.0]]))
-    near = replace(sphere, lights=lamps.as_lights(np.array([0.0, 0.0, 0.9])))
+    lights = LightParameters(sphere.lights.vector, sphere.lights.ambient, np.array([[2.0], [0.0]]))
+    near = replace(sphere, lights=lights.as_lights(np.array([0.0, 0.0, 0.9])))
     write_result(near, tmp_path / "out", mesh="none")
     first, second = strict_json(tmp_path / "out" / "lights.json")["photographs"]
     assert first["position_m"] == pytest.approx(

@@ -10,7 +10,7 @@ import rakelight
 from rakelight.errors import InputError
 from rakelight.export import load_result
 from rakelight.model import FARTHEST_M, Lights, Result
-from rakelight.photometry.images import Lamps
+from rakelight.photometry.images import LightParameters
 
 MIDDLE_M = np.array([0.01, -0.012, 0.62])
 
@@ -20,7 +20,7 @@ def full(sphere):
     sigma = np.where(sphere.mask, 0.001, np.nan).astype(np.float32)
     return replace(
         sphere,
-        options={"depth_weight": None, "lamps": "auto", "sizes": (1, 2)},
+        options={"depth_weight": None, "lights": "auto", "sizes": (1, 2)},
         energy=(9.0, float("nan"), 3.5),
         capture={
             **{"photographs": 2, "photograph_size": [64, 48], "bits": 16, "encoding": "linear"},
@@ -57,7 +57,7 @@ def test_every_field_comes_back(saved):
     np.testing.assert_allclose(again.lights.vector, result.lights.vector, rtol=1e-15)
     np.testing.assert_array_equal(again.lights.ambient, result.lights.ambient)
     assert again.lights.position_m is None
-    assert again.options == {"depth_weight": None, "lamps": "auto", "sizes": [1, 2]}
+    assert again.options == {"depth_weight": None, "lights": "auto", "sizes": [1, 2]}
     assert again.energy == pytest.approx((9.0, float("nan"), 3.5), rel=0, nan_ok=True)
     others = {f.name for f in fields(Result)} - maps - {"lights", "options", "energy"}
     assert len(others) == 10
@@ -82,7 +82,7 @@ def test_a_loaded_result_is_written_as_it_was(saved, tmp_path):
         assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes(), name
 
 
-def test_near_lamps_and_a_distant_one_among_them(sphere, tmp_path):
+def test_near_lights_and_a_distant_one_among_them(sphere, tmp_path):
     direction = np.array([[0.6, 0.0, -0.8], [0.0, 0.6, -0.8]])[:, None]
     distance_m = np.array([0.5, FARTHEST_M])[:, None, None]
     lights = Lights(
@@ -99,11 +99,11 @@ def test_near_lamps_and_a_distant_one_among_them(sphere, tmp_path):
     np.testing.assert_allclose(again.vector, lights.vector, rtol=1e-12)
 
 
-def test_lamps_as_a_method_makes_them(sphere, tmp_path):
+def test_lights_as_a_method_makes_them(sphere, tmp_path):
     white = np.array([[[0.0, -0.6, -0.8]], [[1.2, 0.0, -1.6]]])
     coloured = white * np.array([1.0, 0.9, 0.8])[:, None]
     nearness = np.array([[2.0] * 3, [0.0] * 3])
-    lights = Lamps(coloured, np.full((2, 3), 0.1), nearness).as_lights(MIDDLE_M)
+    lights = LightParameters(coloured, np.full((2, 3), 0.1), nearness).as_lights(MIDDLE_M)
     rakelight.save_result(replace(sphere, lights=lights), tmp_path / "out", mesh="none")
     again = rakelight.load_result(tmp_path / "out").lights
     assert again.vector.shape == (2, 3, 3)

@@ -1,4 +1,4 @@
-"""What is said of lamps that leave the surface open, and how sure of a normal photographs are."""
+"""What is said of lights that leave the surface open, and how sure of a normal photographs are."""
 
 import itertools
 from dataclasses import replace
@@ -12,7 +12,7 @@ from rakelight.errors import MethodError
 from rakelight.geometry.grid import Links, mean_gradient
 from rakelight.geometry.normals import normals_from_gradient, surface_normals
 from rakelight.methods.base import (
-    lamp_findings,
+    light_findings,
     photometric_confidence,
     require_photographs,
 )
@@ -38,23 +38,23 @@ AROUND = np.arange(8) * 45.0
 
 
 def codes(found, names=()):
-    return [finding.code for finding in lamp_findings(found, names)]
+    return [finding.code for finding in light_findings(found, names)]
 
 
-# ---- lamps
+# ---- lights
 
 
 @pytest.mark.parametrize(("tilt_deg", "expected"), [(5.9, ["one-lamp-position"]), (6.1, [])])
-def test_lamps_within_six_degrees_are_in_one_place(tilt_deg, expected):
+def test_lights_within_six_degrees_are_in_one_place(tilt_deg, expected):
     assert codes(lights(tilt_deg, AROUND)) == expected
 
 
-def test_lamps_on_an_arc_through_the_optical_axis_are_in_one_plane():
+def test_lights_on_an_arc_through_the_optical_axis_are_in_one_plane():
     arc = lights(np.linspace(-40, 40, 8), 20.0)
-    assert codes(arc) == ["lamps-in-one-plane"]
+    assert codes(arc) == ["lights-in-one-plane"]
 
 
-def test_lamps_all_around_need_no_warning():
+def test_lights_all_around_need_no_warning():
     assert codes(lights(30.0, AROUND)) == []
 
 
@@ -69,15 +69,15 @@ def test_dark_photographs_are_named_and_left_out():
     tilt, azimuth = np.append(np.linspace(-40, 40, 5), 40.0), np.append(np.full(5, 0.0), 90.0)
     strength = np.append(np.ones(5), 1e-3)
     names = tuple(f"{letter}.png" for letter in "abcdef")
-    dark, plane = lamp_findings(lights(tilt, azimuth, strength), names)
+    dark, plane = light_findings(lights(tilt, azimuth, strength), names)
     assert dark.message.endswith(" in f.png")
-    assert plane.code == "lamps-in-one-plane"
+    assert plane.code == "lights-in-one-plane"
     assert plane.message.split(" in ")[-1].startswith("a.png, b.png, c.png, d.png and 1 more")
 
 
 def test_fewer_than_three_lit_photographs_are_told():
     strength = np.array([1.0, 1.0, 1e-3])
-    assert codes(lights(30.0, AROUND[:3], strength)) == ["dark-photographs", "few-lamps"]
+    assert codes(lights(30.0, AROUND[:3], strength)) == ["dark-photographs", "few-lights"]
 
 
 # ---- confidence

@@ -32,7 +32,7 @@ BAS_RELIEF = np.array([[1, 0, 0], [0, 1, 0], [0.3, -0.2, 1.7]])
 
 @pytest.fixture(scope="module")
 def scene():
-    """A grey bust under twelve distant lamps without ambient light, 320 x 240."""
+    """A grey bust under twelve distant lights without ambient light, 320 x 240."""
     bust = make_shape("head")
     options = SceneOptions(camera=bust.camera.scaled(2 / 3), ambient=0.0)
     capture, truth = render_scene(bust, make_albedo("grey"), options)
@@ -78,7 +78,7 @@ def test_a_lambertian_bust_within_a_few_degrees(estimate, scene):
     assert errors(aligned, truth, prepared).mae_deg < 5.7
 
 
-def test_lamps_within_a_few_degrees(estimate, scene):
+def test_lights_within_a_few_degrees(estimate, scene):
     cosine = np.sum(estimate.lights.direction * scene[1].lights.direction, axis=-1)
     assert np.degrees(np.arccos(cosine)).max() < 4
 
@@ -88,8 +88,8 @@ def test_albedo_and_lights_explain_the_photographs(estimate, scene):
     albedo = estimate.albedo[prepared.mask]
     assert np.percentile(albedo, 99) == pytest.approx(1, abs=1e-9)
     assert np.std(albedo, axis=0).max() < 0.05  # the bust is grey
-    lamps = truth.lights.intensity[:, 0] * 0.5
-    np.testing.assert_allclose(estimate.lights.intensity[:, 0], lamps, rtol=0.06)
+    lights = truth.lights.intensity[:, 0] * 0.5
+    np.testing.assert_allclose(estimate.lights.intensity[:, 0], lights, rtol=0.06)
     assert (estimate.lights.ambient == 0).all()
 
 
@@ -139,15 +139,15 @@ def test_shadows_and_clipped_values_are_missing(prepared):
 
 def test_factors_explain_the_values_that_are_missing():
     rng = np.random.default_rng(1)
-    lamps, normals = rng.normal(size=(9, 3)), rng.normal(size=(400, 3))
-    values = lamps @ normals.T
+    lights, normals = rng.normal(size=(9, 3)), rng.normal(size=(400, 3))
+    values = lights @ normals.T
     lit = rng.random(values.shape) > 0.3
     lit[:, 0] = [True] * 2 + [False] * 7
     options = LdrPs(max_iterations=500, tolerance=1e-12)
     found = factorise(np.where(lit, values, 0.0), lit, options)
     whole = lit.sum(axis=0) > 3
     np.testing.assert_allclose(
-        (found.lamps @ found.normals.T)[:, whole], values[:, whole], atol=1e-4
+        (found.lights @ found.normals.T)[:, whole], values[:, whole], atol=1e-4
     )
     assert (found.normals[0] == 0).all()
     assert (np.diff(found.energy) <= 0).all()
@@ -165,11 +165,11 @@ def test_integrability_leaves_nothing_but_bas_relief():
 
 def test_maxima_give_the_bas_relief_though_most_are_paint():
     rng = np.random.default_rng(3)
-    lamps = rng.normal(size=(30, 3)) * [0.4, 0.4, 0.1] - [0, 0, 1]
-    normals = lamps / np.linalg.norm(lamps, axis=1, keepdims=True)
+    lights = rng.normal(size=(30, 3)) * [0.4, 0.4, 0.1] - [0, 0, 1]
+    normals = lights / np.linalg.norm(lights, axis=1, keepdims=True)
     normals[12:] = rng.normal(size=(18, 3)) * [0.5, 0.5, 0.1] - [0, 0, 1]
     mixed = normals @ np.linalg.inv(BAS_RELIEF)
-    G, agreeing = bas_relief(mixed, lamps @ BAS_RELIEF.T, np.arange(30))
+    G, agreeing = bas_relief(mixed, lights @ BAS_RELIEF.T, np.arange(30))
     assert agreeing[:12].all()
     assert agreeing[12:].sum() <= 3
     np.testing.assert_allclose(G, BAS_RELIEF, atol=0.1)
@@ -177,12 +177,12 @@ def test_maxima_give_the_bas_relief_though_most_are_paint():
 
 def test_a_bas_relief_that_draws_everything_together_is_not_agreement():
     rng = np.random.default_rng(4)
-    lamps = rng.normal(size=(12, 3)) * [0.4, 0.4, 0.1] - [0, 0, 1]
+    lights = rng.normal(size=(12, 3)) * [0.4, 0.4, 0.1] - [0, 0, 1]
     lamp = rng.integers(12, size=300)
-    normals = lamps[lamp] / np.linalg.norm(lamps[lamp], axis=1, keepdims=True)
+    normals = lights[lamp] / np.linalg.norm(lights[lamp], axis=1, keepdims=True)
     normals[20:] = rng.normal(size=(280, 3)) * [0.5, 0.5, 0.1] - [0, 0, 1]
     mixed = normals @ np.linalg.inv(BAS_RELIEF)
-    G, agreeing = bas_relief(mixed, lamps @ BAS_RELIEF.T, lamp)
+    G, agreeing = bas_relief(mixed, lights @ BAS_RELIEF.T, lamp)
     assert agreeing[:20].all()
     np.testing.assert_allclose(G, BAS_RELIEF, atol=0.1)
 

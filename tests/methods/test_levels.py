@@ -298,15 +298,15 @@ def test_pyramid_ends_where_a_thin_object_would_be_lost():
 
 def test_levels_of_a_pyramid_explain_alike():
     # A plane under distant light looks the same at every level.
-    from rakelight.photometry.images import Lamps
+    from rakelight.photometry.images import LightParameters
 
     prepared = make_prepared(48, 60)
     level = finest_level(replace(prepared, photographs=np.full((4, 48, 60, 3), 20000, np.uint16)))
-    lamps = Lamps.distant(np.tile([0.1, 0.2, -0.8], (4, 1, 1)), np.full((4, 1), 0.1))
+    lights = LightParameters.distant(np.tile([0.1, 0.2, -0.8], (4, 1, 1)), np.full((4, 1), 0.1))
     for each in pyramid(level, 200):
         assert isinstance(each, Level)
-        found = each.photographs.linearize(each.surface(each.prior), lamps)
-        finest = level.photographs.linearize(level.surface(level.prior), lamps)
+        found = each.photographs.linearize(each.surface(each.prior), lights)
+        finest = level.photographs.linearize(level.surface(level.prior), lights)
         mean = found.albedo[each.photographs.active].mean()
         assert mean == pytest.approx(finest.albedo.mean(), rel=2e-3)
 

@@ -11,14 +11,14 @@ from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light_alternating import (
     HORIZON_ROUNDS,
     MultiLightAlternating,
-    frontal_lamps,
     light_and_albedo,
+    lights_at_camera,
     multi_light_alternating,
 )
 from rakelight.metrics import evaluate_depth, evaluate_maps
 from rakelight.model import Camera, silent
 from rakelight.photometry.harmonics import lit, shading
-from rakelight.photometry.images import Lamps
+from rakelight.photometry.images import LightParameters
 from rakelight.pipeline import refine
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
@@ -103,9 +103,9 @@ def rough_fit(capture, seed=0):
     rng = np.random.default_rng(seed)
     log_depth = level.prior + 1e-3 * rng.normal(size=level.mask.shape)
     fit = light_and_albedo(
-        level, log_depth, np.ones((*level.mask.shape, 3)), frontal_lamps(len(prepared))
+        level, log_depth, np.ones((*level.mask.shape, 3)), lights_at_camera(len(prepared))
     )
-    return prepared, level, light_and_albedo(level, log_depth, fit.linearization.albedo, fit.lamps)
+    return prepared, level, light_and_albedo(level, log_depth, fit.linearization.albedo, fit.lights)
 
 
 def normals_of(fit, level):
@@ -128,7 +128,7 @@ def lagged_squares(prepared, level, fit, gradient):
     total = np.zeros(len(m))
     for i in range(len(prepared)):
         image, good = prepared.pixels(i)
-        s, phi = fit.lamps.vector[i, 0], fit.lamps.ambient[i, 0]
+        s, phi = fit.lights.vector[i, 0], fit.lights.ambient[i, 0]
         model = albedo * (lit(normals, s) * (m @ s) / length + phi)[:, None]
         total += ((model - image) ** 2 * good * inner[:, None]).sum(axis=1)
     return total
@@ -181,19 +181,19 @@ def test_noise_is_the_rms_of_what_is_counted(capture):
     assert fit.noise == pytest.approx(np.sqrt(squares / counted), rel=1e-9)
 
 
-def plain_lights(prepared, normals, albedo, lamps):
+def plain_lights(prepared, normals, albedo, lights):
     """(N, 4) the light of each photograph in plain numpy, by least squares without bounds."""
-    lights = []
+    solved = []
     for i in range(len(prepared)):
         image, good = prepared.pixels(i)
-        light = np.append(lamps.vector[i, 0], lamps.ambient[i, 0])
+        light = np.append(lights.vector[i, 0], lights.ambient[i, 0])
         for _ in range(HORIZON_ROUNDS):
             shown = lit(normals, light[:3])[:, None]
             rows = np.concatenate([normals * shown, np.ones((len(normals), 1))], axis=1)
             matrix = (albedo[..., None] * rows[:, None])[good]
             light = np.linalg.lstsq(matrix, image[good], rcond=None)[0]
-        lights.append(light)
-    return np.array(lights)
+        solved.append(light)
+    return np.array(solved)
 
 
 def test_light_and_albedo_are_the_plain_ones(capture):
@@ -201,26 +201,26 @@ def test_light_and_albedo_are_the_plain_ones(capture):
     assert level.photographs.active.sum() == level.mask.sum()
     normals, _ = normals_of(fit, level)
     albedo = fit.linearization.albedo
-    found = light_and_albedo(level, fit.log_depth, albedo, fit.lamps)
+    found = light_and_albedo(level, fit.log_depth, albedo, fit.lights)
 
-    lights = plain_lights(prepared, normals, albedo[level.mask], fit.lamps)
+    lights = plain_lights(prepared, normals, albedo[level.mask], fit.lights)
     seen = [prepared.pixels(i) for i in range(len(lights))]
     images, good = (np.stack(part) for part in zip(*seen, strict=True))
     shades = np.stack([shading(normals, light[:3], light[3]) for light in lights])[..., None]
     best = (good * shades * images).sum(axis=0) / (good * shades**2).sum(axis=0)
     scale = np.percentile(best, 99)
-    assert np.abs(found.lamps.vector - fit.lamps.vector).max() > 1e-3
-    np.testing.assert_allclose(found.lamps.vector[:, 0], scale * lights[:, :3], atol=1e-6)
-    np.testing.assert_allclose(found.lamps.ambient, scale * lights[:, 3:], atol=1e-6)
+    assert np.abs(found.lights.vector - fit.lights.vector).max() > 1e-3
+    np.testing.assert_allclose(found.lights.vector[:, 0], scale * lights[:, :3], atol=1e-6)
+    np.testing.assert_allclose(found.lights.ambient, scale * lights[:, 3:], atol=1e-6)
     np.testing.assert_allclose(found.linearization.albedo[level.mask], best / scale, atol=1e-6)
 
 
-def synthetic(prepared, level, fit, lamps, ambient):
+def synthetic(prepared, level, fit, lights, ambient):
     """The level with clean photographs of the fit's surface and albedo under other lights."""
     normals, _ = normals_of(fit, level)
     albedo = np.clip(fit.linearization.albedo[level.mask], 0.2, 0.9)
     photographs = np.zeros((len(ambient), *level.mask.shape, 3), np.uint16)
-    for photograph, vector, phi in zip(photographs, lamps, ambient, strict=True):
+    for photograph, vector, phi in zip(photographs, lights, ambient, strict=True):
         light = np.maximum(albedo * (np.maximum(normals @ vector, 0) + phi)[:, None], 0)
         assert light.max() < 0.98
         photograph[level.mask] = np.rint(65535 * light)
@@ -236,11 +236,11 @@ def test_light_and_albedo_come_back_from_a_clean_image(capture):
     prepared, level, fit = rough_fit(capture)
     ambient = np.array([0.05, 0.1, 0.02])
     clean, albedo = synthetic(prepared, level, fit, VECTOR, ambient)
-    true = Lamps.distant(VECTOR[:, None], ambient[:, None])
+    true = LightParameters.distant(VECTOR[:, None], ambient[:, None])
     found = light_and_albedo(clean, fit.log_depth, albedo, true)
     scale = np.percentile(albedo[level.mask], 99)
-    np.testing.assert_allclose(found.lamps.vector, scale * true.vector, atol=2e-4)
-    np.testing.assert_allclose(found.lamps.ambient, scale * true.ambient, atol=2e-4)
+    np.testing.assert_allclose(found.lights.vector, scale * true.vector, atol=2e-4)
+    np.testing.assert_allclose(found.lights.ambient, scale * true.ambient, atol=2e-4)
     np.testing.assert_allclose(
         found.linearization.albedo[level.mask], albedo[level.mask] / scale, atol=1e-3
     )
@@ -250,18 +250,18 @@ def test_where_ambient_light_would_be_negative_the_rest_is_the_best_without(capt
     # A black level set too high: the best fit by far would be -0.1.
     prepared, level, fit = rough_fit(capture)
     dark, albedo = synthetic(prepared, level, fit, VECTOR, np.full(3, -0.1))
-    start = Lamps.distant(VECTOR[:, None], np.zeros((3, 1)))
+    start = LightParameters.distant(VECTOR[:, None], np.zeros((3, 1)))
     found = light_and_albedo(dark, fit.log_depth, albedo, start)
-    assert (found.lamps.ambient == 0).all()
+    assert (found.lights.ambient == 0).all()
     # at the optimum no change of a light's vector lowers the squares
     normals, _ = normals_of(fit, level)
     values = dark.photographs.values[:, level.mask]
     for i in range(3):
         good = (values[i] >= dark.photographs.low) & (values[i] <= dark.photographs.high)
-        shown = lit(normals, found.lamps.vector[i, 0])[:, None]
+        shown = lit(normals, found.lights.vector[i, 0])[:, None]
         matrix = (albedo[level.mask][..., None] * (normals * shown)[:, None])[good]
         best = np.linalg.lstsq(matrix, values[i][good] / 65535, rcond=None)[0]
-        direction = found.lamps.vector[i, 0] / np.linalg.norm(found.lamps.vector[i, 0])
+        direction = found.lights.vector[i, 0] / np.linalg.norm(found.lights.vector[i, 0])
         np.testing.assert_allclose(direction, best / np.linalg.norm(best), atol=0.01)
 
 

@@ -125,7 +125,7 @@ def test_the_page_has_every_claim_and_picture(sheets):
     for each in found:
         for part in (each.claim, each.found, each.reason):
             assert part in text
-    assert "640 x 480 pixels, 12 lamps" in text
+    assert "640 x 480 pixels, 12 lights" in text
     linked = set(re.findall(r"\]\(([^)]+)\)", text))
     assert linked == set(files) - {"paper.md"}
     for name in ("table1", "figure8"):

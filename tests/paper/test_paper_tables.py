@@ -91,7 +91,7 @@ def test_the_shared_object_is_traced_once():
 
 
 def test_the_input_row_is_the_papers():
-    """PAPER_NOISE at full size; the lamps do not matter to it, so one photograph will do."""
+    """PAPER_NOISE at full size; the lights do not matter to it, so one photograph will do."""
     table = table1(rows=[replace(INPUT, lighting="ambient")])
     assert [cell.scenario for cell in table.cells] == list(SCENARIOS)
     for cell in table.cells:

@@ -56,34 +56,34 @@ def shading(photographs, gradient, points, vector, ambient, inverse_distance, la
     return np.moveaxis(np.broadcast_to(stack, (*stack.shape[:3], 3)), 2, 0)
 
 
-def shading_of(photographs, surface, lamps):
-    """(N, h, w, 3) shading of a Surface under Lamps."""
-    return shading(photographs, surface.gradient, surface.points, *numbers(lamps))
+def shading_of(photographs, surface, lights):
+    """(N, h, w, 3) shading of a Surface under LightParameters."""
+    return shading(photographs, surface.gradient, surface.points, *numbers(lights))
 
 
-def numbers(lamps):
+def numbers(lights):
     """vector (N, C, 3), ambient (N, C) and inverse_distance (N, C)."""
-    return lamps.vector, lamps.ambient, lamps.inverse_distance
+    return lights.vector, lights.ambient, lights.inverse_distance
 
 
-def shading_by_gradient(photographs, surface, lamps, lagged):
+def shading_by_gradient(photographs, surface, lights, lagged):
     """(2, N, h, w, 3) derivatives of the shading with the gradient of log depth."""
     fixed = length(m_of(surface.gradient, photographs.camera)) if lagged else None
     derivatives = []
     for axis in (0, 1):
         moved = surface.gradient.astype(complex)
         moved[..., axis] += 1j * TINY
-        a = shading(photographs, moved, surface.points, *numbers(lamps), lagged_length=fixed)
+        a = shading(photographs, moved, surface.points, *numbers(lights), lagged_length=fixed)
         derivatives.append(a.imag / TINY)
     return np.stack(derivatives)
 
 
-def shading_by_light(photographs, surface, lamps, near):
+def shading_by_light(photographs, surface, lights, near):
     """(K, N, h, w, 3) derivatives of the shading with vector, [inverse distance,] ambient."""
     derivatives = []
-    for light in np.ndindex(lamps.ambient.shape):
+    for light in np.ndindex(lights.ambient.shape):
         for k in [(0, 0), (0, 1), (0, 2), (2,), (1,)] if near else [(0, 0), (0, 1), (0, 2), (1,)]:
-            moved = [array.astype(complex) for array in numbers(lamps)]
+            moved = [array.astype(complex) for array in numbers(lights)]
             moved[k[0]][(*light, *k[1:])] += 1j * TINY
             a = shading(photographs, surface.gradient, surface.points, *moved)
             derivatives.append(a.imag / TINY)
@@ -140,22 +140,22 @@ def one_channel(shape):
     return (row + column)[..., None] % 6 == 2 * np.arange(3)
 
 
-def linearize(photographs, surface, lamps, *, scale=0.0, start=None, lagged=False, project=True):
+def linearize(photographs, surface, lights, *, scale=0.0, start=None, lagged=False, project=True):
     """Albedo, energy and depth terms of one pass: `Photographs.linearize`."""
     scale = np.asarray(scale, dtype=float)
     image, good = decoded(photographs)
-    a = shading_of(photographs, surface, lamps)
+    a = shading_of(photographs, surface, lights)
     rho, w = fitted_albedo(image, good, a, scale, start)
     residual = rho * a - image
     wide = np.broadcast_to(scale, good.shape[1:3])[..., None]
     loss = wide**2 * np.log1p((residual / wide) ** 2) if np.all(scale > 0) else residual**2
 
-    J = rho * shading_by_gradient(photographs, surface, lamps, lagged)
+    J = rho * shading_by_gradient(photographs, surface, lights, lagged)
     rhs = -(w * J * residual).sum(axis=(1, -1))
     if project:
         J = freed(J, a, w)
     pairs = ((0, 0), (0, 1), (1, 1))
-    turned = rho * shading_by_light(photographs, surface, lamps, near=True)
+    turned = rho * shading_by_light(photographs, surface, lights, near=True)
     return Plain(
         albedo=rho,
         energy=float(loss[good].sum()),
@@ -166,12 +166,12 @@ def linearize(photographs, surface, lamps, *, scale=0.0, start=None, lagged=Fals
         mean_abs_residual=ratio((abs(residual) * good).sum(axis=(0, -1)), good.sum(axis=(0, -1))),
         light_slope=(weights(residual, good, scale) * turned * residual)
         .sum(axis=(1, 2, 3, 4))
-        .reshape(*lamps.ambient.shape, 5),
+        .reshape(*lights.ambient.shape, 5),
     )
 
 
 def light_terms(
-    photographs, surface, lamps, albedo, *, scale=0.0, near=False, project=True, subsampling=1,
+    photographs, surface, lights, albedo, *, scale=0.0, near=False, project=True, subsampling=1,
     mixed=False,
 ):  # fmt: skip
     """Derivatives of half the energy with the lights: `Photographs.light_terms`."""
@@ -180,12 +180,12 @@ def light_terms(
     some = np.zeros(photographs.mask.shape, bool)
     some[thin] = True
     good = good & some[..., None]
-    a = shading_of(photographs, surface, lamps)
+    a = shading_of(photographs, surface, lights)
     residual = albedo * a - image
     w = weights(residual, good, np.asarray(scale, dtype=float))
 
-    B = albedo * shading_by_light(photographs, surface, lamps, near)
-    J = albedo * shading_by_gradient(photographs, surface, lamps, lagged=False)
+    B = albedo * shading_by_light(photographs, surface, lights, near)
+    J = albedo * shading_by_gradient(photographs, surface, lights, lagged=False)
     slope = (w * B * residual).sum(axis=(1, 2, 3, 4))
     if project:
         B, J = freed(B, a, w), freed(J, a, w)

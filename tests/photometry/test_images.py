@@ -10,7 +10,7 @@ from rakelight.geometry.grid import has_gradient
 from rakelight.jit import limited_threads
 from rakelight.model import MAD_TO_SIGMA, Camera
 from rakelight.photometry import _kernels
-from rakelight.photometry.images import Lamps, Photographs, Surface
+from rakelight.photometry.images import LightParameters, Photographs, Surface
 from rakelight.photometry.lighting import arriving
 from rakelight.prepare.linear import linear_table, usable
 from tests.photometry import plain_photographs as plain
@@ -37,23 +37,23 @@ def some_surface(height=HEIGHT, width=WIDTH, seed=0):
     return Surface(gradient, 0.1 * points)
 
 
-def some_lamps(channels=1, near=False, seed=1, count=COUNT):
+def some_lights(channels=1, near=False, seed=1, count=COUNT):
     """Oblique enough for attached shadows; of one distance or all at infinity."""
     rng = np.random.default_rng(seed)
     vector = rng.normal(size=(count, channels, 3)) * [0.35, 0.35, 0.1] - [0, 0, 0.5]
     ambient = rng.uniform(0.02, 0.12, (count, channels))
     inverse_distance = rng.uniform(0.5, 3, ambient.shape) if near else np.zeros_like(ambient)
-    return Lamps(vector, ambient, inverse_distance)
+    return LightParameters(vector, ambient, inverse_distance)
 
 
-def seen(surface, lamps, camera=CAMERA, seed=2):
+def seen(surface, lights, camera=CAMERA, seed=2):
     """Linear light (N, h, w, 3) that the model predicts for a random albedo, and the albedo."""
     dark = Photographs(
-        np.zeros((len(lamps.vector), *camera.shape, 3), np.uint16), np.zeros(65536, np.float32),
+        np.zeros((len(lights.vector), *camera.shape, 3), np.uint16), np.zeros(65536, np.float32),
         0, 0, np.ones(camera.shape, bool), camera,
     )  # fmt: skip
     albedo = np.random.default_rng(seed).uniform(0.2, 0.9, (*camera.shape, 3))
-    return albedo * plain.shading_of(dark, surface, lamps), albedo
+    return albedo * plain.shading_of(dark, surface, lights), albedo
 
 
 def taken(light, dtype=np.uint16, encoding="linear", mask=None, camera=CAMERA):
@@ -66,10 +66,10 @@ def taken(light, dtype=np.uint16, encoding="linear", mask=None, camera=CAMERA):
     return Photographs(values, table, low, high, ragged() if mask is None else mask, camera)
 
 
-def faulty(lamps, dtype=np.uint16, encoding="linear", noise=0.02):
+def faulty(lights, dtype=np.uint16, encoding="linear", noise=0.02):
     """Noisy photographs with a tenth of the values black or saturated, and a pixel all black."""
     surface = some_surface()
-    light, _ = seen(surface, lamps)
+    light, _ = seen(surface, lights)
     rng = np.random.default_rng(4)
     light += noise * rng.standard_t(3, light.shape)
     light = np.where(rng.random(light.shape) < 0.1, rng.choice([0.0, 1.0], light.shape), light)
@@ -90,8 +90,8 @@ SCALES = {
 
 
 @pytest.fixture(params=KINDS)
-def lamps(request):
-    return some_lamps(**KINDS[request.param])
+def lights(request):
+    return some_lights(**KINDS[request.param])
 
 
 def close(found, expected):
@@ -105,11 +105,11 @@ def close(found, expected):
 @pytest.mark.parametrize("project", [True, False])
 @pytest.mark.parametrize("lagged", [True, False])
 @pytest.mark.parametrize("scale", SCALES)
-def test_linearize_is_the_plain_pass(lamps, scale, lagged, project):
-    photographs, surface = faulty(lamps)
+def test_linearize_is_the_plain_pass(lights, scale, lagged, project):
+    photographs, surface = faulty(lights)
     how = {"scale": SCALES[scale], "lagged": lagged, "project": project}
-    found = photographs.linearize(surface, lamps, **how)
-    expected = plain.linearize(photographs, surface, lamps, **how)
+    found = photographs.linearize(surface, lights, **how)
+    expected = plain.linearize(photographs, surface, lights, **how)
     close(found.albedo, expected.albedo)
     close(found.jtwj, expected.jtwj)
     close(found.rhs, expected.rhs)
@@ -124,30 +124,30 @@ def test_linearize_is_the_plain_pass(lamps, scale, lagged, project):
 
 
 @pytest.mark.parametrize("scale", [0.03, SCALES["robust"]])
-def test_linearize_goes_on_from_an_albedo(lamps, scale):
-    photographs, surface = faulty(lamps)
+def test_linearize_goes_on_from_an_albedo(lights, scale):
+    photographs, surface = faulty(lights)
     start = np.random.default_rng(5).uniform(0, 1, (HEIGHT, WIDTH, 3))
     before = start.copy()
-    found = photographs.linearize(surface, lamps, scale=scale, start=start)
-    expected = plain.linearize(photographs, surface, lamps, scale=scale, start=start)
+    found = photographs.linearize(surface, lights, scale=scale, start=start)
+    expected = plain.linearize(photographs, surface, lights, scale=scale, start=start)
     np.testing.assert_array_equal(start, before)
     close(found.albedo, expected.albedo)
     close(found.rhs, expected.rhs)
-    other = photographs.linearize(surface, lamps, scale=scale)
+    other = photographs.linearize(surface, lights, scale=scale)
     assert np.abs(found.albedo - other.albedo).max() > 1e-4
 
 
 @pytest.mark.parametrize(("dtype", "encoding"), [(np.uint8, "srgb"), (np.uint16, "srgb")])
 def test_photographs_of_all_kinds(dtype, encoding):
-    lamps = some_lamps()
-    photographs, surface = faulty(lamps, dtype, encoding)
-    found = photographs.linearize(surface, lamps, scale=0.03)
-    expected = plain.linearize(photographs, surface, lamps, scale=0.03)
+    lights = some_lights()
+    photographs, surface = faulty(lights, dtype, encoding)
+    found = photographs.linearize(surface, lights, scale=0.03)
+    expected = plain.linearize(photographs, surface, lights, scale=0.03)
     close(found.albedo, expected.albedo)
     close(found.jtwj, expected.jtwj)
     assert found.observations == usable(photographs.values)[:, photographs.active].sum()
-    mine = photographs.light_terms(surface, lamps, found.albedo, scale=0.03, mixed=True)
-    theirs = plain.light_terms(photographs, surface, lamps, found.albedo, scale=0.03, mixed=True)
+    mine = photographs.light_terms(surface, lights, found.albedo, scale=0.03, mixed=True)
+    theirs = plain.light_terms(photographs, surface, lights, found.albedo, scale=0.03, mixed=True)
     for each, other in zip(mine, theirs, strict=True):
         close(each, other)
 
@@ -156,13 +156,13 @@ def test_photographs_of_all_kinds(dtype, encoding):
 @pytest.mark.parametrize("scale", SCALES)
 @pytest.mark.parametrize("subsampling", [1, 2, 3])
 @pytest.mark.parametrize(("near", "mixed"), [(False, False), (True, True), (False, True)])
-def test_light_terms_are_the_plain_ones(lamps, scale, near, mixed, subsampling, project):
-    photographs, surface = faulty(lamps)
-    albedo = photographs.linearize(surface, lamps, scale=SCALES[scale]).albedo
+def test_light_terms_are_the_plain_ones(lights, scale, near, mixed, subsampling, project):
+    photographs, surface = faulty(lights)
+    albedo = photographs.linearize(surface, lights, scale=SCALES[scale]).albedo
     how = {"scale": SCALES[scale], "near": near, "project": project}
     how |= {"subsampling": subsampling, "mixed": mixed}
-    found = photographs.light_terms(surface, lamps, albedo, **how)
-    expected = plain.light_terms(photographs, surface, lamps, albedo, **how)
+    found = photographs.light_terms(surface, lights, albedo, **how)
+    expected = plain.light_terms(photographs, surface, lights, albedo, **how)
     for each, other in zip(found, expected, strict=True):
         assert each.shape == other.shape
         if each.size:
@@ -170,21 +170,21 @@ def test_light_terms_are_the_plain_ones(lamps, scale, near, mixed, subsampling, 
 
 
 @pytest.mark.parametrize("scale", SCALES)
-def test_lights_turn_as_in_the_plain_pass(lamps, scale):
-    photographs, surface = faulty(lamps)
-    found = photographs.linearize(surface, lamps, scale=SCALES[scale], with_light_slope=True)
+def test_lights_turn_as_in_the_plain_pass(lights, scale):
+    photographs, surface = faulty(lights)
+    found = photographs.linearize(surface, lights, scale=SCALES[scale], with_light_slope=True)
     close(
         found.light_slope,
-        plain.linearize(photographs, surface, lamps, scale=SCALES[scale]).light_slope,
+        plain.linearize(photographs, surface, lights, scale=SCALES[scale]).light_slope,
     )
-    still = photographs.linearize(surface, lamps, scale=SCALES[scale])
+    still = photographs.linearize(surface, lights, scale=SCALES[scale])
     assert still.light_slope is None
     assert still.energy == found.energy
 
 
 @pytest.mark.parametrize("most", [1, 5, 20, 1000])
 def test_some_are_those_of_a_stride(most):
-    photographs, _ = faulty(some_lamps())
+    photographs, _ = faulty(some_lights())
     subsampling, active = photographs.subsampling(most), photographs.active
     expected = np.zeros_like(active)
     expected[::subsampling, ::subsampling] = active[::subsampling, ::subsampling]
@@ -245,24 +245,24 @@ def test_halved_twice_as_light_is_halved_as_light():
 # ---- against finite differences
 
 
-def settled(photographs, surface, lamps, scale):
+def settled(photographs, surface, lights, scale):
     """The linearization with the albedo that the loss has at rest."""
-    found = photographs.linearize(surface, lamps, scale=scale)
+    found = photographs.linearize(surface, lights, scale=scale)
     for _ in range(60):
-        found = photographs.linearize(surface, lamps, scale=scale, start=found.albedo)
+        found = photographs.linearize(surface, lights, scale=scale, start=found.albedo)
     return found
 
 
 @pytest.mark.parametrize("scale", [0.0, 0.05])
-def test_vector_is_the_derivative_of_the_energy(lamps, scale):
-    photographs, surface = faulty(lamps, noise=0.01)
-    found = settled(photographs, surface, lamps, scale)
-    lag = photographs.linearize(surface, lamps, scale=scale, start=found.albedo, lagged=True)
+def test_vector_is_the_derivative_of_the_energy(lights, scale):
+    photographs, surface = faulty(lights, noise=0.01)
+    found = settled(photographs, surface, lights, scale)
+    lag = photographs.linearize(surface, lights, scale=scale, start=found.albedo, lagged=True)
     direction = np.random.default_rng(7).normal(size=surface.gradient.shape)
 
     def energy(step):
         moved = replace(surface, gradient=surface.gradient + step * direction)
-        return settled(photographs, moved, lamps, scale).energy
+        return settled(photographs, moved, lights, scale).energy
 
     step = 1e-7
     slope = (energy(step) - energy(-step)) / (2 * step)
@@ -272,25 +272,25 @@ def test_vector_is_the_derivative_of_the_energy(lamps, scale):
 
 @pytest.mark.parametrize("scale", [0.0, 0.05])
 @pytest.mark.parametrize("near", [True, False])
-def test_slope_is_the_derivative_of_half_the_energy(lamps, scale, near):
-    photographs, surface = faulty(lamps, noise=0.01)
-    found = settled(photographs, surface, lamps, scale)
+def test_slope_is_the_derivative_of_half_the_energy(lights, scale, near):
+    photographs, surface = faulty(lights, noise=0.01)
+    found = settled(photographs, surface, lights, scale)
     _, slope, _ = photographs.light_terms(
-        surface, lamps, found.albedo, scale=scale, near=near, mixed=True
+        surface, lights, found.albedo, scale=scale, near=near, mixed=True
     )
     along = photographs.linearize(
-        surface, lamps, scale=scale, start=found.albedo, with_light_slope=True
+        surface, lights, scale=scale, start=found.albedo, with_light_slope=True
     )
-    shape = (*lamps.ambient.shape, 5 if near else 4)
+    shape = (*lights.ambient.shape, 5 if near else 4)
     direction = np.random.default_rng(8).normal(size=shape)
-    if near and not lamps.inverse_distance.any():
+    if near and not lights.inverse_distance.any():
         direction[..., 3] = np.abs(direction[..., 3])  # none is farther than infinity
 
     def energy(step):
-        return settled(photographs, surface, moved(lamps, step * direction), scale).energy
+        return settled(photographs, surface, moved(lights, step * direction), scale).energy
 
     step = 1e-6
-    if near and not lamps.inverse_distance.any():  # one-sided, second order
+    if near and not lights.inverse_distance.any():  # one-sided, second order
         difference = (-3 * energy(0) + 4 * energy(step) - energy(2 * step)) / (2 * step)
     else:
         difference = (energy(step) - energy(-step)) / (2 * step)
@@ -300,36 +300,40 @@ def test_slope_is_the_derivative_of_half_the_energy(lamps, scale, near):
         assert 2 * (slope * direction.ravel()).sum() == pytest.approx(difference, rel=1e-5)
 
 
-def moved(lamps, step):
-    """As Lamps.moved, without its bounds."""
-    inverse_distance = lamps.inverse_distance + (step[..., 3] if step.shape[-1] == 5 else 0)
-    return Lamps(lamps.vector + step[..., :3], lamps.ambient + step[..., -1], inverse_distance)
+def moved(lights, step):
+    """As LightParameters.moved, without its bounds."""
+    inverse_distance = lights.inverse_distance + (step[..., 3] if step.shape[-1] == 5 else 0)
+    return LightParameters(
+        lights.vector + step[..., :3], lights.ambient + step[..., -1], inverse_distance
+    )
 
 
 @pytest.mark.parametrize("kind", ["white", "near", "coloured"])
 def test_second_derivatives_are_exact_at_a_perfect_fit(kind):
     # Without residuals Gauss-Newton is Newton: with depth and lights moved together, the energy
     # is the quadratic form of tensor, mixed terms and Hessian, the albedo following.
-    lamps, surface = some_lamps(**KINDS[kind]), some_surface()
-    light, _ = seen(surface, lamps)
+    lights, surface = some_lights(**KINDS[kind]), some_surface()
+    light, _ = seen(surface, lights)
     photographs = taken(0.7 * light, mask=np.ones((HEIGHT, WIDTH), bool))
-    found = photographs.linearize(surface, lamps)
+    found = photographs.linearize(surface, lights)
     assert found.rms < 2e-5
     near = "near" in kind
-    hessian, _, mixed = photographs.light_terms(surface, lamps, found.albedo, near=near, mixed=True)
+    hessian, _, mixed = photographs.light_terms(
+        surface, lights, found.albedo, near=near, mixed=True
+    )
     rng = np.random.default_rng(10)
-    q = 3e-3 * rng.normal(size=(*lamps.ambient.shape, 5 if near else 4))
+    q = 3e-3 * rng.normal(size=(*lights.ambient.shape, 5 if near else 4))
     q[..., -1] = np.abs(q[..., -1])
     g = 4e-4 * np.sign(mixed @ q.ravel())  # where the mixed term is large
     M, k = found.jtwj, q.ravel()
     depth = M[..., 0] * g[..., 0] ** 2 + 2 * M[..., 1] * g[..., 0] * g[..., 1]
     depth = (depth + M[..., 2] * g[..., 1] ** 2).sum()
-    lights, both = k @ hessian @ k, 2 * (g * (mixed @ k)).sum()
-    assert min(depth, lights, both) > 0.1 * (depth + lights)
+    light_part, both = k @ hessian @ k, 2 * (g * (mixed @ k)).sum()
+    assert min(depth, light_part, both) > 0.1 * (depth + light_part)
     for s, t in ((1, 0), (0, 1), (1, 1), (1, -1)):
         there = replace(surface, gradient=surface.gradient + s * g)
-        energy = photographs.linearize(there, moved(lamps, t * q)).energy
-        form = s * s * depth + s * t * both + t * t * lights
+        energy = photographs.linearize(there, moved(lights, t * q)).energy
+        form = s * s * depth + s * t * both + t * t * light_part
         assert energy == pytest.approx(form, rel=0.03)
 
 
@@ -337,15 +341,15 @@ def test_second_derivatives_are_exact_at_a_perfect_fit(kind):
 
 
 @pytest.mark.parametrize("scale", [0.01, 0.05])
-def test_reweighting_never_raises_the_energy(lamps, scale):
-    photographs, surface = faulty(lamps)
+def test_reweighting_never_raises_the_energy(lights, scale):
+    photographs, surface = faulty(lights)
     rng = np.random.default_rng(11)
     albedo = rng.uniform(0, 1, (HEIGHT, WIDTH, 3))
     image, good = plain.decoded(photographs)
-    residual = albedo * plain.shading_of(photographs, surface, lamps) - image
+    residual = albedo * plain.shading_of(photographs, surface, lights) - image
     energies = [scale**2 * np.log1p((residual[good] / scale) ** 2).sum()]
     for _ in range(8):
-        found = photographs.linearize(surface, lamps, scale=scale, start=albedo)
+        found = photographs.linearize(surface, lights, scale=scale, start=albedo)
         energies.append(found.energy)
         albedo = found.albedo
     assert energies[1] < 0.9 * energies[0]
@@ -353,33 +357,33 @@ def test_reweighting_never_raises_the_energy(lamps, scale):
 
 
 @pytest.mark.parametrize("scale", [0.0, 0.03])
-def test_brighter_lamps_and_a_darker_albedo_are_the_same(lamps, scale):
-    photographs, surface = faulty(lamps)
+def test_brighter_lights_and_a_darker_albedo_are_the_same(lights, scale):
+    photographs, surface = faulty(lights)
     start = np.full((HEIGHT, WIDTH, 3), 0.5)
-    one = photographs.linearize(surface, lamps, scale=scale, start=start)
-    two = photographs.linearize(surface, lamps.brighter(3.0), scale=scale, start=start / 3)
+    one = photographs.linearize(surface, lights, scale=scale, start=start)
+    two = photographs.linearize(surface, lights.brighter(3.0), scale=scale, start=start / 3)
     assert two.energy == pytest.approx(one.energy, rel=1e-11)
     close(two.albedo, one.darker(3.0).albedo)
     close(two.jtwj, one.jtwj)
     close(two.rhs, one.rhs)
     # and so the energy does not change along that direction
-    hessian, slope, _ = photographs.light_terms(surface, lamps, one.albedo)
-    along = np.concatenate([lamps.vector, lamps.ambient[..., None]], axis=-1).ravel()
-    if not lamps.inverse_distance.any():
+    hessian, slope, _ = photographs.light_terms(surface, lights, one.albedo)
+    along = np.concatenate([lights.vector, lights.ambient[..., None]], axis=-1).ravel()
+    if not lights.inverse_distance.any():
         assert np.abs(hessian @ along).max() < 1e-9 * np.abs(hessian).max()
     if not scale:
         assert abs(slope @ along) < 1e-9 * np.abs(slope).max()
 
 
-def test_a_pixel_only_counts_where_it_is_usable(lamps):
-    photographs, surface = faulty(lamps)
+def test_a_pixel_only_counts_where_it_is_usable(lights):
+    photographs, surface = faulty(lights)
     values = photographs.values.copy()
     bad = (values < photographs.low) | (values > photographs.high)
     assert bad.mean() > 0.05
     values[bad] = np.where(values[bad] > 30000, photographs.high + 1, photographs.low - 1)
     values[:, ~photographs.active] = 12345
     other = replace(photographs, values=values)
-    one, two = (each.linearize(surface, lamps, scale=0.03) for each in (photographs, other))
+    one, two = (each.linearize(surface, lights, scale=0.03) for each in (photographs, other))
     for name in ("albedo", "energy", "jtwj", "rhs", "rms", "noise_sigma", "mean_abs_residual"):
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
     black = (slice(None), 6, 6)
@@ -389,20 +393,22 @@ def test_a_pixel_only_counts_where_it_is_usable(lamps):
     assert one.mean_abs_residual[6, 6] == 0
 
 
-def test_pixels_without_a_normal_say_nothing(lamps):
-    photographs, surface = faulty(lamps)
+def test_pixels_without_a_normal_say_nothing(lights):
+    photographs, surface = faulty(lights)
     off = ~has_gradient(photographs.mask)
     assert (photographs.mask & off).any()
-    found = photographs.linearize(surface, lamps)
+    found = photographs.linearize(surface, lights)
     for field in (found.albedo, found.jtwj, found.rhs, found.mean_abs_residual):
         assert not field[off].any()
 
 
-def test_tensors_are_positive_semidefinite(lamps):
-    photographs, surface = faulty(lamps)
+def test_tensors_are_positive_semidefinite(lights):
+    photographs, surface = faulty(lights)
     for count in (1, 2, COUNT):
         few = replace(photographs, values=np.ascontiguousarray(photographs.values[:count]))
-        part = Lamps(lamps.vector[:count], lamps.ambient[:count], lamps.inverse_distance[:count])
+        part = LightParameters(
+            lights.vector[:count], lights.ambient[:count], lights.inverse_distance[:count]
+        )
         uu, uv, vv = np.moveaxis(few.linearize(surface, part).jtwj, -1, 0)
         assert (uu >= 0).all()
         assert (vv >= 0).all()
@@ -410,21 +416,23 @@ def test_tensors_are_positive_semidefinite(lamps):
 
 
 def test_one_photograph_says_nothing_of_the_depth_once_the_albedo_is_free():
-    lamps = some_lamps(count=1)
-    light, _ = seen(some_surface(), lamps)
+    lights = some_lights(count=1)
+    light, _ = seen(some_surface(), lights)
     photographs = taken(light)
-    free = photographs.linearize(some_surface(), lamps)
-    held = photographs.linearize(some_surface(), lamps, project=False)
+    free = photographs.linearize(some_surface(), lights)
+    held = photographs.linearize(some_surface(), lights, project=False)
     assert np.abs(free.jtwj).max() < 1e-9 * np.abs(held.jtwj).max()
 
 
-def test_lamps_far_away_are_distant_lamps():
-    photographs, surface = faulty(some_lamps())
+def test_lights_far_away_are_distant_lights():
+    photographs, surface = faulty(some_lights())
     found = {}
     for inverse_distance in (0.0, 1e-6, 0.5):
-        lamps = replace(some_lamps(), inverse_distance=np.full((COUNT, 1), inverse_distance))
-        linearization = photographs.linearize(surface, lamps)
-        terms = photographs.light_terms(surface, lamps, linearization.albedo, near=True, mixed=True)
+        lights = replace(some_lights(), inverse_distance=np.full((COUNT, 1), inverse_distance))
+        linearization = photographs.linearize(surface, lights)
+        terms = photographs.light_terms(
+            surface, lights, linearization.albedo, near=True, mixed=True
+        )
         found[inverse_distance] = (
             linearization.albedo,
             linearization.energy,
@@ -441,11 +449,11 @@ def test_a_near_lamp_obeys_the_inverse_square_law():
     camera = Camera(2, 2, fx=1.0, fy=1.0, cx=0.5, cy=0.5)
     points = np.zeros((2, 2, 3))
     points[:, 1, 2] = 0.5  # behind the middle; the lamp is half a metre before it
-    lamps = Lamps(np.array([[[0, 0, -0.8]]]), np.zeros((1, 1)), np.array([2.0]))
+    lights = LightParameters(np.array([[[0, 0, -0.8]]]), np.zeros((1, 1)), np.array([2.0]))
     surface = Surface(np.zeros((2, 2, 2)), points)
     light = np.full((1, 2, 2, 3), 0.5)
     albedo = (
-        taken(light, mask=np.ones((2, 2), bool), camera=camera).linearize(surface, lamps).albedo
+        taken(light, mask=np.ones((2, 2), bool), camera=camera).linearize(surface, lights).albedo
     )
     np.testing.assert_allclose(albedo[:, 1], 4 * albedo[:, 0], rtol=1e-10)
     np.testing.assert_allclose(albedo[:, 0], 0.5 / 0.8, rtol=1e-4)
@@ -455,16 +463,16 @@ def test_a_near_lamp_obeys_the_inverse_square_law():
 def test_the_same_numbers_on_one_core_and_on_two():
     height, width = 70, 80  # enough to be shared
     camera = replace(CAMERA, height=height, width=width, fx=150.0, fy=170.0)
-    lamps, surface = some_lamps(near=True), some_surface(height, width)
-    light, _ = seen(surface, lamps, camera)
+    lights, surface = some_lights(near=True), some_surface(height, width)
+    light, _ = seen(surface, lights, camera)
     mask = ragged(height, width)
     photographs = taken(light, mask=mask, camera=camera)
     assert len(photographs) * mask.size > 1 << 14
     results = []
     for threads in (1, 2):
         with limited_threads(threads):
-            found = photographs.linearize(surface, lamps, scale=0.01, with_light_slope=True)
-            terms = photographs.light_terms(surface, lamps, found.albedo, near=True, mixed=True)
+            found = photographs.linearize(surface, lights, scale=0.01, with_light_slope=True)
+            terms = photographs.light_terms(surface, lights, found.albedo, near=True, mixed=True)
             terms = (*terms, found.light_slope)
             small = photographs.halved().values
             results.append((found.albedo, found.energy, found.rms, found.jtwj, *terms, small))
@@ -472,23 +480,27 @@ def test_the_same_numbers_on_one_core_and_on_two():
         np.testing.assert_array_equal(one, two)
 
 
-# ---- lamps
+# ---- lights
 
 
-def test_near_lamps_have_their_positions():
+def test_near_lights_have_their_positions():
     vector = np.array([[[0.0, 0.0, -2.0]], [[3.0, 0.0, -4.0]]])
-    lamps = Lamps(vector, np.zeros((2, 1)), np.array([[2.0], [0.5]]))
-    lights = lamps.as_lights(np.array([0.1, 0.2, 0.8]))
+    lights = LightParameters(vector, np.zeros((2, 1)), np.array([[2.0], [0.5]]))
+    physical = lights.as_lights(np.array([0.1, 0.2, 0.8]))
     expected = [[[0.1, 0.2, 0.8 - 0.5]], [[0.1 + 2 * 0.6, 0.2, 0.8 - 2 * 0.8]]]
-    np.testing.assert_allclose(lights.position_m, expected, rtol=1e-12)
-    np.testing.assert_allclose(lights.distance_m, [[0.5], [2.0]], rtol=1e-12)
-    np.testing.assert_array_equal(lights.vector, vector)
+    np.testing.assert_allclose(physical.position_m, expected, rtol=1e-12)
+    np.testing.assert_allclose(physical.distance_m, [[0.5], [2.0]], rtol=1e-12)
+    np.testing.assert_array_equal(physical.vector, vector)
 
 
-def test_distant_lamps_have_none_and_a_dark_lamp_is_no_trouble():
+def test_distant_lights_have_none_and_a_dark_lamp_is_no_trouble():
     vector = np.array([[[0.0, 0.0, -2.0]], [[0.0, 0.0, 0.0]]])
-    assert Lamps.distant(vector, np.zeros((2, 1))).as_lights(np.zeros(3)).position_m is None
-    lights = Lamps(vector, np.zeros((2, 1)), np.array([[2.0], [0.0]])).as_lights(np.zeros(3))
+    assert (
+        LightParameters.distant(vector, np.zeros((2, 1))).as_lights(np.zeros(3)).position_m is None
+    )
+    lights = LightParameters(vector, np.zeros((2, 1)), np.array([[2.0], [0.0]])).as_lights(
+        np.zeros(3)
+    )
     assert np.isfinite(lights.position_m).all()
     np.testing.assert_allclose(lights.position_m[0], [[0, 0, -0.5]])
 
@@ -496,33 +508,33 @@ def test_distant_lamps_have_none_and_a_dark_lamp_is_no_trouble():
 @pytest.mark.parametrize("channels", [1, 3])
 def test_positions_are_where_the_light_comes_from(channels):
     # The lamp that as_lights names sends what the kernels say: along P - X, with 1 / |P - X|^2.
-    lamps, surface = some_lamps(near=True, channels=channels), some_surface()
-    lights = lamps.as_lights(np.zeros(3))
-    stated = arriving(lights, surface.points.reshape(-1, 3))
-    for i, c in np.ndindex(lamps.ambient.shape):
-        s = plain.light_at(lamps.vector[i, c], lamps.inverse_distance[i, c], surface.points)
-        position = lights.position_m[i, c]
+    lights, surface = some_lights(near=True, channels=channels), some_surface()
+    physical = lights.as_lights(np.zeros(3))
+    stated = arriving(physical, surface.points.reshape(-1, 3))
+    for i, c in np.ndindex(lights.ambient.shape):
+        s = plain.light_at(lights.vector[i, c], lights.inverse_distance[i, c], surface.points)
+        position = physical.position_m[i, c]
         toward = position - surface.points
-        strength = np.linalg.norm(lamps.vector[i, c]) * (position**2).sum()
+        strength = np.linalg.norm(lights.vector[i, c]) * (position**2).sum()
         law = strength * toward / np.linalg.norm(toward, axis=-1, keepdims=True) ** 3
         np.testing.assert_allclose(s, law, rtol=1e-12)
         np.testing.assert_allclose(s.reshape(-1, 3), stated[i, :, c], rtol=1e-12)
 
 
-def test_moved_lamps():
-    lamps = some_lamps(near=True)
+def test_moved_lights():
+    lights = some_lights(near=True)
     step = np.random.default_rng(12).normal(size=(COUNT, 1, 5))
     step[0, 0, 3] = -9
-    there = lamps.moved(step)
-    np.testing.assert_array_equal(there.vector, lamps.vector + step[..., :3])
+    there = lights.moved(step)
+    np.testing.assert_array_equal(there.vector, lights.vector + step[..., :3])
     np.testing.assert_array_equal(
-        there.inverse_distance, np.maximum(lamps.inverse_distance + step[..., 3], 0)
+        there.inverse_distance, np.maximum(lights.inverse_distance + step[..., 3], 0)
     )
-    np.testing.assert_array_equal(there.ambient, np.maximum(lamps.ambient + step[..., 4], 0))
+    np.testing.assert_array_equal(there.ambient, np.maximum(lights.ambient + step[..., 4], 0))
     assert (there.ambient == 0).any()
     assert (there.inverse_distance == 0).any()
     np.testing.assert_array_equal(
-        lamps.moved(step[..., :4]).inverse_distance, lamps.inverse_distance
+        lights.moved(step[..., :4]).inverse_distance, lights.inverse_distance
     )
 
 
@@ -550,13 +562,13 @@ def test_some_pixels_of_a_thin_object_are_not_none():
 
 def test_one_compiled_version_serves_every_call():
     # A read-only scale or a strided light would each compile the kernel once more: seconds.
-    lamps = some_lamps()
-    photographs, surface = faulty(lamps)
-    albedo = photographs.linearize(surface, lamps).albedo
-    photographs.light_terms(surface, lamps, albedo)
+    lights = some_lights()
+    photographs, surface = faulty(lights)
+    albedo = photographs.linearize(surface, lights).albedo
+    photographs.light_terms(surface, lights, albedo)
     before = len(_kernels.linearize.signatures), len(_kernels.light_terms.signatures)
-    joined = np.concatenate([lamps.vector, lamps.ambient[..., None]], axis=-1)
-    strided = Lamps.distant(joined[..., :3], joined[..., 3])
+    joined = np.concatenate([lights.vector, lights.ambient[..., None]], axis=-1)
+    strided = LightParameters.distant(joined[..., :3], joined[..., 3])
     for scale in (0.03, np.full((HEIGHT, WIDTH), 0.03)):
         photographs.linearize(surface, strided, scale=scale, start=albedo)
         photographs.light_terms(surface, strided, albedo, scale=scale)

@@ -22,10 +22,10 @@ def make_values(true, noise=0.0, bent=0.0, seed=0):
     points[:, 2] += 0.6
     around = 2.4 * np.arange(LAMPS)
     slant = np.linspace(0.2, 0.7, LAMPS)
-    lamps = np.stack(
+    lights = np.stack(
         [np.sin(slant) * np.cos(around), np.sin(slant) * np.sin(around), -np.cos(slant)], axis=-1
     )
-    arriving = np.broadcast_to(0.7 * lamps[:, None, None], (LAMPS, PIXELS, 1, 3))
+    arriving = np.broadcast_to(0.7 * lights[:, None, None], (LAMPS, PIXELS, 1, 3))
     ambient = np.full((LAMPS, 1), 0.05)
     paint = rng.uniform(0.2, 0.9, size=(PIXELS, 3))
     shading = np.maximum(np.einsum("npck,pk->npc", arriving, normals), 0) + 0.05

@@ -54,7 +54,7 @@ SIZE = 0.5  # 240 x 180
 
 
 def capture_for(name, lighting):
-    """The capture of that name under the lamps of `lighting`, and its truth."""
+    """The capture of that name under the lights of `lighting`, and its truth."""
     albedo, settings = CAPTURES[name]
     shape = make_shape(name)
     options = SceneOptions(camera=shape.camera.scaled(SIZE), lighting=lighting, **settings)

@@ -11,7 +11,7 @@ HOSTILE = "\"'><script>alert(1)</script></script><img src=x onerror=alert(2)>{{7
 
 
 def vase_result(scale=0.5, **changes):
-    """A vase with exact depth, a prepared depth that lacks its relief, four lamps."""
+    """A vase with exact depth, a prepared depth that lacks its relief, four lights."""
     vase = make_shape("vase")
     options = SceneOptions(camera=vase.camera.scaled(scale), photographs=4, supersampling=1)
     _, truth = render_scene(vase, make_albedo("pattern"), options)

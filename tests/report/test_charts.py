@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rakelight.model import Lights
-from rakelight.report.charts import energy_curve, error_bars, lamp_facts, lamps, tilts
+from rakelight.report.charts import drawn_lights, energy_curve, error_bars, tilts, viewer_lights
 
 
 def white(*vectors, **place):
@@ -14,35 +14,35 @@ def white(*vectors, **place):
 
 def test_a_lamp_is_drawn_where_the_camera_sees_it():
     # right and down by 30 degrees, then straight above
-    drawn = lamps(white([0.5, 0, -np.sqrt(0.75)], [0, -2, 0]), ("a", "b"))
+    drawn = drawn_lights(white([0.5, 0, -np.sqrt(0.75)], [0, -2, 0]), ("a", "b"))
     assert [(round(lamp.x), round(lamp.y)) for lamp in drawn] == [(50, 0), (0, -100)]
     assert [round(lamp.azimuth) for lamp in drawn] == [90, 0]
     assert [round(lamp.elevation) for lamp in drawn] == [60, 0]
     assert tilts(drawn) == pytest.approx((30, 60, 90))
     assert drawn[1].size > drawn[0].size
-    assert lamp_facts(drawn)["0"] == pytest.approx({"azimuth": 90, "elevation": 60})
+    assert viewer_lights(drawn)["0"] == pytest.approx({"azimuth": 90, "elevation": 60})
 
 
-def test_near_lamps_have_a_distance_and_dark_ones_are_left_out():
+def test_near_lights_have_a_distance_and_dark_ones_are_left_out():
     positions = np.array([[[0.0, 0, 0.1]], [[0, 0, 9]]])
     lights = white([0, 0, -1.0], [0, 0, 0], position_m=positions, middle_m=[0, 0, 0.5])
-    (lamp,) = lamps(lights, ())
+    (lamp,) = drawn_lights(lights, ())
     assert (lamp.name, lamp.distance_m) == ("photograph 0", pytest.approx(0.4))
 
 
-def test_coloured_lamps_are_three_and_the_viewer_gets_their_middle():
+def test_coloured_lights_are_three_and_the_viewer_gets_their_middle():
     vector = np.array([[[0.6, 0, -0.8], [0, 0.6, -0.8], [0, 0, -1.0]]])
-    drawn = lamps(Lights(vector, np.zeros((1, 3))), ("x",))
+    drawn = drawn_lights(Lights(vector, np.zeros((1, 3))), ("x",))
     assert [lamp.channel for lamp in drawn] == ["red", "green", "blue"]
-    middle = lamp_facts(drawn)["0"]
+    middle = viewer_lights(drawn)["0"]
     assert middle["azimuth"] == pytest.approx(135)
     assert np.cos(np.radians(middle["elevation"])) == pytest.approx(np.hypot(0.2, 0.2))
 
 
 def test_a_lamp_behind_the_object_is_not_the_viewers():
-    drawn = lamps(white([0, 0.5, np.sqrt(0.75)], [0, 0, -1.0]), ())
+    drawn = drawn_lights(white([0, 0.5, np.sqrt(0.75)], [0, 0, -1.0]), ())
     assert [round(lamp.tilt) for lamp in drawn] == [150, 0]
-    assert list(lamp_facts(drawn)) == ["1"]
+    assert list(viewer_lights(drawn)) == ["1"]
 
 
 def test_the_energy_falls_from_left_to_right():

@@ -108,7 +108,7 @@ def test_the_figures_of_the_capture(small):
         assert words in text
 
 
-def test_a_result_without_lamps_energy_or_prediction_says_so(small):
+def test_a_result_without_lights_energy_or_prediction_says_so(small):
     bare = replace(
         small[0],
         lights=Lights(np.zeros((1, 1, 3)), np.zeros((1, 1))),

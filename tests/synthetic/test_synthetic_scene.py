@@ -106,7 +106,7 @@ def test_a_near_lamp_far_away_is_a_distant_one():
     assert truth.lights.position_m is None
 
 
-def test_near_lamps_fade_with_the_square_of_their_distance():
+def test_near_lights_fade_with_the_square_of_their_distance():
     images, mask, truth = photographs(lamp_distance_m=0.3, supersampling=1)
     points = back_project(truth.depth.astype(float), SMALL)[mask]
     lights = truth.lights
@@ -250,7 +250,7 @@ def test_encodings_hold_the_same_light(bits, encoding):
     assert np.abs(light - linear)[:, mask].max() < tolerance
 
 
-def test_lamps_are_spread_over_the_ring():
+def test_lights_are_spread_over_the_ring():
     _, _, truth = photographs(photographs=12, tilt_deg=(15, 40))
     toward = truth.lights.direction[:, 0]
     tilt = np.degrees(np.arccos(-toward[:, 2]))

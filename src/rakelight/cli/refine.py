@@ -46,7 +46,7 @@ from rakelight.model import Progress, Result
     "settings",
     multiple=True,
     metavar="NAME=VALUE",
-    help="An option of the method, as depth_weight=3 or lamps=white; none for None; repeatable.",
+    help="An option of the method, as depth_weight=3 or lights=white; none for None; repeatable.",
 )
 @click.option(
     "--scale",

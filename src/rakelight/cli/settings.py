@@ -16,8 +16,8 @@ from rakelight.methods import Method
 def parse_settings(texts: Sequence[str]) -> dict[str, str]:
     """Name -> value as written, of texts such as "depth_weight=3"; no name twice.
 
-    >>> parse_settings(["depth_weight=3", "lamps = white"])
-    {'depth_weight': '3', 'lamps': 'white'}
+    >>> parse_settings(["depth_weight=3", "lights = white"])
+    {'depth_weight': '3', 'lights': 'white'}
     """
     settings: dict[str, str] = {}
     for text in texts:

@@ -158,7 +158,7 @@ def command(
     debug: bool,
     **settings: Any,
 ) -> None:
-    """Make a capture with known truth: an object, its paint, lamps and sensors."""
+    """Make a capture with known truth: an object, its paint, lights and sensors."""
     from rakelight.capture import SYNTHETIC, write_capture
     from rakelight.folders import require_free
     from rakelight.synthetic import (

@@ -39,7 +39,7 @@ def lights_table(lights: Lights, names: tuple[str, ...] = ()) -> dict[str, Any]:
         "schema": SCHEMA,
         "frame": "camera: x right, y down, z forward; directions point towards the lamp",
         "model": "value = albedo * (max(0, s . normal) + ambient), s = intensity * direction at "
-        "middle_m and for distant lamps everywhere; at X from a lamp at P = position_m, "
+        "middle_m and for distant lights everywhere; at X from a lamp at P = position_m, "
         "s = intensity * (P - X) / |P - X| * (|P - middle_m| / |P - X|)^2",
         "middle_m": None if lights.middle_m is None else _numbers(lights.middle_m),
         "photographs": photographs,
@@ -70,16 +70,16 @@ def parse_lights(data: bytes, *, source: str) -> Lights:
             seen=" and ".join(sorted("/".join(kind) for kind in kinds)) or "no photograph",
             needed=" or ".join("/".join(kind) for kind in _CHANNELS),
         )
-    lamps = [list(photograph.channels.values()) for photograph in stored.photographs]
-    direction = np.array([[lamp.direction for lamp in row] for row in lamps], float)
-    intensity = np.array([[lamp.intensity for lamp in row] for row in lamps], float)
-    ambient = np.array([[lamp.ambient for lamp in row] for row in lamps], float)
+    lights = [list(photograph.channels.values()) for photograph in stored.photographs]
+    direction = np.array([[lamp.direction for lamp in row] for row in lights], float)
+    intensity = np.array([[lamp.intensity for lamp in row] for row in lights], float)
+    ambient = np.array([[lamp.ambient for lamp in row] for row in lights], float)
     vector = intensity[..., None] * direction
     if stored.middle_m is None:
         return Lights(vector, ambient)
     middle_m = np.array(stored.middle_m, float)
     position_m = middle_m + FARTHEST_M * direction
-    for i, row in enumerate(lamps):
+    for i, row in enumerate(lights):
         for channel, lamp in enumerate(row):
             if lamp.position_m is not None:
                 position_m[i, channel] = lamp.position_m
@@ -91,7 +91,7 @@ _CHANNELS = (("white",), ("red", "green", "blue"))
 _Vector = tuple[float | None, float | None, float | None]
 
 
-class _Lamp(msgspec.Struct):
+class _Light(msgspec.Struct):
     direction: _Vector
     intensity: float | None
     ambient: float | None
@@ -99,7 +99,7 @@ class _Lamp(msgspec.Struct):
 
 
 class _Photograph(msgspec.Struct):
-    channels: dict[str, _Lamp]
+    channels: dict[str, _Light]
 
 
 class _LightsFile(msgspec.Struct):
@@ -118,7 +118,7 @@ def _lamp(lights: Lights, i: int, channel: int) -> dict[str, Any]:
 
 
 def _position(lights: Lights, i: int, channels: slice) -> list[float] | None:
-    """Mean place of a photograph's lamps in some channels, None if one of them is distant."""
+    """Mean place of a photograph's lights in some channels, None if one of them is distant."""
     distance_m = lights.distance_m
     if lights.position_m is None or distance_m is None:
         return None

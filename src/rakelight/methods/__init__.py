@@ -71,7 +71,7 @@ def public_options(method: str) -> str:
 
 
 def choose_method(capture: Capture) -> str:
-    """The method that `auto` stands for: by the number of photographs and the kind of lamps."""
+    """The method that `auto` stands for: by the number of photographs and the kind of lights."""
     if len(capture.photographs) > 1:
         return "multi-light"
     return "rgb-ratio" if capture.lighting == "rgb-leds" else "fusion-like"

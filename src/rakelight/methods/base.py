@@ -176,11 +176,11 @@ def _averaged(image: Floats, mask: Mask) -> Floats:
     return np.asarray(total / np.maximum(gaussian_filter(mask.astype(float), SMOOTHED_PX), 1e-6))
 
 
-def lamp_findings(lights: Lights, names: tuple[str, ...]) -> tuple[Finding, ...]:
+def light_findings(lights: Lights, names: tuple[str, ...]) -> tuple[Finding, ...]:
     """Warnings about lights that leave the surface open: too few, all in one place, in one plane.
 
     >>> same = Lights(np.tile([0.0, 0.0, -1.0], (5, 1, 1)), np.zeros((5, 1)))
-    >>> [finding.code for finding in lamp_findings(same, ())]
+    >>> [finding.code for finding in light_findings(same, ())]
     ['one-lamp-position']
     """
     vector = lights.vector.mean(axis=1)
@@ -199,7 +199,7 @@ def lamp_findings(lights: Lights, names: tuple[str, ...]) -> tuple[Finding, ...]
         )
     toward = vector[~dark] / np.maximum(strength[~dark], np.finfo(float).tiny)[:, None]
     if len(toward) < 3:
-        message, code = f"only {len(toward)} usable photographs: the depth is kept", "few-lamps"
+        message, code = f"only {len(toward)} usable photographs: the depth is kept", "few-lights"
     else:
         middle = toward.mean(axis=0)
         middle /= max(float(np.linalg.norm(middle)), np.finfo(float).tiny)
@@ -216,7 +216,7 @@ def lamp_findings(lights: Lights, names: tuple[str, ...]) -> tuple[Finding, ...]
                 f"the lamp moves in one plane, within {np.degrees(np.arcsin(thickness)):.1f} "
                 f"degrees, in {listed(named, ~dark)}: slopes across it are the depth's"
             )
-            code = "lamps-in-one-plane"
+            code = "lights-in-one-plane"
         else:
             return tuple(findings)
     remedy = "move the lamp around the object, 20 to 50 degrees off the camera on all sides"

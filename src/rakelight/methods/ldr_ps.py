@@ -64,7 +64,7 @@ UNKNOWN = 1e-3
 class LdrPs:
     """What can be set; a good result needs none of it.
 
-    max_iterations : rounds of lamps and scaled normals in turn, where values are missing
+    max_iterations : rounds of lights and scaled normals in turn, where values are missing
     tolerance : the rounds end when one lowers the sum of squares by less than this fraction
     shadow : a value below this fraction of the pixel's brightest is a shadow, and missing
     min_photographs : fewer are refused
@@ -87,15 +87,15 @@ class LdrPs:
 
 @dataclass(frozen=True, slots=True)
 class Factors:
-    """lamps (N, 3) and scaled normals (P, 3) whose products are the photographs' values."""
+    """lights (N, 3) and scaled normals (P, 3) whose products are the photographs' values."""
 
-    lamps: Floats
+    lights: Floats
     normals: Floats
     energy: tuple[float, ...] = ()
 
     def changed(self, A: Floats) -> Factors:
         """(1): the same products, with normals A b."""
-        return Factors(self.lamps @ np.linalg.inv(A), self.normals @ A.T, self.energy)
+        return Factors(self.lights @ np.linalg.inv(A), self.normals @ A.T, self.energy)
 
 
 def ldr_ps(prepared: Prepared, options: LdrPs, progress: ProgressCallback) -> Estimate:
@@ -120,7 +120,7 @@ def ldr_ps(prepared: Prepared, options: LdrPs, progress: ProgressCallback) -> Es
     progress(Progress("diffuse maxima"))
     where, lamp = diffuse_maxima(values, lit, mask)
     smooth = smoothed(scatter(factors.normals, mask), known)[mask]
-    G, agreeing = bas_relief(smooth[where], factors.lamps, lamp)
+    G, agreeing = bas_relief(smooth[where], factors.lights, lamp)
     factors = upright(factors.changed(G.T), mask, camera)
 
     length = np.linalg.norm(factors.normals, axis=1, keepdims=True)
@@ -133,7 +133,7 @@ def ldr_ps(prepared: Prepared, options: LdrPs, progress: ProgressCallback) -> Es
         log_depth=log_depth,
         albedo=scatter(albedo, mask),
         confidence=confidence(factors, values, lit, normals, mask, camera),
-        lights=Lights(gain * factors.lamps[:, None], np.zeros((len(prepared), 1))),
+        lights=Lights(gain * factors.lights[:, None], np.zeros((len(prepared), 1))),
         energy=factors.energy,
         converged=len(factors.energy) < options.max_iterations,
         findings=(_finding(len(where), int(agreeing.sum())),),
@@ -160,19 +160,19 @@ def factorise(values: Floats, lit: Mask, options: LdrPs) -> Factors:
     count = values.shape[1]
     some = np.unique(np.linspace(0, count - 1, min(count, LIGHT_PIXELS)).astype(int))
     seen, W = values[:, some], lit[:, some].astype(np.float64)
-    lamps = np.linalg.svd(seen, full_matrices=False)[0][:, :3]
+    lights = np.linalg.svd(seen, full_matrices=False)[0][:, :3]
     energy = [np.inf]
     for _ in range(options.max_iterations):
-        normals = least_squares(lamps, seen, W)
-        energy.append(float((W * (seen - lamps @ normals.T) ** 2).sum()))
+        normals = least_squares(lights, seen, W)
+        energy.append(float((W * (seen - lights @ normals.T) ** 2).sum()))
         if energy[-2] - energy[-1] <= options.tolerance * energy[-1]:
             break
-        lamps = least_squares(normals, seen.T, W.T)
-    normals = least_squares(lamps, values, lit.astype(np.float64))
+        lights = least_squares(normals, seen.T, W.T)
+    normals = least_squares(lights, values, lit.astype(np.float64))
     # Orthonormal over the pixels, for conditioning only.
     dilated, axes = np.linalg.eigh(normals.T @ normals / count)
     whiten = axes / np.sqrt(np.maximum(dilated, 1e-12 * dilated[-1]))
-    return Factors(lamps, normals, tuple(energy[1:])).changed(whiten.T)
+    return Factors(lights, normals, tuple(energy[1:])).changed(whiten.T)
 
 
 def least_squares(known: Floats, values: Floats, weights: Floats) -> Floats:
@@ -261,24 +261,24 @@ def diffuse_maxima(values: Floats, lit: Mask, mask: Mask) -> tuple[Array, Array]
     return where, lamp
 
 
-def bas_relief(normals: Floats, lamps: Floats, lamp: Array) -> tuple[Floats, Mask]:
-    """G (3, 3) of (2) from scaled normals (K, 3) that face lamps (N, 3), and who agrees (K,).
+def bas_relief(normals: Floats, lights: Floats, lamp: Array) -> tuple[Floats, Mask]:
+    """G (3, 3) of (2) from scaled normals (K, 3) that face lights (N, 3), and who agrees (K,).
 
-    lamp : (K,) which of the lamps each normal faces
+    lamp : (K,) which of the lights each normal faces
 
     Changes of albedo make false maxima, which agree with no common G: of the G of many pairs the
     one that most maxima agree with is taken (RANSAC), and fitted to those by (3), reweighted.
     """
     rng = np.random.default_rng(0)
     count, each = len(normals), np.arange(len(normals))
-    share = np.bincount(lamp, minlength=len(lamps)) / max(count, 1)
+    share = np.bincount(lamp, minlength=len(lights)) / max(count, 1)
     best: Floats = np.eye(3)
     angle, score = np.full(count, np.inf), 0.0
     for _ in range(PAIRS if count >= 2 else 0):
         pair = rng.choice(count, 2, replace=False)
-        G = _fitted(normals[pair], lamps[lamp[pair]], np.ones(2))
+        G = _fitted(normals[pair], lights[lamp[pair]], np.ones(2))
         if G is not None:
-            angles = _angles(G, normals, lamps)
+            angles = _angles(G, normals, lights)
             agree = angles < AGREE_DEG
             # A G that brings all normals and lights together makes everything agree: the agreement
             # with the other maxima's lights is subtracted.
@@ -289,10 +289,10 @@ def bas_relief(normals: Floats, lamps: Floats, lamp: Array) -> tuple[Floats, Mas
         agreeing = angle < AGREE_DEG
         length = np.linalg.norm(normals[agreeing] @ best @ best.T, axis=1)
         weight = 1 / (1 + (3 * angle[agreeing] / AGREE_DEG) ** 2)
-        G = _fitted(normals[agreeing], lamps[lamp[agreeing]], np.sqrt(weight) / length)
+        G = _fitted(normals[agreeing], lights[lamp[agreeing]], np.sqrt(weight) / length)
         if G is None:
             break
-        best, angle = G, _angles(G, normals, lamps)[each, lamp]
+        best, angle = G, _angles(G, normals, lights)[each, lamp]
     return best, angle < AGREE_DEG
 
 
@@ -386,7 +386,7 @@ def estimated_albedo(
     prepared: Prepared, factors: Factors, lit: Mask, normals: Floats
 ) -> tuple[Floats, float]:
     """Albedo (P, 3), its 99th percentile 1, and the factor of the lights that goes with it."""
-    shading = np.maximum(factors.lamps @ normals.T, 0.0)
+    shading = np.maximum(factors.lights @ normals.T, 0.0)
     total, weight = np.zeros((len(normals), 3)), np.zeros((len(normals), 3))
     for i, (shade, seen) in enumerate(zip(shading, lit, strict=True)):
         light, usable = prepared.pixels(i)
@@ -402,13 +402,13 @@ def confidence(
     factors: Factors, values: Floats, lit: Mask, normals: Floats, mask: Mask, camera: Camera
 ) -> Floats:
     """(h, w) how well the photographs determine a normal, given the lights."""
-    residual = np.where(lit, values - factors.lamps @ factors.normals.T, 0.0)
+    residual = np.where(lit, values - factors.lights @ factors.normals.T, 0.0)
     noise = max(float(np.sqrt((residual**2).sum() / max(lit.sum(), 1))), 1e-5)
     length = 1 / np.maximum(towards_camera(normals, camera), GRAZING)  # |m|, for m . ray = -1
     dn_dg = np.stack(normal_derivatives(normals, length, camera), axis=-1)[mask]
     weight = np.linalg.norm(factors.normals, axis=1) * lit
     uu, uv, vv = (
-        np.einsum("ip,ip,ip->p", weight**2, *(factors.lamps @ dn_dg[..., k].T for k in pair))
+        np.einsum("ip,ip,ip->p", weight**2, *(factors.lights @ dn_dg[..., k].T for k in pair))
         for pair in ((0, 0), (0, 1), (1, 1))
     )
     tensor = scatter(np.stack([uu, uv, vv], axis=-1), mask)

@@ -26,7 +26,7 @@ from rakelight.methods.base import (
 )
 from rakelight.methods.levels import Level, finest_level
 from rakelight.model import Floats, Progress, ProgressCallback
-from rakelight.photometry.images import Lamps, Linearization, Surface
+from rakelight.photometry.images import LightParameters, Linearization, Surface
 from rakelight.photometry.lighting import frontal_lights
 from rakelight.prepare import Prepared
 from rakelight.solve import Solution, assemble, solve
@@ -72,7 +72,7 @@ class Fit:
     """The state: a log depth (h, w), lights fitted to it, and the photographs' linearization."""
 
     log_depth: Floats
-    lamps: Lamps
+    lights: LightParameters
     surface: Surface
     linearization: Linearization
     noise: float
@@ -93,7 +93,7 @@ def multi_light_alternating(
 
     # The start: the sensor's shape, albedo 1, frontal lights (3.4).
     albedo = np.ones((*level.mask.shape, 3))
-    now = best = light_and_albedo(level, level.prior, albedo, frontal_lamps(len(prepared)))
+    now = best = light_and_albedo(level, level.prior, albedo, lights_at_camera(len(prepared)))
     energies, gain, solve_s = [now.energy], np.inf, 0.0
     while len(energies) <= options.max_iterations and gain > options.tolerance:
         progress(Progress("refine", len(energies), options.max_iterations, now.energy))
@@ -101,7 +101,7 @@ def multi_light_alternating(
         solve_s += solution.seconds
         if not solution.converged:
             break  # refused: the depth stays, and has not come to rest
-        now = light_and_albedo(level, solution.value, now.linearization.albedo, now.lamps)
+        now = light_and_albedo(level, solution.value, now.linearization.albedo, now.lights)
         gain = energies[-1] - now.energy
         energies.append(now.energy)
         if now.energy < best.energy:  # lagging can overshoot: a worse iterate is never returned
@@ -110,13 +110,15 @@ def multi_light_alternating(
     return replace(estimate, timings_s={"solve": solve_s})
 
 
-def frontal_lamps(count: int) -> Lamps:
+def lights_at_camera(count: int) -> LightParameters:
     """White lights of unit intensity at the camera, no ambient light: the paper's start."""
     lights = frontal_lights(count)
-    return Lamps.distant(lights.vector, lights.ambient)
+    return LightParameters.distant(lights.vector, lights.ambient)
 
 
-def light_and_albedo(level: Level, log_depth: Floats, albedo: Floats, lamps: Lamps) -> Fit:
+def light_and_albedo(
+    level: Level, log_depth: Floats, albedo: Floats, lights: LightParameters
+) -> Fit:
     """1. Each photograph's light, rho and n fixed; 2. the albedo, s and n fixed: equation (3).
 
     The photographs determine the product of light and albedo; it is divided so that
@@ -126,23 +128,23 @@ def light_and_albedo(level: Level, log_depth: Floats, albedo: Floats, lamps: Lam
     subsampling = photographs.subsampling(LIGHT_PIXELS)
     for _ in range(HORIZON_ROUNDS):
         hessian, slope, _ = photographs.light_terms(
-            surface, lamps, albedo, project=False, subsampling=subsampling
+            surface, lights, albedo, project=False, subsampling=subsampling
         )
-        before = np.concatenate([lamps.vector, lamps.ambient[..., None]], axis=-1)[:, 0]
-        lights = [
+        before = np.concatenate([lights.vector, lights.ambient[..., None]], axis=-1)[:, 0]
+        solved = [
             least_squares_light(hessian[k : k + 4, k : k + 4], slope[k : k + 4], light)
             for k, light in zip(range(0, len(slope), 4), before, strict=True)
         ]
-        lamps = lamps.moved((np.array(lights) - before)[:, None])
-    linearization = photographs.linearize(surface, lamps, lagged=True, project=False)
+        lights = lights.moved((np.array(solved) - before)[:, None])
+    linearization = photographs.linearize(surface, lights, lagged=True, project=False)
     gain = brightest(linearization.albedo[photographs.active])
-    lamps, linearization = lamps.brighter(gain), linearization.darker(gain)
+    lights, linearization = lights.brighter(gain), linearization.darker(gain)
 
     # Negative log-likelihood per observation, the photographs' noise being estimated too.
     noise = max(linearization.rms, SMALLEST_NOISE)
     sum_of_squares = level.sensor_sum_of_squares(log_depth)
     energy = float(np.log(noise)) + sum_of_squares / (2 * linearization.observations)
-    return Fit(log_depth, lamps, surface, linearization, noise, energy)
+    return Fit(log_depth, lights, surface, linearization, noise, energy)
 
 
 def least_squares_light(hessian: Floats, slope: Floats, light: Floats) -> Floats:
@@ -181,7 +183,7 @@ def finished(level: Level, fit: Fit, energies: list[float], converged: bool) -> 
         log_depth=fit.log_depth,
         albedo=fit.linearization.albedo,
         confidence=np.where(photographs.active, confidence, 0.0),
-        lights=fit.lamps.as_lights(level.middle_m),
+        lights=fit.lights.as_lights(level.middle_m),
         energy=tuple(energies),
         converged=converged,
     )

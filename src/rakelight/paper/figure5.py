@@ -18,7 +18,7 @@ WIDTH_PX = 240
 
 
 @dataclass(frozen=True, slots=True)
-class Lamp:
+class LightRow:
     """One photograph's lamp as our joint method finds it.
 
     tilt_deg : from the optical axis; azimuth_deg : 0 is to the right, 90 below
@@ -37,18 +37,18 @@ class Lamp:
 def figure5(runs: Runs) -> Sheet:
     """The bust's photographs, each with its lamp; somebody's capture's too."""
     capture, truth = runs.scene(MAIN, "moving-lamp")
-    rows = _lamps("bust", capture, runs.joint(), truth.lights)
+    rows = _lights("bust", capture, runs.joint(), truth.lights)
     pictures = {"": _picture(capture, rows)}
     own = runs.refined()
     if own is not None:
-        lamps = _lamps("capture", *own, None)
-        pictures["_capture"] = _picture(own[0], lamps)
-        rows = rows + lamps
+        lights = _lights("capture", *own, None)
+        pictures["_capture"] = _picture(own[0], lights)
+        rows = rows + lights
     title = "Figure 5: photographs under a moving lamp"
     return Sheet("figure5", title, rows, pictures)
 
 
-def _lamps(name: str, capture: Capture, result: Result, truth: Lights | None) -> list[Lamp]:
+def _lights(name: str, capture: Capture, result: Result, truth: Lights | None) -> list[LightRow]:
     found = result.lights.direction.mean(axis=1)
     found = found / np.linalg.norm(found, axis=-1, keepdims=True)
     rows = []
@@ -59,19 +59,19 @@ def _lamps(name: str, capture: Capture, result: Result, truth: Lights | None) ->
         light = to_linear(capture.photographs[i][capture.mask], capture.encoding)
         tilt = float(np.degrees(np.arccos(np.clip(-z, -1, 1))))
         azimuth = float(np.degrees(np.arctan2(y, x)))
-        rows.append(Lamp(name, i, tilt, azimuth, off, float(light.mean(dtype=np.float64))))
+        rows.append(LightRow(name, i, tilt, azimuth, off, float(light.mean(dtype=np.float64))))
     return rows
 
 
-def _picture(capture: Capture, lamps: list[Lamp]) -> Array:
+def _picture(capture: Capture, lights: list[LightRow]) -> Array:
     window = object_window(capture.mask)
     panels = [
         panel(
             photograph_picture(to_linear(capture.photographs[i][window], capture.encoding)),
-            f"lamp {lamps[i].tilt_deg:.0f} deg off, at {lamps[i].azimuth_deg:.0f} deg",
+            f"lamp {lights[i].tilt_deg:.0f} deg off, at {lights[i].azimuth_deg:.0f} deg",
             WIDTH_PX,
         )
-        for i in range(min(MOST, len(lamps)))
+        for i in range(min(MOST, len(lights)))
     ]
     rows = [panels[i : i + IN_A_ROW] for i in range(0, len(panels), IN_A_ROW)]
     return in_column(*(in_row(*row) for row in rows))

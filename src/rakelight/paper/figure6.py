@@ -1,4 +1,4 @@
-"""Figure 6: two shining objects: several lamps outvote a highlight, one photograph believes it."""
+"""Figure 6: two shining objects: several lights outvote a highlight, one photograph believes it."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ def figure7(runs: Runs) -> Sheet:
 def counted(
     runs: Runs, counts: Sequence[int], methods: Sequence[str] = METHODS
 ) -> tuple[list[Count], list[Time]]:
-    """Errors and times with the first photographs of one scene, whose lamps are spread evenly."""
+    """Errors and times with the first photographs of one scene, whose lights are spread evenly."""
     options = replace(
         PAPER_OPTIONS,
         camera=paper_camera(runs.size),

@@ -101,7 +101,7 @@ def _c(sheets: Sheets) -> Claim:
         f"{_list(joint)}; its albedo's detail correlates {detail[PUBLISHED]:.3f} with the "
         f"complicated truth, RGB ratio's {detail[SINGLE[3]]:.3f}, RGB-Fusion's "
         f"{detail[SINGLE[1]]:.3f}.",
-        "With several lamps the albedo of a pixel follows from that pixel alone, so fine paint "
+        "With several lights the albedo of a pixel follows from that pixel alone, so fine paint "
         "is no harder than plain paint. The paper's own angles differ twofold between paints, "
         "which we could not find a reason for.",
     )
@@ -261,8 +261,8 @@ nothing on it is typed in:
 rakelight paper all -o out/paper
 ```
 
-The paper's object, paints, lamps and noise are not published. Ours are a bust on a pedestal in
-three paints, SIZE pixels, 12 lamps, 1 % noise in the photographs; the depth noise is chosen so
+The paper's object, paints, lights and noise are not published. Ours are a bust on a pedestal in
+three paints, SIZE pixels, 12 lights, 1 % noise in the photographs; the depth noise is chosen so
 that the input row is the paper's at 640 x 480 pixels, and nothing else is fitted to its numbers.
 Numbers in brackets are the paper's. Two runs on one machine give the same numbers, except those
 below "Timings", in `table2.*` and in files that end in `_seconds`.

@@ -45,7 +45,7 @@ def paper_scene(
 
     shape : a `paper_object` that several scenes share, which saves most of their time
     size : scale of the camera's image, 640 x 480 at 1.  Shape, noise and paint are the same for
-        every lighting, so that methods which need different lamps are compared on one object.
+        every lighting, so that methods which need different lights are compared on one object.
 
     >>> capture, truth = paper_scene("simple", "rgb-leds", size=0.25)
     >>> capture.photographs.shape, truth.depth.shape

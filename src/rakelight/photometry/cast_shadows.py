@@ -31,22 +31,22 @@ def in_sight(depth_m: Floats, camera: Camera, points_m: Floats, to_light_m: Floa
     """
     solid = np.ascontiguousarray(np.where(np.isfinite(depth_m), depth_m, np.inf), np.float64)
     optics = (camera.fx, camera.fy, camera.cx, camera.cy)
-    points, lamps = (np.ascontiguousarray(a, np.float64) for a in (points_m, to_light_m))
+    points, lights = (np.ascontiguousarray(a, np.float64) for a in (points_m, to_light_m))
     free = np.ones(len(points), dtype=bool)
-    given = (solid, optics, float(solid.min()), points, lamps, free)
+    given = (solid, optics, float(solid.min()), points, lights, free)
     jit.in_parts(_march, 0, len(points), len(points), *given)
     return free
 
 
 @jit.kernel
-def _march(first, last, depth, optics, nearest, points, lamps, free):  # type: ignore[no-untyped-def]
+def _march(first, last, depth, optics, nearest, points, lights, free):  # type: ignore[no-untyped-def]
     fx, fy, cx, cy = optics
     height, width = depth.shape
     for i in range(first, last):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        lx, ly, lz = lamps[i, 0], lamps[i, 1], lamps[i, 2]
+        lx, ly, lz = lights[i, 0], lights[i, 1], lights[i, 2]
         pixel_m = z / fx
-        # pixels sideways, or as much in depth for lamps near the axis
+        # pixels sideways, or as much in depth for lights near the axis
         sideways = max(np.hypot(lx - lz * x / z, ly - lz * y / z), 0.2 * abs(lz))
         step = STEP_PX * pixel_m / max(sideways, 1e-12)
         t = step

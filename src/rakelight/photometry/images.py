@@ -24,7 +24,7 @@ ROWS = 16
 
 
 @dataclass(frozen=True, slots=True)
-class Lamps:
+class LightParameters:
     """The lights of N photographs as the solver moves them.
 
     vector : (N, C, 3) towards the light times irradiance at the object's middle; C is 1 or 3
@@ -37,7 +37,7 @@ class Lamps:
     inverse_distance: Floats
 
     @classmethod
-    def distant(cls, vector: Floats, ambient: Floats) -> Lamps:
+    def distant(cls, vector: Floats, ambient: Floats) -> LightParameters:
         """Lights at infinity."""
         return cls(vector, ambient, np.zeros_like(ambient))
 
@@ -62,15 +62,15 @@ class Lamps:
         )
         return vector, ambient, nearness
 
-    def moved(self, step: Floats) -> Lamps:
+    def moved(self, step: Floats) -> LightParameters:
         """The lights after a step (N, C, 4 or 5): vector, [inverse_distance,] ambient."""
         inverse_distance = self.inverse_distance
         if step.shape[-1] == 5:
             inverse_distance = np.maximum(inverse_distance + step[..., 3], 0.0)
         ambient = np.maximum(self.ambient + step[..., -1], 0.0)
-        return Lamps(self.vector + step[..., :3], ambient, inverse_distance)
+        return LightParameters(self.vector + step[..., :3], ambient, inverse_distance)
 
-    def brighter(self, gain: float) -> Lamps:
+    def brighter(self, gain: float) -> LightParameters:
         """The lights with `gain` times the intensity, for an albedo divided by `gain`."""
         return replace(self, vector=self.vector * gain, ambient=self.ambient * gain)
 
@@ -237,7 +237,7 @@ class Photographs:
     def linearize(
         self,
         surface: Surface,
-        lamps: Lamps,
+        lights: LightParameters,
         *,
         scale: Floats | float = 0.0,
         start: Floats | None = None,
@@ -261,10 +261,10 @@ class Photographs:
         sums = np.zeros((height, 3))
         histogram = np.zeros((height, _kernels.BINS), dtype=np.int64)
         mean_abs_residual = np.zeros((height, width))
-        slope = np.zeros((height if with_light_slope else 0, lamps.ambient.shape[1], 5, len(self)))
+        slope = np.zeros((height if with_light_slope else 0, lights.ambient.shape[1], 5, len(self)))
         given = (
             self.values, self._light, self.active, surface.gradient, surface.points,
-            self._optics, *lamps.arrays, self._scales(scale), lagged, project,
+            self._optics, *lights.arrays, self._scales(scale), lagged, project,
             albedo, jtwj, rhs, sums, histogram, mean_abs_residual, with_light_slope, slope,
         )  # fmt: skip
 
@@ -288,7 +288,7 @@ class Photographs:
     def light_terms(
         self,
         surface: Surface,
-        lamps: Lamps,
+        lights: LightParameters,
         albedo: Floats,
         *,
         scale: Floats | float = 0.0,
@@ -309,7 +309,7 @@ class Photographs:
         from rakelight.photometry import _kernels
 
         parameters = 5 if near else 4
-        count, channels = lamps.ambient.shape
+        count, channels = lights.ambient.shape
         own = count * parameters
         hessian = np.zeros((BLOCKS, channels, own, own))
         slope = np.zeros((BLOCKS, channels, parameters, count))
@@ -324,7 +324,7 @@ class Photographs:
         )
         values, gradient = np.ascontiguousarray(self.values[:, *every]), subsampling * gradient
         given = (
-            values, self._light, active, gradient, points, optics, *lamps.arrays, scales,
+            values, self._light, active, gradient, points, optics, *lights.arrays, scales,
             albedo, parameters, project, hessian, slope, both,
         )  # fmt: skip
         in_blocks(

@@ -17,7 +17,7 @@ WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 440.0, 180.0, 64.0, 12.0, 10.0, 28.0
 
 
 @dataclass(frozen=True, slots=True)
-class Lamp:
+class DrawnLight:
     """A photograph's light, drawn on the hemisphere over the object as the camera sees it.
 
     x, y : on the drawing, whose rim has the radius 100; right and down
@@ -41,11 +41,11 @@ class Lamp:
     distance_m: float | None
 
 
-def lamps(lights: Lights, names: tuple[str, ...]) -> list[Lamp]:
+def drawn_lights(lights: Lights, names: tuple[str, ...]) -> list[DrawnLight]:
     """Every lamp that shines, one per channel where they are coloured.
 
     >>> lights = Lights(np.array([[[0.6, 0.0, -0.8]]]), np.zeros((1, 1)))
-    >>> lamp = lamps(lights, ("000.png",))[0]
+    >>> lamp = drawn_lights(lights, ("000.png",))[0]
     >>> round(lamp.x), round(lamp.y), round(lamp.azimuth), round(lamp.tilt)
     (60, 0, 90, 37)
     """
@@ -62,7 +62,7 @@ def lamps(lights: Lights, names: tuple[str, ...]) -> list[Lamp]:
             if lights.distance_m is not None and np.isfinite(lights.distance_m[i, c]):
                 distance = float(lights.distance_m[i, c])
             drawn.append(
-                Lamp(
+                DrawnLight(
                     photograph=i,
                     name=names[i] if i < len(names) else f"photograph {i}",
                     channel=channel,
@@ -80,9 +80,9 @@ def lamps(lights: Lights, names: tuple[str, ...]) -> list[Lamp]:
     return drawn
 
 
-def tilts(lamps_drawn: list[Lamp]) -> tuple[float, float, float]:
-    """Least, middle and largest tilt of the lamps, degrees."""
-    found = [lamp.tilt for lamp in lamps_drawn]
+def tilts(drawn: list[DrawnLight]) -> tuple[float, float, float]:
+    """Least, middle and largest tilt of the lights, degrees."""
+    found = [lamp.tilt for lamp in drawn]
     return min(found), float(np.median(found)), max(found)
 
 
@@ -164,14 +164,14 @@ def error_bars(errors: tuple[float, ...], names: tuple[str, ...]) -> list[dict[s
     ]
 
 
-def lamp_facts(lamps_drawn: list[Lamp]) -> dict[str, dict[str, float]]:
+def viewer_lights(drawn: list[DrawnLight]) -> dict[str, dict[str, float]]:
     """Photograph -> direction of its lamp, for the viewer; the middle of coloured ones.
 
     Those with a lamp behind the object are left out: the viewer's lamp is in front.
     """
     facts: dict[str, dict[str, float]] = {}
-    for i in dict.fromkeys(lamp.photograph for lamp in lamps_drawn):
-        these = [lamp for lamp in lamps_drawn if lamp.photograph == i]
+    for i in dict.fromkeys(lamp.photograph for lamp in drawn):
+        these = [lamp for lamp in drawn if lamp.photograph == i]
         if max(lamp.tilt for lamp in these) > 90:
             continue
         x, y = (sum(getattr(lamp, axis) for lamp in these) / len(these) for axis in ("x", "y"))

@@ -35,12 +35,12 @@ def report_html(result: Result, truth: Truth | None = None) -> bytes:
     truth : at the result's resolution, for the errors; None for none
     """
     names = tuple(map(printable, result.photograph_names))
-    lamps = charts.lamps(result.lights, names)
+    lights = charts.drawn_lights(result.lights, names)
     maps = viewer_maps(result)
     planes, viewer = pack(maps)
     viewer |= {
         "ramp": [[value / 255 for value in color] for color in CONFIDENCE_COLORS],
-        "lamps": charts.lamp_facts(lamps),
+        "lights": charts.viewer_lights(lights),
     }
     style, script = _style(), _script()
     environment = Environment(
@@ -62,9 +62,9 @@ def report_html(result: Result, truth: Truth | None = None) -> bytes:
         capture_rows=facts.capture_rows(result),
         method_rows=facts.method_rows(result),
         option_rows=facts.option_rows(result.options),
-        lamps=lamps,
-        aims=viewer["lamps"],
-        tilts=charts.tilts(lamps) if lamps else None,
+        lights=lights,
+        aims=viewer["lights"],
+        tilts=charts.tilts(lights) if lights else None,
         energy=charts.energy_curve(result.energy),
         prediction=_prediction(result, names),
         plates=result_plates(maps),

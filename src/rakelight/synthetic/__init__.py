@@ -1,4 +1,4 @@
-"""Captures with known truth to test against: shapes, paints, lamps and sensors."""
+"""Captures with known truth to test against: shapes, paints, lights and sensors."""
 
 from rakelight.synthetic.albedo import ALBEDOS, Albedo, make_albedo, texture_from_file
 from rakelight.synthetic.depth_file import shape_from_depth, shape_from_file

@@ -1,6 +1,6 @@
 """Light on materials: what reaches a camera from a finely sampled surface.
 
-Lamps near or distant, matte, rough (Oren and Nayar 1994) and shiny (Blinn-Phong) materials, cast
+Lights near or distant, matte, rough (Oren and Nayar 1994) and shiny (Blinn-Phong) materials, cast
 shadows, and one bounce of light between surfaces.
 """
 
@@ -17,20 +17,20 @@ from rakelight.photometry.cast_shadows import in_sight
 from rakelight.synthetic.implicit import Surface
 
 DISTANT_M = 100.0
-"""How far shadows of distant lamps are followed."""
+"""How far shadows of distant lights are followed."""
 BOUNCE_PX = 8
 """Side of the cells that light each other, pixels."""
 
 
 @dataclass(frozen=True)
-class Lamps:
-    """The lamps of N photographs: L each, 1 or, one for each channel, 3.
+class LightSources:
+    """The lights of N photographs: L each, 1 or, one for each channel, 3.
 
     toward : (N, L, 3) unit vectors from the object's middle
     gain : (N, 3) brightness in each channel, at the object's middle
     ambient : (N, 3) light from everywhere
     middle_m : (3,) the object's middle
-    distance_m : (N, L) of the lamps from there; None for distant ones
+    distance_m : (N, L) of the lights from there; None for distant ones
     """
 
     toward: Floats
@@ -57,7 +57,7 @@ class Lamps:
         return np.asarray(self.middle_m + self.distance_m[photograph, lamp] * toward - points_m)
 
     def as_lights(self, level: float) -> Lights:
-        """Of photographs whose light was multiplied by `level`; white lamps have one channel."""
+        """Of photographs whose light was multiplied by `level`; white lights have one channel."""
         toward, gain = self.toward, level * self.gain
         white = toward.shape[1] == 1 and bool((gain == gain[:, :1]).all())
         channels = 1 if white else 3
@@ -92,7 +92,7 @@ def photographed(
     rays: int,
     near: Mask,
     materials: Materials,
-    lamps: Lamps,
+    lights: LightSources,
     *,
     cast_shadows: bool,
     bounce: bool,
@@ -112,19 +112,19 @@ def photographed(
     to_camera = -points / np.linalg.norm(points, axis=1, keepdims=True)
     exchange = _Exchange(near, points, normals, camera, rays) if bounce else None
     screen = _Screen(surface.depth, near, camera, rays) if cast_shadows else None
-    count, kinds = lamps.toward.shape[:2]
+    count, kinds = lights.toward.shape[:2]
     images = np.empty((count, camera.height // rays, camera.width // rays, 3), np.float32)
     for i in range(count):
         shading, shine = np.empty_like(materials.albedo), np.empty_like(materials.albedo)
         for k in range(kinds):
-            toward, strength = lamps.reaching(points, i, k)
+            toward, strength = lights.reaching(points, i, k)
             lit, highlight = _reflected(normals, to_camera, toward, materials)
             if screen is not None:
-                strength = strength * screen.seen(lamps, i, k)
+                strength = strength * screen.seen(lights, i, k)
             channels = slice(None) if kinds == 1 else slice(k, k + 1)
             shading[:, channels] = (lit * strength)[:, None]
             shine[:, channels] = (highlight * strength)[:, None]
-        gain, ambient = (np.float32(each[i]) for each in (lamps.gain, lamps.ambient))
+        gain, ambient = (np.float32(each[i]) for each in (lights.gain, lights.ambient))
         light = materials.albedo * (gain * shading + ambient)
         light += gain * shine
         if exchange is not None:
@@ -162,7 +162,7 @@ def _reflected(
 
 
 class _Screen:
-    """What the surface hides from lamps, at one sample per pixel, spread over the finer ones."""
+    """What the surface hides from lights, at one sample per pixel, spread over the finer ones."""
 
     def __init__(self, depth: Floats, near: Mask, camera: Camera, rays: int) -> None:
         self.near, self.camera = near, camera.scaled(1 / rays)
@@ -173,12 +173,12 @@ class _Screen:
         self.inside = np.isfinite(self.depth)
         self.points = back_project(self.depth, self.camera)[self.inside]
 
-    def seen(self, lamps: Lamps, photograph: int, lamp: int) -> Floats:
+    def seen(self, lights: LightSources, photograph: int, lamp: int) -> Floats:
         """(M,) 0 to 1: the part of a lamp that each near sample sees; edges are a pixel wide."""
         import cv2
 
         free = np.ones(self.inside.shape, np.float32)
-        way = lamps.way(self.points, photograph, lamp)
+        way = lights.way(self.points, photograph, lamp)
         free[self.inside] = in_sight(self.depth, self.camera, self.points, way)
         size = self.near.shape[::-1]
         spread = cv2.resize(free, size, interpolation=cv2.INTER_LINEAR)

@@ -36,7 +36,7 @@ from rakelight.model import (
 )
 from rakelight.prepare.linear import srgb
 from rakelight.synthetic.albedo import ALBEDOS, DARKEST, Albedo, make_albedo, texture_from_file
-from rakelight.synthetic.appearance import Lamps, Materials, photographed
+from rakelight.synthetic.appearance import LightSources, Materials, photographed
 from rakelight.synthetic.depth_file import shape_from_file
 from rakelight.synthetic.draws import OneOf, Range, distributions, drawn, stream
 from rakelight.synthetic.implicit import Surface, seen_from, trace
@@ -96,12 +96,12 @@ class Draw:
             lighting is another
         lights : ring: all at `tilt_deg`, 4 degrees to and fro; cone: at random up to it;
             one-side: within `side_deg` around the object, at it, 8 degrees to and fro
-        near_radii : the lamps' distance from the object, in its radii (3 to 10 of them are 0.3 to
+        near_radii : the lights' distance from the object, in its radii (3 to 10 of them are 0.3 to
             1 m for one 0.2 m wide); 0 for distant ones
         near_spread : standard deviation of the distances, logarithmic
-        lamp_spread : standard deviation of the lamps' brightness, logarithmic
+        light_spread : standard deviation of the lights' brightness, logarithmic
         colour_spread : standard deviation of each channel of each lamp, logarithmic
-        ambient : light from everywhere, as a fraction of the lamps'
+        ambient : light from everywhere, as a fraction of the lights'
         cast_shadows, bounce : whether parts of the object shade, and light, each other
     The colour camera
         peak : the brightness, 1 being white, that 0.5 % of the object's values exceed
@@ -162,7 +162,7 @@ class Draw:
     side_deg: float = drawn(Range(60, 180))
     near_radii: float = drawn(Range(3, 10, log=True, absent=0.5))
     near_spread: float = drawn(Range(0, 0.2))
-    lamp_spread: float = drawn(Range(0, 0.4, absent=0.3))
+    light_spread: float = drawn(Range(0, 0.4, absent=0.3))
     colour_spread: float = drawn(Range(0.05, 0.4, absent=0.75))
     ambient: float = drawn(Range(0, 0.3))
     cast_shadows: bool = drawn(OneOf({True: 0.6, False: 0.4}, plain=False))
@@ -291,7 +291,7 @@ def render_draw(drawn: Draw) -> tuple[Capture, Truth]:
 
     The truth's mask holds the pixels that the object covers whole; the capture's is larger or
     smaller by `mask_px`.  The truth's lights are those of linear values, white being 1, where
-    nothing but the lamps' own light is seen.
+    nothing but the lights' own light is seen.
 
     >>> capture, truth = render_draw(draw(0, size=0.2, shape="ring", photographs=4, bits=8))
     >>> capture.photographs.shape[0], str(capture.photographs.dtype)
@@ -307,7 +307,7 @@ def render_draw(drawn: Draw) -> tuple[Capture, Truth]:
     everything = _before_wall(drawn, surface, fine)
 
     paint = _paint(drawn, fine)
-    lamps = _lamps(drawn, back_project(depth, camera)[mask])
+    lights = _lights(drawn, back_project(depth, camera)[mask])
     near = everything.mask & _grown(count > 0, RENDERED_PX).repeat(rays, 0).repeat(rays, 1)
     light = photographed(
         everything,
@@ -315,7 +315,7 @@ def render_draw(drawn: Draw) -> tuple[Capture, Truth]:
         rays,
         near,
         _materials(drawn, near, paint[near], rays),
-        lamps,
+        lights,
         cast_shadows=drawn.cast_shadows,
         bounce=drawn.bounce,
     )
@@ -334,7 +334,7 @@ def render_draw(drawn: Draw) -> tuple[Capture, Truth]:
         depth=np.where(mask, depth, np.nan).astype(np.float32),
         normals=np.where(mask[..., None], normals, np.nan).astype(np.float32),
         albedo=np.where(mask[..., None], area_mean(paint, rays), 0).astype(np.float32),
-        lights=lamps.as_lights(level),
+        lights=lights.as_lights(level),
     )
     return capture, truth
 
@@ -499,9 +499,9 @@ def _materials(drawn: Draw, near: Mask, albedo: Floats, rays: int) -> Materials:
 # ---- light
 
 
-def _lamps(drawn: Draw, points_m: Floats) -> Lamps:
-    """The lamps around an object of visible points (M, 3)."""
-    rng = stream(drawn.seed, "lamps")
+def _lights(drawn: Draw, points_m: Floats) -> LightSources:
+    """The lights around an object of visible points (M, 3)."""
+    rng = stream(drawn.seed, "lights")
     if drawn.lighting == "moving-lamp":
         tilt, azimuth = (angle[:, None] for angle in _moving(drawn, rng))
     elif drawn.lighting == "rgb-leds":
@@ -515,7 +515,7 @@ def _lamps(drawn: Draw, points_m: Floats) -> Lamps:
     )
     count = len(toward)
     rng = stream(drawn.seed, "brightness")
-    gain = np.exp(drawn.lamp_spread * rng.standard_normal((count, 1)))
+    gain = np.exp(drawn.light_spread * rng.standard_normal((count, 1)))
     gain = gain * np.exp(drawn.colour_spread * rng.standard_normal((count, 3)))
     middle = points_m.mean(axis=0)
     distance_m = None
@@ -524,11 +524,11 @@ def _lamps(drawn: Draw, points_m: Floats) -> Lamps:
         spread = np.exp(drawn.near_spread * rng.standard_normal(toward.shape[:2]))
         distance_m = radius_m * np.maximum(drawn.near_radii * spread, 2)
     ambient = np.full((count, 3), 0.5 if drawn.lighting == "ambient" else drawn.ambient)
-    return Lamps(toward, gain, ambient, middle, distance_m)
+    return LightSources(toward, gain, ambient, middle, distance_m)
 
 
 def _moving(drawn: Draw, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """(N,) tilt from the optical axis and azimuth (0 to the right, 90 down) of lamps, degrees."""
+    """(N,) tilt from the optical axis and azimuth (0 to the right, 90 down) of lights, degrees."""
     count = drawn.photographs
     start = rng.uniform(0, 360)
     if drawn.lights == "ring":

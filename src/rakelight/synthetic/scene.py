@@ -1,4 +1,4 @@
-"""Captures with known truth: an object, its paint, lamps and sensors.
+"""Captures with known truth: an object, its paint, lights and sensors.
 
 Photographs are rendered with several rays per pixel and averaged in linear light, from exact
 normals, so that they owe nothing to the differences by which a method takes its normals.
@@ -41,18 +41,18 @@ Conditions: TypeAlias = list[tuple[str, bool, str]]
 class SceneOptions:
     """All about a scene but its object and paint.
 
-    Lamps
+    Lights
         lighting : "moving-lamp": one white lamp, many photographs; "rgb-leds": one photograph
             under a red, a green and a blue lamp, each seen by its own channel only; "ambient":
             one photograph in broad natural light from above
         photographs : how many, moving lamp only
         tilt_deg : least and largest angle between the moving lamp and the optical axis, seen
-            from the object; the lamps are spread evenly over that ring
+            from the object; the lights are spread evenly over that ring
         led_tilt_deg, led_azimuth_deg : of the red, green and blue lamp; azimuth 0 is to the
             right, 90 below
-        lamp_distance_m : from the middle of the object; None for distant lamps
+        lamp_distance_m : from the middle of the object; None for distant lights
         ambient : light from everywhere, as a fraction of the lamp's on a surface that faces it;
-            None for 0.1 (lamps) or 0.5 (natural light)
+            None for 0.1 (lights) or 0.5 (natural light)
         exposure_spread : standard deviation of the photographs' exposures, logarithmic
     Surface
         specular : height of the highlight (Blinn-Phong) over white paint that faces the lamp
@@ -162,7 +162,7 @@ def render_scene(
     The truth is exact at the pixel centres of the colour camera.  Its mask, and the capture's,
     leaves out the pixels that the object does not cover whole.  Its lights are those of the
     photographs' linear values, white being 1: photograph = albedo * (max(0, s.n) + ambient),
-    where nothing is shaded or shines.  The middle of near lamps is the visible points' mean.
+    where nothing is shaded or shines.  The middle of near lights is the visible points' mean.
 
     Raises InputError when the camera does not see the object, or its size is not a multiple of
     depth_factor, MachineError when there is too little memory.
@@ -183,8 +183,8 @@ def render_scene(
     mask = surface.mask & (area_mean(fine.mask, options.supersampling) == 1)
     _require_object(mask, shape)
     paint = albedo.paint(fine_camera)
-    lamps = _lamps(options, _center_m(surface.depth, mask, camera))
-    light = _photograph(fine, fine_camera, paint, lamps, options)
+    lights = _lights(options, _center_m(surface.depth, mask, camera))
+    light = _photograph(fine, fine_camera, paint, lights, options)
     level = options.exposure or options.peak / float(
         np.quantile(light[:, mask], options.peak_quantile)
     )
@@ -202,7 +202,7 @@ def render_scene(
         names=tuple(f"{i:03d}.png" for i in range(len(light))),
     )
     seen = area_mean(paint, options.supersampling)
-    return capture, _truth(surface, mask, seen, lamps.as_lights(level))
+    return capture, _truth(surface, mask, seen, lights.as_lights(level))
 
 
 def _require_object(mask: Mask, shape: Shape) -> None:
@@ -236,7 +236,7 @@ DEMO_OPTIONS = SceneOptions(
 
 
 def demo_scene(seed: int = 0) -> tuple[Capture, Truth]:
-    """The scene of `rakelight demo`: a painted vase, twelve lamps, half-resolution depth.
+    """The scene of `rakelight demo`: a painted vase, twelve lights, half-resolution depth.
 
     >>> capture, truth = demo_scene()
     >>> capture.photographs.shape, capture.depth_m.shape
@@ -249,7 +249,7 @@ def demo_scene(seed: int = 0) -> tuple[Capture, Truth]:
 # Bytes per pixel that rendering needs at the least: measured, rounded down.
 _BYTES_PER_RAY, _BYTES_PER_PHOTOGRAPH, _BYTES_PER_FRAME = 350, 17, 8
 
-# The parts of a scene draw from streams of their own: more lamps do not change the depth noise.
+# The parts of a scene draw from streams of their own: more lights do not change the depth noise.
 LAMP_STREAM, EXPOSURE_STREAM, IMAGE_STREAM, DEPTH_STREAM = range(4)
 
 
@@ -275,18 +275,18 @@ def _require_memory(camera: Camera, options: SceneOptions) -> None:
     )
 
 
-# ---- lamps
+# ---- lights
 
 
 @dataclass(frozen=True)
-class _Lamps:
-    """Lamps of unit irradiance at the object's middle, times the photographs' exposures.
+class _SceneLights:
+    """Lights of unit irradiance at the object's middle, times the photographs' exposures.
 
     toward : (N, C, 3) unit vectors from the object's middle
     gain : (N,) exposures
     ambient : fraction of a lamp's irradiance
     center_m : (3,) the object's middle
-    distance_m : of the lamps from there, None for distant ones
+    distance_m : of the lights from there, None for distant ones
     """
 
     toward: Floats
@@ -322,7 +322,7 @@ class _Lamps:
         return Lights(vector, ambient, position, self.center_m)
 
 
-def _lamps(options: SceneOptions, center_m: Floats) -> _Lamps:
+def _lights(options: SceneOptions, center_m: Floats) -> _SceneLights:
     if options.lighting == "moving-lamp":
         toward = _ring(options)[:, None]
     elif options.lighting == "rgb-leds":
@@ -333,11 +333,11 @@ def _lamps(options: SceneOptions, center_m: Floats) -> _Lamps:
     gain = np.exp(options.exposure_spread * rng.standard_normal(len(toward)))
     usual = 0.5 if options.lighting == "ambient" else 0.1
     ambient = usual if options.ambient is None else options.ambient
-    return _Lamps(toward, gain, ambient, center_m, options.lamp_distance_m)
+    return _SceneLights(toward, gain, ambient, center_m, options.lamp_distance_m)
 
 
 def _toward(tilt_deg: Floats, azimuth_deg: Floats) -> Floats:
-    """(N, 3) unit vectors towards lamps; tilt from the optical axis, azimuth from right to down."""
+    """(N, 3) unit vectors towards lights; tilt from the optical axis, azimuth from right to down."""
     tilt, azimuth = np.radians(tilt_deg), np.radians(azimuth_deg)
     return np.stack(
         [np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), -np.cos(tilt)], axis=-1
@@ -370,7 +370,7 @@ def _center_m(depth_m: Floats, mask: Mask, camera: Camera) -> Floats:
 
 
 def _photograph(
-    fine: Surface, camera: Camera, paint: Floats, lamps: _Lamps, options: SceneOptions
+    fine: Surface, camera: Camera, paint: Floats, lights: _SceneLights, options: SceneOptions
 ) -> Floats:
     """(N, H, W, 3) float32 linear light of all photographs, at the colour camera's resolution."""
     hit = np.flatnonzero(fine.mask)
@@ -378,22 +378,22 @@ def _photograph(
     normals = fine.normals.reshape(-1, 3)[hit]
     rho = paint.reshape(-1, 3)[hit]
     size = (side // options.supersampling for side in camera.shape)
-    images = np.empty((len(lamps.toward), *size, 3), np.float32)
-    for i, channels in enumerate(lamps.toward):
+    images = np.empty((len(lights.toward), *size, 3), np.float32)
+    for i, channels in enumerate(lights.toward):
         shading, shine = np.empty_like(rho), np.zeros_like(rho)
         for c in range(len(channels)):
-            s = lamps.at(points, i, c)
+            s = lights.at(points, i, c)
             lit = np.maximum((normals * s).sum(axis=1), 0)
             if options.cast_shadows:
                 from rakelight.photometry.cast_shadows import in_sight
 
-                lit *= in_sight(fine.depth, camera, points, lamps.way(points, i, c))
+                lit *= in_sight(fine.depth, camera, points, lights.way(points, i, c))
             seen_by = slice(None) if len(channels) == 1 else slice(c, c + 1)
             shading[:, seen_by] = lit[:, None]
             if options.specular:
                 shine[:, seen_by] = _highlight(normals, points, s, lit > 0, options)[:, None]
         light = np.zeros((camera.height * camera.width, 3), np.float32)
-        light[hit] = rho * (shading + lamps.gain[i] * lamps.ambient) + shine
+        light[hit] = rho * (shading + lights.gain[i] * lights.ambient) + shine
         images[i] = area_mean(light.reshape(*camera.shape, 3), options.supersampling)
     return images
 

@@ -1,4 +1,4 @@
-"""The bas-relief transform that a surface and its lamps need."""
+"""The bas-relief transform that a surface and its lights need."""
 
 from functools import cache
 
@@ -9,7 +9,7 @@ from rakelight.geometry.camera import back_project
 from rakelight.geometry.normals import normals_from_gradient
 from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light.bas_relief import nearest_bas_relief, relief_scaling
-from rakelight.photometry.images import Lamps
+from rakelight.photometry.images import LightParameters
 from rakelight.prepare import prepare
 from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
 
@@ -24,45 +24,45 @@ def make_level():
 
 
 def alike(count=8):
-    """Distant lamps of one brightness, at different slants."""
+    """Distant lights of one brightness, at different slants."""
     around, slant = 2.4 * np.arange(count), np.radians(np.linspace(10, 45, count))
     level = np.sin(slant)
     vector = np.stack([level * np.cos(around), level * np.sin(around), -np.cos(slant)], axis=-1)
-    return Lamps.distant(vector[:, None], np.zeros((count, 1)))
+    return LightParameters.distant(vector[:, None], np.zeros((count, 1)))
 
 
-def spread(lamps, turn):
-    return np.log(np.linalg.norm(lamps.vector @ turn.T, axis=-1)).std()
+def spread(lights, turn):
+    return np.log(np.linalg.norm(lights.vector @ turn.T, axis=-1)).std()
 
 
-def test_lamps_that_can_be_alike_set_what_a_vague_sensor_leaves_open():
-    level, lamps = make_level().weighted(1e-8), alike()
-    turned = Lamps.distant(lamps.vector @ TURN.T, lamps.ambient)
+def test_lights_that_can_be_alike_set_what_a_vague_sensor_leaves_open():
+    level, lights = make_level().weighted(1e-8), alike()
+    turned = LightParameters.distant(lights.vector @ TURN.T, lights.ambient)
     assert spread(turned, np.eye(3)) > 0.02
     _, found = nearest_bas_relief(level, level.prior, turned, equal_intensity_weight=1.0)
     assert spread(turned, found) < 2e-3
     # Back where they were, but for the brightness of all, which nothing tells.
     back = turned.vector[:, 0] @ found.T
-    cosine = (back * lamps.vector[:, 0]).sum(axis=1) / np.linalg.norm(back, axis=1)
+    cosine = (back * lights.vector[:, 0]).sum(axis=1) / np.linalg.norm(back, axis=1)
     assert np.degrees(np.arccos(cosine)).max() < 1
 
 
 def test_a_sensor_that_knows_is_believed():
     level, turned = (
         make_level().weighted(1e8),
-        Lamps.distant(alike().vector @ TURN.T, alike().ambient),
+        LightParameters.distant(alike().vector @ TURN.T, alike().ambient),
     )
     log_depth, found = nearest_bas_relief(level, level.prior, turned, equal_intensity_weight=1.0)
     np.testing.assert_allclose(found, np.eye(3), atol=1e-4)
     np.testing.assert_allclose(log_depth, level.prior, atol=1e-5)
 
 
-def test_lamps_of_any_brightness_hardly_move_the_surface():
+def test_lights_of_any_brightness_hardly_move_the_surface():
     level, rng = make_level(), np.random.default_rng(0)
     gain = np.exp(0.4 * rng.normal(size=8))[:, None, None]
-    differing = Lamps.distant(alike().vector * gain, alike().ambient)
+    differing = LightParameters.distant(alike().vector * gain, alike().ambient)
     moved, _ = nearest_bas_relief(level, level.prior, differing, equal_intensity_weight=100.0)
-    turned = Lamps.distant(alike().vector @ TURN.T, alike().ambient)
+    turned = LightParameters.distant(alike().vector @ TURN.T, alike().ambient)
     pulled, _ = nearest_bas_relief(level, level.prior, turned, equal_intensity_weight=100.0)
     size = [np.std((each - level.prior)[level.mask]) for each in (moved, pulled)]
     assert size[0] < 0.3 * size[1]
@@ -71,7 +71,7 @@ def test_lamps_of_any_brightness_hardly_move_the_surface():
 @pytest.mark.parametrize("equal_intensity_weight", [0.0, 1.0])
 def test_photographs_are_as_they_were_but_for_the_albedo(equal_intensity_weight):
     level = make_level().weighted(1e-8 if equal_intensity_weight else 1.0)
-    turned = Lamps.distant(alike().vector @ TURN.T, alike().ambient)
+    turned = LightParameters.distant(alike().vector @ TURN.T, alike().ambient)
     log_depth, turn = nearest_bas_relief(level, level.prior + 0.01, turned, equal_intensity_weight)
     shadings = []
     for depth, vector in ((level.prior + 0.01, turned.vector), (log_depth, turned.vector @ turn.T)):

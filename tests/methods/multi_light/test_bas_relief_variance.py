@@ -11,7 +11,7 @@ from rakelight.methods.multi_light.bas_relief_variance import (
     lights_moment,
     sensor_moment,
 )
-from rakelight.photometry.images import Lamps
+from rakelight.photometry.images import LightParameters
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise
 from tests.check.wrong_captures import sound
@@ -20,18 +20,18 @@ NOISE = DepthNoise(rms_mm=2.0, correlation_length_px=4.0, growth=0.0)
 
 
 def true_level(noise):
-    """The finest level of a capture, its true log depth (h, w) and lamps."""
+    """The finest level of a capture, its true log depth (h, w) and lights."""
     capture, truth = sound("head", noise=noise)
     prepared = prepare(capture)
     level = finest_level(prepared)
     true = truth.depth[prepared.rows, prepared.columns]
     log_depth = np.where(np.isfinite(true), np.log(np.nan_to_num(true, nan=1.0)), level.prior)
-    return level, log_depth, Lamps.distant(truth.lights.vector, truth.lights.ambient)
+    return level, log_depth, LightParameters.distant(truth.lights.vector, truth.lights.ambient)
 
 
-def fitted_relief(level, log_depth, lamps):
+def fitted_relief(level, log_depth, lights):
     """The true relief, its bas-relief transform read off the sensor: what the variance is of."""
-    return nearest_bas_relief(level, log_depth, lamps)[0]
+    return nearest_bas_relief(level, log_depth, lights)[0]
 
 
 def normals_of(level, log_depth):
@@ -42,7 +42,7 @@ def normals_of(level, log_depth):
 def test_the_variance_is_that_of_reading_the_transform_off_the_sensor():
     """Over sensors with errors of their own the mean squared angle is about what is expected."""
     squares, expected = [], []
-    level, log_depth, lamps = true_level(NOISE)
+    level, log_depth, lights = true_level(NOISE)
     active = level.photographs.active
     true = normals_of(level, log_depth)
     for seed in range(30):
@@ -50,24 +50,24 @@ def test_the_variance_is_that_of_reading_the_transform_off_the_sensor():
         error = gaussian_filter(rng.normal(size=log_depth.shape), 2.0)
         error *= 0.002 / error.std()
         level = replace(level, unbiased_prior=np.log(np.exp(log_depth) + error))
-        fitted = fitted_relief(level, log_depth, lamps)
+        fitted = fitted_relief(level, log_depth, lights)
         cosine = np.sum(normals_of(level, fitted) * true, axis=-1)
         squares.append(np.mean(np.arccos(np.clip(cosine, -1, 1))[active] ** 2))
         moment = sensor_moment(level, fitted)
-        variance = bas_relief_variance(level, fitted, lamps, moment)
+        variance = bas_relief_variance(level, fitted, lights, moment)
         expected.append(np.mean(variance[active]))
     # Blocks of the size that gives the largest variance: more than the truth, not less.
     assert 0.8 < np.mean(expected) / np.mean(squares) < 2.5
 
 
 def test_it_grows_with_the_sensors_noise():
-    level, log_depth, lamps = true_level(NOISE)
+    level, log_depth, lights = true_level(NOISE)
     error = gaussian_filter(np.random.default_rng(0).normal(size=log_depth.shape), 2.0)
     quiet, loud = (
         bas_relief_variance(
             level,
             log_depth,
-            lamps,
+            lights,
             sensor_moment(replace(level, unbiased_prior=log_depth + size * error), log_depth),
         )
         for size in (0.001, 0.008)
@@ -75,33 +75,33 @@ def test_it_grows_with_the_sensors_noise():
     np.testing.assert_allclose(loud.max() / quiet.max(), 64, rtol=0.1)
 
 
-def test_lamps_that_are_alike_contradict_nothing():
-    level, _, lamps = true_level(NOISE)
-    assert np.abs(lights_moment(level, lamps)).max() < 1e-12
+def test_lights_that_are_alike_contradict_nothing():
+    level, _, lights = true_level(NOISE)
+    assert np.abs(lights_moment(level, lights)).max() < 1e-12
 
 
-def test_lamps_of_a_flattened_surface_contradict_it():
-    level, _, lamps = true_level(NOISE)
+def test_lights_of_a_flattened_surface_contradict_it():
+    level, _, lights = true_level(NOISE)
     g = np.array([0.0, 0.0, 0.5])
     transform = np.linalg.inv(np.eye(3) + np.outer(level.middle_m, g))
-    flattened = replace(lamps, vector=lamps.vector @ transform.T)
+    flattened = replace(lights, vector=lights.vector @ transform.T)
     found = np.sqrt(np.diag(lights_moment(level, flattened)))
     assert 0.33 < found[2] < 0.5
     assert found[:2].max() < 0.3 * found[2]
 
 
-def test_lamps_that_differ_by_chance_contradict_little():
-    level, _, lamps = true_level(NOISE)
+def test_lights_that_differ_by_chance_contradict_little():
+    level, _, lights = true_level(NOISE)
     rng = np.random.default_rng(0)
-    gains = np.exp(0.3 * rng.normal(size=(200, len(lamps.vector), 1, 1)))
-    found = [lights_moment(level, replace(lamps, vector=gain * lamps.vector)) for gain in gains]
+    gains = np.exp(0.3 * rng.normal(size=(200, len(lights.vector), 1, 1)))
+    found = [lights_moment(level, replace(lights, vector=gain * lights.vector)) for gain in gains]
     silent = np.mean([not moment.any() for moment in found])
     assert silent > 0.3  # F below 1 has a probability of one half
 
 
-def test_few_lamps_say_nothing():
-    level, _, lamps = true_level(NOISE)
-    few = Lamps(lamps.vector[:5] * 2, lamps.ambient[:5], lamps.inverse_distance[:5])
+def test_few_lights_say_nothing():
+    level, _, lights = true_level(NOISE)
+    few = LightParameters(lights.vector[:5] * 2, lights.ambient[:5], lights.inverse_distance[:5])
     assert not lights_moment(level, few).any()
 
 

@@ -1,4 +1,4 @@
-"""Fits of depth and lamps: the energy, its derivative, and steps that never raise it."""
+"""Fits of depth and lights: the energy, its derivative, and steps that never raise it."""
 
 from dataclasses import replace
 from functools import cache, partial
@@ -35,7 +35,7 @@ from rakelight.methods.multi_light.steps import (
     project_bas_relief,
     refine_lights,
 )
-from rakelight.photometry.images import Lamps
+from rakelight.photometry.images import LightParameters
 from rakelight.prepare import prepare
 from rakelight.solve import solve
 from rakelight.solve.levenberg_marquardt import FACTOR, LARGEST, Damping
@@ -85,25 +85,25 @@ def rough(level, seed=0):
 
 def start(level, name):
     """A fit that is far from the best one, in the way that its name says."""
-    lamps, prior, rng = lights_of_prior(level), level.prior, np.random.default_rng(3)
-    count = len(lamps.vector)
-    wild = Lamps.distant(rng.normal(size=(count, 1, 3)), rng.uniform(0, 1, (count, 1)))
-    alike = (np.repeat(each[:1], count, axis=0) for each in (lamps.vector, lamps.ambient))
+    lights, prior, rng = lights_of_prior(level), level.prior, np.random.default_rng(3)
+    count = len(lights.vector)
+    wild = LightParameters.distant(rng.normal(size=(count, 1, 3)), rng.uniform(0, 1, (count, 1)))
+    alike = (np.repeat(each[:1], count, axis=0) for each in (lights.vector, lights.ambient))
     depth, light = {
-        "rough depth": (prior + 0.03 * rough(level), lamps),
-        "flat depth": (np.full_like(prior, prior.mean()), lamps),
-        "wild lamps": (prior, wild),
-        "lamps behind": (prior, replace(lamps, vector=-lamps.vector)),
-        "no light": (prior, lamps.brighter(0.0)),
-        "lamps alike": (prior, Lamps.distant(*alike)),
-        "near": (prior, replace(lamps, inverse_distance=np.full((count, 1), 3.0))),
-    }.get(name, (prior, lamps))
+        "rough depth": (prior + 0.03 * rough(level), lights),
+        "flat depth": (np.full_like(prior, prior.mean()), lights),
+        "wild lights": (prior, wild),
+        "lights behind": (prior, replace(lights, vector=-lights.vector)),
+        "no light": (prior, lights.brighter(0.0)),
+        "lights alike": (prior, LightParameters.distant(*alike)),
+        "near": (prior, replace(lights, inverse_distance=np.full((count, 1), 3.0))),
+    }.get(name, (prior, lights))
     fit = first_fit(level, depth, light, near="near" in name)
     return update_scale(level, with_coloured_lights(fit)) if "coloured" in name else fit
 
 
 STARTS = (
-    "prior", "rough depth", "flat depth", "wild lamps", "lamps behind", "no light", "lamps alike",
+    "prior", "rough depth", "flat depth", "wild lights", "lights behind", "no light", "lights alike",
     "coloured", "near", "coloured near",
 )  # fmt: skip
 
@@ -164,7 +164,7 @@ def test_the_right_side_is_minus_half_the_derivative_of_the_energy(level, name):
     # By then the albedo's reweighting has come to rest, and the energy owes nothing to it.
     fit = start(level, name)
     for _ in range(40):
-        fit = evaluated(level, fit, fit.log_depth, fit.lamps)
+        fit = evaluated(level, fit, fit.log_depth, fit.lights)
     system = depth_system(level, fit, fit.linearization.jtwj)
     assert not system.pinned.any()
     close = 1e-12 * np.abs(system.rhs).max()
@@ -174,7 +174,7 @@ def test_the_right_side_is_minus_half_the_derivative_of_the_energy(level, name):
     for seed in range(3):
         way = 1e-7 * rough(level, seed)
         ahead, behind = (
-            evaluated(level, fit, fit.log_depth + sign * way, fit.lamps).energy for sign in (1, -1)
+            evaluated(level, fit, fit.log_depth + sign * way, fit.lights).energy for sign in (1, -1)
         )
         expected = -(ahead - behind) / 4
         scale = np.linalg.norm(system.rhs) * np.linalg.norm(way[level.mask])
@@ -202,12 +202,12 @@ def test_steps_never_raise_the_energy(level, name, kind):
 
 
 @pytest.mark.parametrize("kind", STEPS)
-def test_a_steps_energy_is_that_of_its_depth_and_lamps(level, fit, kind):
+def test_a_steps_energy_is_that_of_its_depth_and_lights(level, fit, kind):
     after = STEPS[kind](level, fit)
-    again = evaluated(level, fit, after.log_depth, after.lamps)
+    again = evaluated(level, fit, after.log_depth, after.lights)
     assert again.energy == after.energy < fit.energy
     assert after.scales is fit.scales
-    assert (after.lamps is fit.lamps) is (kind == "depth")
+    assert (after.lights is fit.lights) is (kind == "depth")
 
 
 @pytest.mark.parametrize("kind", STEPS)
@@ -215,7 +215,7 @@ def test_a_refused_step_leaves_all_but_the_damping(level, fit, kind):
     perfect = replace(fit, energy=0.0)
     after = STEPS[kind](level, perfect)
     assert after.log_depth is fit.log_depth
-    assert after.lamps is fit.lamps
+    assert after.lights is fit.lights
     damping, tries = ("depth_damping", TRIES) if kind == "depth" else ("joint_damping", 1)
     before, now = getattr(fit, damping), getattr(after, damping)
     assert now == replace(before, value=pytest.approx(before.value * FACTOR**tries))
@@ -243,8 +243,8 @@ def test_depth_steps_that_are_taken_stay_damped(level, fit):
         assert fit.depth_damping.value == LEAST_DEPTH_DAMPING
 
 
-def test_a_depth_step_leaves_the_lamps_and_cells_leave_the_detail(level, fit):
-    assert depth_step(level, fit).lamps is fit.lamps
+def test_a_depth_step_leaves_the_lights_and_cells_leave_the_detail(level, fit):
+    assert depth_step(level, fit).lights is fit.lights
     # Linear between centres some four pixels apart: next to nothing for ripples to see.
     sizes = {
         kind: np.abs(
@@ -255,7 +255,7 @@ def test_a_depth_step_leaves_the_lamps_and_cells_leave_the_detail(level, fit):
     assert sizes["joint, cells"] < 0.2 * sizes["joint"]
 
 
-def test_undamped_joint_steps_from_some_pixels_are_taken_under_near_lamps():
+def test_undamped_joint_steps_from_some_pixels_are_taken_under_near_lights():
     level, most_cells = make_level(), 60
     assert 3 * np.count_nonzero(level.photographs.subsample(2 * most_cells)) < level.mask.sum()
     fit = start(level, "near")
@@ -272,8 +272,8 @@ def test_undamped_joint_steps_from_some_pixels_are_taken_under_near_lamps():
 def test_a_stride_goes_on_where_steps_are_short(level, name):
     before = start(level, name)
     whole = joint_step(level, depth_step(level, before), 10**6)
-    way, lights = whole.log_depth - before.log_depth, lights_difference(before.lamps, whole.lamps)
-    short = evaluated(level, before, before.log_depth + way / 20, before.lamps.moved(lights / 20))
+    way, lights = whole.log_depth - before.log_depth, lights_difference(before.lights, whole.lights)
+    short = evaluated(level, before, before.log_depth + way / 20, before.lights.moved(lights / 20))
     far = extrapolated(level, before, short)
     assert far.energy < 0.9 * short.energy
     share = (far.log_depth - short.log_depth).sum() / (way / 20).sum()
@@ -281,7 +281,7 @@ def test_a_stride_goes_on_where_steps_are_short(level, name):
     assert share > 2
     for after, step in (
         (far.log_depth - short.log_depth, way),
-        (lights_difference(short.lamps, far.lamps), lights),
+        (lights_difference(short.lights, far.lights), lights),
     ):
         np.testing.assert_allclose(after, share * step / 20, atol=1e-12)
 
@@ -307,7 +307,9 @@ def test_a_stride_stops_before_its_parabola_rises(level, monkeypatch):
     tried = []
     monkeypatch.setattr(
         "rakelight.methods.multi_light.steps.evaluated",
-        lambda level, fit, log_depth, lamps: tried.append(1) or replace(fit, energy=energies.pop()),
+        lambda level, fit, log_depth, lights: (
+            tried.append(1) or replace(fit, energy=energies.pop())
+        ),
     )
     fit = replace(fit, energy=before.energy - 3)
     # As (t - 2.5)^2 at 2, and what would be tried at 3.
@@ -317,13 +319,13 @@ def test_a_stride_stops_before_its_parabola_rises(level, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["prior", "near", "coloured near"])
-def test_lamps_step_is_what_moves_them(name):
+def test_lights_step_is_what_moves_them(name):
     fit = start(make_level(), name)
     rng = np.random.default_rng(1)
-    numbers = (fit.lamps.vector, fit.lamps.ambient, fit.lamps.inverse_distance)
-    other = Lamps(*(each + 0.1 * rng.random(each.shape) for each in numbers))
-    moved_lamps = fit.lamps.moved(lights_difference(fit.lamps, other))
-    for one, two in zip(moved_lamps.arrays, other.arrays, strict=True):
+    numbers = (fit.lights.vector, fit.lights.ambient, fit.lights.inverse_distance)
+    other = LightParameters(*(each + 0.1 * rng.random(each.shape) for each in numbers))
+    moved_lights = fit.lights.moved(lights_difference(fit.lights, other))
+    for one, two in zip(moved_lights.arrays, other.arrays, strict=True):
         np.testing.assert_allclose(one, two, atol=1e-15)
 
 
@@ -333,7 +335,7 @@ def test_lamps_step_is_what_moves_them(name):
 def test_under_another_trust_the_loss_begins_anew(level, fit):
     for _ in range(3):
         fit = update_scale(level, fit)
-    first = first_fit(level, fit.log_depth, fit.lamps)
+    first = first_fit(level, fit.log_depth, fit.lights)
     anew = reset_scale(level.weighted(0.1), fit)
     np.testing.assert_array_equal(anew.linearization.albedo, first.linearization.albedo)
     assert np.abs(fit.linearization.albedo - anew.linearization.albedo).max() > 1e-4
@@ -347,7 +349,7 @@ def flattened(level, fit, by=0.8, tilt=(0.2, -0.1, 0.0)):
     rays = back_project(np.ones(level.mask.shape), level.photographs.camera)
     inverse = by * np.exp(-fit.log_depth) + rays @ tilt
     inverse += (np.exp(-fit.log_depth) - inverse)[level.mask].mean()
-    return evaluated(level, fit, np.where(level.mask, -np.log(inverse), fit.log_depth), fit.lamps)
+    return evaluated(level, fit, np.where(level.mask, -np.log(inverse), fit.log_depth), fit.lights)
 
 
 @pytest.mark.parametrize("factor", [1, 3])
@@ -371,7 +373,7 @@ def test_where_the_sensor_has_nothing_to_add_the_surface_stays(level):
     np.testing.assert_allclose(project_bas_relief(level, fit).log_depth, fit.log_depth, atol=1e-9)
 
 
-def test_the_photographs_have_no_say_in_the_relief_that_distant_lamps_leave_open():
+def test_the_photographs_have_no_say_in_the_relief_that_distant_lights_leave_open():
     """Not even where a weightless sensor means that their energy is lower at another one."""
     level = make_level().weighted(1e-9)
     fit = flattened(level, first_fit(level, level.prior, lights_of_prior(level)))
@@ -381,15 +383,15 @@ def test_the_photographs_have_no_say_in_the_relief_that_distant_lamps_leave_open
     )
 
 
-def test_near_lamps_settle_the_relief(level):
+def test_near_lights_settle_the_relief(level):
     fit = flattened(level.weighted(100.0), start(level, "near"))
     assert project_bas_relief(level.weighted(100.0), fit) is fit
 
 
 @pytest.mark.parametrize("by", [0.7, 1.4], ids=["too flat", "too deep"])
-def test_under_near_lamps_joint_steps_in_cells_set_the_relief_of_the_detail_too(by):
-    level, true, lamps = near_level()
-    at_rest = steps_of_both(level, first_fit(level, true, lamps, near=True), 8)
+def test_under_near_lights_joint_steps_in_cells_set_the_relief_of_the_detail_too(by):
+    level, true, lights = near_level()
+    at_rest = steps_of_both(level, first_fit(level, true, lights, near=True), 8)
     wrong = refine_lights(
         level, refine_lights(level, flattened(level, at_rest, by, tilt=(0, 0, 0)))
     )
@@ -398,7 +400,7 @@ def test_under_near_lamps_joint_steps_in_cells_set_the_relief_of_the_detail_too(
     before, after = (details[0] @ each / (details[0] @ details[0]) - 1 for each in details[1:])
     assert before == pytest.approx(by - 1, abs=0.05)
     assert abs(after) < 0.5 * abs(before)
-    inverse_distance = [np.median(each.lamps.inverse_distance) for each in (at_rest, wrong, fit)]
+    inverse_distance = [np.median(each.lights.inverse_distance) for each in (at_rest, wrong, fit)]
     assert abs(inverse_distance[2] - inverse_distance[0]) < 0.5 * abs(
         inverse_distance[1] - inverse_distance[0]
     )
@@ -406,16 +408,16 @@ def test_under_near_lamps_joint_steps_in_cells_set_the_relief_of_the_detail_too(
 
 @cache
 def near_level():
-    """Folds under lamps at half a metre; their true log depth and lamps."""
+    """Folds under lights at half a metre; their true log depth and lights."""
     shape = make_shape("cloth")
     options = SceneOptions(camera=shape.camera.scaled(0.25), photographs=8, lamp_distance_m=0.5)
     capture, truth = render_scene(shape, make_albedo("pattern"), options)
     prepared = prepare(capture)
     level = finest_level(prepared).weighted(1e-3)
     depth = np.where(prepared.mask, truth.depth[prepared.rows, prepared.columns], 1.0)
-    lights = truth.lights
-    lamps = Lamps(lights.vector, lights.ambient, 1 / lights.distance_m)
-    return level, np.where(prepared.mask, np.log(depth), level.prior), lamps
+    true = truth.lights
+    lights = LightParameters(true.vector, true.ambient, 1 / true.distance_m)
+    return level, np.where(prepared.mask, np.log(depth), level.prior), lights
 
 
 def steps_of_both(level, fit, count):
@@ -435,7 +437,7 @@ def test_lights_steps_never_raise_the_energy(level, name):
     assert lights_step(level, fit).energy <= fit.energy
 
 
-@pytest.mark.parametrize("name", ["wild lamps", "rough depth", "near", "coloured"])
+@pytest.mark.parametrize("name", ["wild lights", "rough depth", "near", "coloured"])
 def test_a_lights_step_lowers_the_energy_and_leaves_the_depth(level, name):
     fit = start(level, name)
     after = lights_step(level, fit)

@@ -1,4 +1,4 @@
-"""How alike the lamps' brightness is."""
+"""How alike the lights' brightness is."""
 
 import numpy as np
 import pytest
@@ -7,20 +7,20 @@ from rakelight.methods.multi_light.equal_intensity import (
     equal_intensity_derivatives,
     equal_intensity_energy,
 )
-from rakelight.photometry.images import Lamps
+from rakelight.photometry.images import LightParameters
 
 
-def lamps(count=9, channels=1, spread=0.1, seed=0):
+def lights(count=9, channels=1, spread=0.1, seed=0):
     rng = np.random.default_rng(seed)
     vector = rng.normal(size=(count, channels, 3))
     vector /= np.linalg.norm(vector.mean(axis=1), axis=-1)[:, None, None]
     vector *= np.exp(spread * rng.normal(size=count))[:, None, None]
-    return Lamps.distant(vector, rng.uniform(0.1, 0.2, (count, channels)))
+    return LightParameters.distant(vector, rng.uniform(0.1, 0.2, (count, channels)))
 
 
 @pytest.mark.parametrize(("channels", "parameters"), [(1, 4), (3, 4), (1, 5)])
 def test_the_slope_is_half_the_derivative(channels, parameters):
-    here = lamps(channels=channels)
+    here = lights(channels=channels)
     slope, _ = equal_intensity_derivatives(here, parameters)
     slope, step = slope.reshape(*here.ambient.shape, parameters), 1e-6
     assert not slope[..., 3:].any()
@@ -33,7 +33,7 @@ def test_the_slope_is_half_the_derivative(channels, parameters):
 
 
 def test_the_curvature_knows_of_no_common_brightness():
-    here = lamps(channels=3)
+    here = lights(channels=3)
     _, curvature = equal_intensity_derivatives(here, 4)
     brighter = np.concatenate([here.vector, 0 * here.ambient[..., None]], axis=-1).ravel()
     assert np.linalg.eigvalsh(curvature).min() > -1e-9
@@ -41,30 +41,30 @@ def test_the_curvature_knows_of_no_common_brightness():
     assert np.abs(curvature).max() > 1
 
 
-def test_lamps_nearly_alike_pull_harder_than_others():
+def test_lights_nearly_alike_pull_harder_than_others():
     def pull(spread):
-        return np.linalg.norm(equal_intensity_derivatives(lamps(spread=spread), 4)[0])
+        return np.linalg.norm(equal_intensity_derivatives(lights(spread=spread), 4)[0])
 
     assert pull(0.01) > 5 * pull(0.1) > 10 * pull(1.0)
 
 
-def test_four_lamps_can_always_be_made_alike_and_tell_nothing():
-    few = lamps(4)
+def test_four_lights_can_always_be_made_alike_and_tell_nothing():
+    few = lights(4)
     assert equal_intensity_energy(few.vector) == 0
     assert not np.concatenate([each.ravel() for each in equal_intensity_derivatives(few, 4)]).any()
 
 
 def test_a_lamp_that_does_not_reach_the_object_does_not_count():
-    here = lamps(9)
+    here = lights(9)
     black = np.concatenate([here.vector, 1e-4 * here.vector[:1]])
     assert equal_intensity_energy(black) == pytest.approx(equal_intensity_energy(here.vector))
-    slope, _ = equal_intensity_derivatives(Lamps.distant(black, np.zeros((10, 1))), 4)
+    slope, _ = equal_intensity_derivatives(LightParameters.distant(black, np.zeros((10, 1))), 4)
     expected, _ = equal_intensity_derivatives(here, 4)
     np.testing.assert_allclose(slope, np.append(expected, np.zeros(4)))
 
 
 def test_no_light_at_all_is_no_error():
-    nothing = Lamps.distant(np.zeros((6, 1, 3)), np.zeros((6, 1)))
+    nothing = LightParameters.distant(np.zeros((6, 1, 3)), np.zeros((6, 1)))
     slope, curvature = equal_intensity_derivatives(nothing, 4)
     assert equal_intensity_energy(nothing.vector) == 0
     assert not slope.any()

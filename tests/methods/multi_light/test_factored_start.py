@@ -20,7 +20,7 @@ from rakelight.synthetic import random_capture
 
 @cache
 def level(seed=5, **settings):
-    """The coarsest level of a random capture, and its lamps (N, 3)."""
+    """The coarsest level of a random capture, and its lights (N, 3)."""
     settings = {"easy": True, "shape": "ring", "depth_factor": 2, "photographs": 9} | settings
     capture, truth = random_capture(seed, 0.5, **settings)
     finest = finest_level(prepare(capture), cut=True, unbiased=True)
@@ -67,10 +67,10 @@ def test_a_flatter_surface_does_not_fit_better_by_being_flat():
 
 
 @pytest.mark.parametrize("seed", [5, 6, 7])
-def test_lamps_are_found_beneath_the_sensors_noise(seed):
+def test_lights_are_found_beneath_the_sensors_noise(seed):
     base, true = level(seed, depth_rms_mm=2.0, pixel_mm=0.3, depth_length_px=12.0)
-    log_depth, lamps = factored_start(base)
-    toward = lamps.vector[:, 0] / np.linalg.norm(lamps.vector[:, 0], axis=-1, keepdims=True)
+    log_depth, lights = factored_start(base)
+    toward = lights.vector[:, 0] / np.linalg.norm(lights.vector[:, 0], axis=-1, keepdims=True)
     cosine = (toward * true / np.linalg.norm(true, axis=-1, keepdims=True)).sum(axis=-1)
     assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).mean() < 20
     assert np.isfinite(log_depth).all()

@@ -69,34 +69,34 @@ def test_a_start_is_corrected(coin):
 def test_a_step_of_fixed_lights_changes_intensity_and_ambient_alone(coin, shared, channels):
     level, given = level_and_given(coin)
     fit = replace(given_fit(level, given), shared_ambient=shared)
-    lamps = replace(
-        fit.lamps,
-        vector=np.repeat(fit.lamps.vector, channels, axis=1),
-        ambient=0.1 + np.repeat(fit.lamps.ambient, channels, axis=1),
-        inverse_distance=np.repeat(fit.lamps.inverse_distance, channels, axis=1),
+    lights = replace(
+        fit.lights,
+        vector=np.repeat(fit.lights.vector, channels, axis=1),
+        ambient=0.1 + np.repeat(fit.lights.ambient, channels, axis=1),
+        inverse_distance=np.repeat(fit.lights.inverse_distance, channels, axis=1),
     )
-    fit = first_fit(level, level.prior, lamps, shared_ambient=shared, directions=fit.directions)
+    fit = first_fit(level, level.prior, lights, shared_ambient=shared, directions=fit.directions)
     count = len(given) * channels
     assert parameter_map(fit).shape == (4 * count, count + (1 if shared else count))
     step = np.random.default_rng(0).normal(0, 0.01, parameter_map(fit).shape[1])
     after = lights_after(fit, step)
     assert after.vector == pytest.approx(after.irradiance[..., None] * fit.directions)
-    assert np.abs(after.irradiance - fit.lamps.irradiance).max() > 1e-3
-    assert np.array_equal(after.inverse_distance, fit.lamps.inverse_distance)
+    assert np.abs(after.irradiance - fit.lights.irradiance).max() > 1e-3
+    assert np.array_equal(after.inverse_distance, fit.lights.inverse_distance)
 
 
 def test_the_slope_is_that_of_the_energy(coin):
     level, given = level_and_given(coin)
     start = given_fit(level, given)
-    fit = first_fit(level, level.prior, start.lamps, directions=start.directions)
+    fit = first_fit(level, level.prior, start.lights, directions=start.directions)
     slope, (hessian, _) = light_slope(level, fit), light_curvature(level, fit, 1 << 30)
     assert hessian.shape == (len(slope), len(slope))
     kind = {"scale": fit.scales, "start": fit.linearization.albedo}
     for k in range(0, len(slope), 7):
         energies = []
         for size in (1e-4, -1e-4):
-            lamps = lights_after(fit, size * np.eye(len(slope))[k])
-            energies.append(level.photographs.linearize(fit.surface, lamps, **kind).energy)
+            lights = lights_after(fit, size * np.eye(len(slope))[k])
+            energies.append(level.photographs.linearize(fit.surface, lights, **kind).energy)
         numeric = (energies[0] - energies[1]) / (4e-4)
         assert slope[k] == pytest.approx(numeric, rel=0.02, abs=1e-3 * np.abs(slope).max())
 
@@ -106,16 +106,16 @@ def test_given_intensities_are_taken_and_those_of_positions_fall_off(coin):
     count = len(given)
     colour = np.random.default_rng(0).uniform(1, 2, (count, 3))
     directions = np.tile([0.0, 0.0, -1.0], (count, 1))
-    lamps = lights_of_given(level, GivenLights(directions, intensities=colour))
-    assert lamps.irradiance == pytest.approx(colour / np.median(colour, axis=0))
+    lights = lights_of_given(level, GivenLights(directions, intensities=colour))
+    assert lights.irradiance == pytest.approx(colour / np.median(colour, axis=0))
     white = GivenLights(directions, intensities=np.repeat(colour[:, :1], 3, axis=1))
     assert lights_of_given(level, white).irradiance.shape == (count, 1)
     distance_m = np.linspace(0.1, 0.2, count)
     near = GivenLights(
         positions_m=level.middle_m + distance_m[:, None] * directions, intensities=np.ones(count)
     )
-    lamps = lights_of_given(level, near)
-    assert lamps.inverse_distance[:, 0] == pytest.approx(1 / distance_m)
-    assert lamps.irradiance[:, 0] * distance_m**2 == pytest.approx(
+    lights = lights_of_given(level, near)
+    assert lights.inverse_distance[:, 0] == pytest.approx(1 / distance_m)
+    assert lights.irradiance[:, 0] * distance_m**2 == pytest.approx(
         np.median(1 / distance_m**2) ** -1
     )

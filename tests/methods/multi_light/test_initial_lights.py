@@ -1,4 +1,4 @@
-"""Lamps to start from: near enough to the true ones where the prior misleads."""
+"""LightParameters to start from: near enough to the true ones where the prior misleads."""
 
 from dataclasses import replace
 from functools import cache
@@ -23,7 +23,7 @@ LAMPS = 12
 
 @cache
 def dome(grow=0, rms_mm=2.0, correlation_px=0.0):
-    """A dome of 26 cm with waves 1.5 mm high under a ring of lamps; its truth; the lamps (N, 3).
+    """A dome of 26 cm with waves 1.5 mm high under a ring of lights; its truth; the lights (N, 3).
 
     grow : pixels by which the mask is too large; dark, and without depth, they are not the object
     """
@@ -38,9 +38,9 @@ def dome(grow=0, rms_mm=2.0, correlation_px=0.0):
 
     turn = 2 * np.pi * (np.arange(LAMPS) + 0.5) / LAMPS
     tilt = np.radians(20 + 25 * (0.618 * np.arange(LAMPS) % 1))
-    lamps = np.stack([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), -np.cos(tilt)], -1)
+    lights = np.stack([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), -np.cos(tilt)], -1)
     paint = 0.3 + 0.4 * ((u // 13 + v // 11) % 2)[..., None] * [1.0, 0.8, 0.6]
-    shading = np.maximum(np.einsum("hwk,nk->nhw", np.nan_to_num(normals), lamps), 0) + 0.1
+    shading = np.maximum(np.einsum("hwk,nk->nhw", np.nan_to_num(normals), lights), 0) + 0.1
     light = np.where(object_[..., None], 0.9 * paint * shading[..., None], 0.02)
     noise = 0.002 * np.random.default_rng(0).normal(size=light.shape)
     blocks = depth.reshape(CAMERA.height // 2, 2, CAMERA.width // 2, 2).mean(axis=(1, 3))
@@ -52,20 +52,24 @@ def dome(grow=0, rms_mm=2.0, correlation_px=0.0):
         camera=CAMERA,
     )
     shown = [np.where(object_[..., None], each, np.nan) for each in (depth[..., None], normals)]
-    return capture, Truth(shown[0][..., 0], shown[1], np.where(object_[..., None], paint, 0)), lamps
+    return (
+        capture,
+        Truth(shown[0][..., 0], shown[1], np.where(object_[..., None], paint, 0)),
+        lights,
+    )
 
 
 def coarsest(capture):
     return pyramid(finest_level(prepare(capture)), 4000)[-1]
 
 
-def off_deg(lamps, true):
-    size = np.linalg.norm(lamps.vector[:, 0], axis=-1, keepdims=True)
-    found = lamps.vector[:, 0] / np.maximum(size, 1e-12)
+def off_deg(lights, true):
+    size = np.linalg.norm(lights.vector[:, 0], axis=-1, keepdims=True)
+    found = lights.vector[:, 0] / np.maximum(size, 1e-12)
     return np.degrees(np.arccos(np.clip((found * true).sum(-1), -1, 1)))
 
 
-def test_the_photographs_tell_lamps_that_a_rough_prior_does_not():
+def test_the_photographs_tell_lights_that_a_rough_prior_does_not():
     capture, _, true = dome(rms_mm=5.0, correlation_px=6.0)
     level = coarsest(capture)
     factored = off_deg(factored_start(level)[1], true)

@@ -1,4 +1,4 @@
-"""What multi-light decides at its coarsest level: trust in the depth, lamps, ambient light."""
+"""What multi-light decides at its coarsest level: trust in the depth, lights, ambient light."""
 
 from dataclasses import replace
 from functools import cache
@@ -13,7 +13,7 @@ from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.methods.multi_light.model_selection import penalised_noise, select_model
 from rakelight.metrics import evaluate_maps
 from rakelight.model import silent
-from rakelight.photometry.images import Lamps
+from rakelight.photometry.images import LightParameters
 from rakelight.pipeline import refine
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
@@ -43,8 +43,8 @@ def test_depth_whose_errors_hang_together_is_trusted_less():
     assert shares[0] == 1 > 50 * shares[1]
 
 
-def test_lamps_that_come_out_alike_speak_for_less_trust():
-    """Of the coin, a flat surface explains photographs half as well; but its lamps are unlike."""
+def test_lights_that_come_out_alike_speak_for_less_trust():
+    """Of the coin, a flat surface explains photographs half as well; but its lights are unlike."""
     share, descent = looked(TOGETHER)
     _, believed = looked(TOGETHER, depth_weight=1.0)
     fits = [found.fit for found in (believed, descent)]
@@ -55,7 +55,7 @@ def test_lamps_that_come_out_alike_speak_for_less_trust():
     assert both[1] < 0.5 * both[0]
 
 
-def test_low_relief_under_near_lamps_keeps_its_height():
+def test_low_relief_under_near_lights_keeps_its_height():
     capture, truth = scene(TOGETHER, "cloth", 0.5, lamp_distance_m=0.5, ambient=0.1)
     result = refine(capture, "multi-light")
     slopes = [n[truth.mask][:, 0] / n[truth.mask][:, 2] for n in (result.normals, truth.normals)]
@@ -64,8 +64,8 @@ def test_low_relief_under_near_lamps_keeps_its_height():
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_near_lamps_are_found_over_a_coin(seed):
-    """What fall-off makes of a flat object, bent surfaces and lamps at random explain as well."""
+def test_near_lights_are_found_over_a_coin(seed):
+    """What fall-off makes of a flat object, bent surfaces and lights at random explain as well."""
     noise = DepthNoise(rms_mm=2.5, correlation_length_px=14.0)
     capture, truth = scene(noise, "coin", 0.6, lamp_distance_m=0.6, photographs=16, seed=seed)
     result = refine(capture, "multi-light")
@@ -73,12 +73,12 @@ def test_near_lamps_are_found_over_a_coin(seed):
     assert np.median(result.lights.distance_m) == pytest.approx(0.6, rel=0.1)
 
 
-def test_lamps_that_would_be_very_near_speak_for_less_trust():
+def test_lights_that_would_be_very_near_speak_for_less_trust():
     level = coarsest(TOGETHER)
     fit = looked(TOGETHER, distance="distant")[1].fit
     far, by_it = (
         penalised_noise(
-            level, replace(fit, lamps=replace(fit.lamps, inverse_distance=np.full((12, 1), each)))
+            level, replace(fit, lights=replace(fit.lights, inverse_distance=np.full((12, 1), each)))
         )
         for each in (0.0, 1 / np.linalg.norm(level.points[level.mask], axis=-1).max())
     )
@@ -102,8 +102,8 @@ def test_one_ambient_leaves_each_lamp_the_same_part(near):
     level = coarsest(TOGETHER, 0.25)
     vector = lights_of_prior(level).vector
     size = np.linalg.norm(vector, axis=-1)
-    lamps = Lamps(vector, 0.2 * size, np.full_like(size, 0.5))
-    fit = first_fit(level, level.prior, lamps, near, shared_ambient=True)
+    lights = LightParameters(vector, 0.2 * size, np.full_like(size, 0.5))
+    fit = first_fit(level, level.prior, lights, near, shared_ambient=True)
     free = parameter_map(fit)
     step = 1e-6 * np.random.default_rng(0).normal(size=free.shape[1])
     after = lights_after(fit, step)

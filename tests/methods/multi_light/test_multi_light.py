@@ -1,4 +1,4 @@
-"""The joint multi-light method: accuracy, the lamps it finds, what it refuses and warns of."""
+"""The joint multi-light method: accuracy, the lights it finds, what it refuses and warns of."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from rakelight.methods.multi_light import MultiLight, steps
 from rakelight.methods.multi_light.model_selection import plausible
 from rakelight.metrics import evaluate_depth, evaluate_maps
 from rakelight.model import Camera
-from rakelight.photometry.images import Lamps
+from rakelight.photometry.images import LightParameters
 from rakelight.pipeline import refine
 from rakelight.prepare import prepare
 from rakelight.synthetic import (
@@ -71,7 +71,7 @@ def test_normals_and_depth_are_much_better_than_prepared_and_alternating(noise):
     assert after.depth.rmse_mm < min(before.depth.rmse_mm, other.depth.rmse_mm) / 2
 
 
-def test_white_distant_lamps_are_found_as_such(scene, result):
+def test_white_distant_lights_are_found_as_such(scene, result):
     lights, truth = result.lights, scene[1].lights
     assert lights.vector.shape == (8, 1, 3)
     assert lights.position_m is None
@@ -138,10 +138,10 @@ def test_depth_is_right_up_to_the_last_pixel_beside_a_jump(jump):
     assert np.delete(jump, [3, 4]).max() < 0.3
 
 
-# ---- lamps
+# ---- lights
 
 
-def test_near_lamps_are_found_where_they_are():
+def test_near_lights_are_found_where_they_are():
     capture, truth = make_scene(lamp_distance_m=0.6)
     result = run(capture)
     middle = back_project(truth.depth, capture.camera)[truth.mask].mean(axis=0)
@@ -152,14 +152,14 @@ def test_near_lamps_are_found_where_they_are():
     assert scores(result, truth).normals.mae_deg < scores(distant, truth).normals.mae_deg
 
 
-def test_coloured_lamps_on_demand(scene, capture):
-    result = run(capture, lamps="coloured")
+def test_coloured_lights_on_demand(scene, capture):
+    result = run(capture, lights="coloured")
     assert result.lights.vector.shape == (8, 3, 3)
     assert light_errors_deg(result.lights, scene[1].lights).max() < 3
 
 
 @pytest.mark.parametrize("differing", ["direction", "gain"])
-def test_coloured_lamps_are_noticed(scene, differing):
+def test_coloured_lights_are_noticed(scene, differing):
     capture, truth = scene
     if differing == "direction":
         # Each channel of photograph i was taken under the lamp of another one.
@@ -248,12 +248,12 @@ def test_one_photograph_repeated_keeps_the_depth(scene):
     assert after.depth.rmse_mm < 1.02 * before.depth.rmse_mm
 
 
-def test_lamps_in_one_plane_are_told():
-    # Of many lamps those that happen to stand on an arc from left to right.
+def test_lights_in_one_plane_are_told():
+    # Of many lights those that happen to stand on an arc from left to right.
     capture, truth = make_scene(photographs=120, tilt_deg=(0.0, 40.0))
     beside = np.abs(truth.lights.direction[:, 0, 1])
     result = run(capture.select(np.argsort(beside)[:8]))
-    assert "lamps-in-one-plane" in codes(result)
+    assert "lights-in-one-plane" in codes(result)
     assert scores(result, truth).depth.rmse_mm < scores_before(result, truth).depth.rmse_mm
 
 
@@ -284,7 +284,7 @@ def test_a_black_photograph_is_named(capture, with_a_black_one):
         ("max_iterations", 0),
         *(("tolerance", value) for value in (0.0, -1e-3, np.nan)),
         ("coarse_pixels", 99),
-        ("lamps", "green"),
+        ("lights", "green"),
         ("distance", "far"),
     ],
 )
@@ -293,16 +293,16 @@ def test_impossible_options_are_refused(name, value):
         MultiLight(**{name: value})
 
 
-# ---- whether distances are those of lamps
+# ---- whether distances are those of lights
 
 
 @pytest.mark.parametrize(
     ("radii", "varied", "expected"),
     [(1.5, 0.1, True), (20.0, 0.1, True), (0.7, 0.1, False), (1.5, 0.8, False)],
 )
-def test_lamps_are_outside_the_object_and_their_distances_alike(radii, varied, expected):
+def test_lights_are_outside_the_object_and_their_distances_alike(radii, varied, expected):
     level = finest_level(prepare(make_scene()[0]))
     radius = np.linalg.norm(level.points[level.mask], axis=-1).max()
     inverse_distance = np.linspace(1 - varied, 1 + varied, 9)[:, None] / (radii * radius)
-    lamps = Lamps(np.ones((9, 1, 3)), np.zeros((9, 1)), inverse_distance)
-    assert plausible(level, lamps) == expected
+    lights = LightParameters(np.ones((9, 1, 3)), np.zeros((9, 1)), inverse_distance)
+    assert plausible(level, lights) == expected

@@ -1,4 +1,4 @@
-"""What the sensor's depth counts, and the lamps' brightness beside it."""
+"""What the sensor's depth counts, and the lights' brightness beside it."""
 
 from dataclasses import replace
 from functools import cache
@@ -44,7 +44,7 @@ def white(shape, seed=0):
     return NOISE * np.random.default_rng(seed).normal(size=shape)
 
 
-def test_beside_white_noise_lamps_count_as_they_are():
+def test_beside_white_noise_lights_count_as_they_are():
     _, level = scene()
     assert 0.9 < equal_intensity_weight(white(level.mask.shape)) < 1.6
 

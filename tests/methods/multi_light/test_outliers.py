@@ -1,4 +1,4 @@
-"""Photographs without highlights and cast shadows, at the true surface under the true lamps."""
+"""Photographs without highlights and cast shadows, at the true surface under the true lights."""
 
 from dataclasses import replace
 from functools import cache
@@ -15,7 +15,7 @@ from rakelight.methods.multi_light.outliers import (
     trim_brightest,
 )
 from rakelight.model import Lights
-from rakelight.photometry.images import Lamps
+from rakelight.photometry.images import LightParameters
 from rakelight.prepare import prepare
 from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
 
@@ -24,7 +24,7 @@ EXPOSED = {"photographs": 10, "tilt_deg": (30.0, 60.0), "exposure": 0.6, "image_
 
 @cache
 def make_level(paint="pattern", **changes):
-    """A level of the head, its true log depth, and lamps."""
+    """A level of the head, its true log depth, and lights."""
     shape = make_shape("head")
     options = SceneOptions(camera=shape.camera.scaled(0.25), **(EXPOSED | changes))
     capture, truth = render_scene(shape, make_albedo(paint), options)
@@ -32,13 +32,13 @@ def make_level(paint="pattern", **changes):
     level = finest_level(prepared, cut=True)
     depth = truth.depth[prepared.rows, prepared.columns].astype(float)
     log_depth = np.where(level.mask, np.log(depth, where=depth > 0, out=level.prior.copy()), 0)
-    return level, np.where(level.mask, log_depth, level.prior), lamps_of(truth.lights, level)
+    return level, np.where(level.mask, log_depth, level.prior), lights_of(truth.lights, level)
 
 
-def lamps_of(lights: Lights, level):
+def lights_of(lights: Lights, level):
     if lights.position_m is None:
-        return Lamps.distant(lights.vector, lights.ambient)
-    return Lamps(lights.vector, lights.ambient, 1 / lights.distance_m)
+        return LightParameters.distant(lights.vector, lights.ambient)
+    return LightParameters(lights.vector, lights.ambient, 1 / lights.distance_m)
 
 
 def light(level):
@@ -49,9 +49,9 @@ def light(level):
 
 @pytest.mark.parametrize("place", [{}, {"lamp_distance_m": 0.6}], ids=["distant", "near"])
 def test_cast_shadows_are_left_out_and_nothing_else(place):
-    level, log_depth, lamps = make_level(cast_shadows=True, **place)
+    level, log_depth, lights = make_level(cast_shadows=True, **place)
     plain = light(make_level(**place)[0])
-    cleared, shine = remove_outliers(level, log_depth, lamps)
+    cleared, shine = remove_outliers(level, log_depth, lights)
     assert not shine.any()
     before, after = light(level), light(cleared)
     shadow = plain - before > 0.1
@@ -65,9 +65,9 @@ def test_cast_shadows_are_left_out_and_nothing_else(place):
 @pytest.mark.parametrize("exponent", [8.0, 20.0, 60.0])
 def test_highlights_are_left_out_or_taken_away(place, exponent):
     glossy = {"specular": 0.2, "specular_exponent": exponent, **place}
-    level, log_depth, lamps = make_level(**glossy)
+    level, log_depth, lights = make_level(**glossy)
     plain = light(make_level(**place)[0])
-    cleared, shine = remove_outliers(level, log_depth, lamps)
+    cleared, shine = remove_outliers(level, log_depth, lights)
     added, left = light(level) - plain, light(cleared) - plain
     bright, gone = added > 0.05, np.isnan(left)
     assert bright.mean() > 0.01
@@ -75,7 +75,7 @@ def test_highlights_are_left_out_or_taken_away(place, exponent):
     assert gone[bright].mean() > (0.8 if exponent > 8 else 0.6)
     assert gone[added < 0.01].mean() < 0.1
     assert rms(left) < 0.45 * rms(added)
-    # In units of the lamps, which shine at 0.6 of white.  Of a narrow one the top is not seen.
+    # In units of the lights, which shine at 0.6 of white.  Of a narrow one the top is not seen.
     assert shine.sum() == pytest.approx(0.18 if exponent < 60 else 0.13, rel=0.06)
 
 
@@ -96,21 +96,21 @@ def test_the_dimmest_values_are_nearly_all_without_highlights():
 
 def test_matte_photographs_without_shadows_stay_as_they_are():
     for paint in ("white", "pattern"):
-        level, log_depth, lamps = make_level(paint)
-        cleared, shine = remove_outliers(level, log_depth, lamps)
+        level, log_depth, lights = make_level(paint)
+        cleared, shine = remove_outliers(level, log_depth, lights)
         assert cleared is level
         assert not shine.any()
 
 
-def test_coloured_lamps_have_coloured_highlights():
+def test_coloured_lights_have_coloured_highlights():
     # A wide one, which is taken away rather than left out.
-    level, log_depth, lamps = make_level(specular=0.2, specular_exponent=8.0)
+    level, log_depth, lights = make_level(specular=0.2, specular_exponent=8.0)
     tint = np.array([1.0, 0.8, 0.5])
     photographs = level.photographs
     tinted = (photographs.values * tint).astype(np.uint16)
     level = replace(level, photographs=replace(photographs, values=tinted))
-    lamps = Lamps.distant(lamps.vector * tint[:, None], lamps.ambient * tint)
-    cleared, _ = remove_outliers(level, log_depth, lamps)
+    lights = LightParameters.distant(lights.vector * tint[:, None], lights.ambient * tint)
+    cleared, _ = remove_outliers(level, log_depth, lights)
     plain = light(make_level()[0]) * tint
     added, left = light(level) - plain, light(cleared) - plain
     for channel in range(3):
@@ -118,22 +118,22 @@ def test_coloured_lamps_have_coloured_highlights():
 
 
 def test_a_lamp_that_was_off_does_no_harm():
-    level, log_depth, lamps = make_level(specular=0.2, cast_shadows=True)
-    vector = lamps.vector.copy()
+    level, log_depth, lights = make_level(specular=0.2, cast_shadows=True)
+    vector = lights.vector.copy()
     vector[3] = 0
-    cleared, _ = remove_outliers(level, log_depth, replace(lamps, vector=vector))
+    cleared, _ = remove_outliers(level, log_depth, replace(lights, vector=vector))
     assert np.isfinite(light(cleared)).mean(axis=(1, 2)).min() > 0.85
 
 
 def test_shadows_looked_up_for_some_pixels_lie_where_they_are(monkeypatch):
-    level, log_depth, lamps = make_level(cast_shadows=True)
-    lights, active = lamps.as_lights(level.middle_m), level.photographs.active
+    level, log_depth, lights = make_level(cast_shadows=True)
+    physical, active = lights.as_lights(level.middle_m), level.photographs.active
     points = back_project(np.exp(log_depth), level.photographs.camera)
-    exact = np.zeros((len(lights), *active.shape), dtype=bool)
-    exact[:, active] = in_shadow(level, points, active, lights)[..., 0]
+    exact = np.zeros((len(physical), *active.shape), dtype=bool)
+    exact[:, active] = in_shadow(level, points, active, physical)[..., 0]
     monkeypatch.setattr("rakelight.methods.multi_light.outliers.SHADOW_PIXELS", 100)
     assert level.photographs.subsampling(100) >= 4
-    few = all_shadows(level, points, lights)[..., 0] & active
+    few = all_shadows(level, points, physical)[..., 0] & active
 
     def agreement(shift):
         return (np.roll(few, (shift, shift), axis=(1, 2)) & exact).sum()

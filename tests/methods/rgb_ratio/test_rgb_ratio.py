@@ -111,7 +111,7 @@ def test_a_few_colours_on_a_small_sphere_do_the_depth_no_harm():
     before = scores(prepared, np.log(prepared.depth_m), truth)
     after = scores(prepared, refined().log_depth, truth)
     assert after[0] < 1.02 * before[0]
-    # Normals lose a little: at 96 x 72 pixels three colours and three lamps are hard to part.
+    # Normals lose a little: at 96 x 72 pixels three colours and three lights are hard to part.
     assert after[1] < 1.06 * before[1]
 
 
@@ -151,7 +151,7 @@ def test_a_dark_channel_keeps_the_depth_and_is_told():
 # ---- light, albedo, confidence
 
 
-def test_lamps_are_found_within_five_degrees():
+def test_lights_are_found_within_five_degrees():
     found, truth = refined("white").lights, scene("white")[1].lights
     cosine = (found.direction[0] * truth.direction[0]).sum(axis=-1)
     assert np.degrees(np.arccos(cosine)).max() < 5
@@ -185,11 +185,11 @@ def test_colours_of_paint_are_told_apart():
 # ---- findings
 
 
-def test_good_lamps_need_no_warning():
+def test_good_lights_need_no_warning():
     assert codes(scene()[0]) == []
 
 
-def test_lamps_side_by_side_are_told():
+def test_lights_side_by_side_are_told():
     near = (-90.0, -60.0, 150.0)  # 19 degrees apart, the others 60 and more
     assert codes(scene("pattern", led_azimuth_deg=near)[0]) == ["leds-close"]
 

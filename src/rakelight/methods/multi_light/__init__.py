@@ -20,7 +20,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rakelight.methods.base import Estimate, Method, brightest, lamp_findings, require_photographs
+from rakelight.methods.base import Estimate, Method, brightest, light_findings, require_photographs
 from rakelight.methods.levels import Level, finest_level, pyramid
 from rakelight.methods.multi_light.bas_relief_variance import bas_relief_variance, sensor_moment
 from rakelight.methods.multi_light.confidence import (
@@ -82,7 +82,7 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     # 3. Coarse to fine: lights and depth together.
     for index in reversed(range(coarsest)):
         log_depth = levels[index].carried(levels[index + 1], descent.fit.log_depth)
-        level, _ = remove_outliers(levels[index], log_depth, descent.fit.lamps)
+        level, _ = remove_outliers(levels[index], log_depth, descent.fit.lights)
         fit = reset_scale(level, descent.fit, log_depth)
         # At the finest level the depth alone, to take up detail; the lights move in step 5.
         together = index > 0
@@ -105,7 +105,7 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
 
 def without_outliers(level: Level, fit: Fit) -> tuple[Level, Fit, Floats]:
     """`remove_outliers` at a state, and the state on what is left, its robust scale reset."""
-    clear, specular = remove_outliers(level, fit.log_depth, fit.lamps)
+    clear, specular = remove_outliers(level, fit.log_depth, fit.lights)
     if clear is not level:
         fit = reset_scale(clear, fit)
     return clear, fit, specular
@@ -146,7 +146,7 @@ def finished(
     normals, linearization = fine_normals(level, fit)
     albedo = linearization.albedo
     gain = brightest(albedo[active])
-    lights = fit.lamps.brighter(gain).as_lights(level.middle_m)
+    lights = fit.lights.brighter(gain).as_lights(level.middle_m)
     notes = [Finding("note", "depth-weight", f"depth weight {weight:.3g} times white noise's")]
     if specular.any():
         height = f"{specular.sum() / gain:.2f} of white paint's brightness"
@@ -155,7 +155,7 @@ def finished(
     moment = sensor_moment(level, fit.log_depth, scale_only=held)
     bas_relief: Floats | float = 0.0
     if not held:
-        bas_relief = bas_relief_variance(level, fit.log_depth, fit.lamps, moment)
+        bas_relief = bas_relief_variance(level, fit.log_depth, fit.lights, moment)
     curvature, noise = missed_curvature(normals, level.grid), shared_noise(level, fit)
     local = photometric_variance(level, fit, noise) + curvature
     return Estimate(
@@ -167,7 +167,7 @@ def finished(
         energy=tuple(each.energy for each in descent.fits),
         steps=descent.steps,
         converged=descent.converged,
-        findings=(*lamp_findings(lights, prepared.names), *notes),
+        findings=(*light_findings(lights, prepared.names), *notes),
         depth_sigma=depth_sigma(level, fit, prepared, local, moment),
         normal_sigma=np.degrees(np.sqrt(local + bas_relief)),
     )

@@ -12,11 +12,11 @@ from rakelight.geometry.camera import back_project
 from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.model import Floats
-from rakelight.photometry.images import Lamps
+from rakelight.photometry.images import LightParameters
 
 
 def nearest_bas_relief(
-    level: Level, log_depth: Floats, lamps: Lamps, equal_intensity_weight: float = 0.0
+    level: Level, log_depth: Floats, lights: LightParameters, equal_intensity_weight: float = 0.0
 ) -> tuple[Floats, Floats]:
     """(h, w) log depth after the bas-relief transform nearest to the sensor's, and (3, 3) lights'.
 
@@ -43,7 +43,7 @@ def nearest_bas_relief(
         from scipy.optimize import minimize
 
         def cost(offset: Floats) -> float:
-            vectors = lamps.vector @ lights_transform(level, nearest + basis @ offset).T
+            vectors = lights.vector @ lights_transform(level, nearest + basis @ offset).T
             return float(offset @ offset) / equal_intensity_weight + equal_intensity_energy(vectors)
 
         as_it_is = size[determined] * (axes[determined] @ ([1.0, 0.0, 0.0, 0.0] - nearest))

@@ -16,7 +16,7 @@ from rakelight.methods.base import DARK
 from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.bas_relief import rays_of
 from rakelight.model import Floats, Mask
-from rakelight.photometry.images import Lamps
+from rakelight.photometry.images import LightParameters
 
 # Least number of blocks whose sums the variance is taken from; of fewer it would be chance.
 FEWEST_BLOCKS = 16
@@ -25,12 +25,14 @@ FEWEST_BLOCKS = 16
 LIGHTS_NEEDED = 6
 
 
-def bas_relief_variance(level: Level, log_depth: Floats, lamps: Lamps, moment: Floats) -> Floats:
+def bas_relief_variance(
+    level: Level, log_depth: Floats, lights: LightParameters, moment: Floats
+) -> Floats:
     """(h, w) expected squared error of the normals, radians^2, by the bas-relief transform alone.
 
     log_depth : (h, w) of the refined surface; moment : (4, 4) its `sensor_moment`
     """
-    moment = moment[1:, 1:] + lights_moment(level, lamps)
+    moment = moment[1:, 1:] + lights_moment(level, lights)
     camera, grid = level.photographs.camera, level.grid
     gradient = gradient_image(log_depth, grid)
     normals, length = normals_from_gradient(gradient[..., 0], gradient[..., 1], camera)
@@ -80,13 +82,13 @@ def sensor_correction(
     return correction, np.asarray(largest)
 
 
-def lights_moment(level: Level, lamps: Lamps) -> Floats:
+def lights_moment(level: Level, lights: LightParameters) -> Floats:
     """(3, 3) second moment of g, 1/metre, by which the lights' intensities contradict the surface.
 
     The g that would make the intensities most equal, squared, less the part that chance makes of
     the variance that remains.  0 for fewer than six lights.
     """
-    vector = lamps.vector.mean(axis=1)
+    vector = lights.vector.mean(axis=1)
     size = np.linalg.norm(vector, axis=1)
     reaching = size > DARK * np.median(size)
     if np.count_nonzero(reaching) < LIGHTS_NEEDED:

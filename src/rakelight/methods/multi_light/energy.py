@@ -26,7 +26,7 @@ from rakelight.methods.multi_light.equal_intensity import (
     equal_intensity_energy,
 )
 from rakelight.model import Array, Floats
-from rakelight.photometry.images import Lamps, Linearization, Surface
+from rakelight.photometry.images import LightParameters, Linearization, Surface
 from rakelight.solve import DepthSystem, assemble
 from rakelight.solve.levenberg_marquardt import Damping
 from rakelight.solve.robust import cauchy_scales
@@ -64,7 +64,7 @@ class Fit:
     """
 
     log_depth: Floats
-    lamps: Lamps
+    lights: LightParameters
     surface: Surface
     linearization: Linearization
     scales: Floats
@@ -89,7 +89,7 @@ class Fit:
 def first_fit(
     level: Level,
     log_depth: Floats,
-    lamps: Lamps,
+    lights: LightParameters,
     near: bool = False,
     shared_ambient: bool = False,
     directions: Floats | None = None,
@@ -99,10 +99,10 @@ def first_fit(
     `descend` updates it once more: pixels beside a jump that least squares bends come right.
     """
     surface = level.surface(log_depth)
-    plain = level.photographs.linearize(surface, lamps)
+    plain = level.photographs.linearize(surface, lights)
     nothing = np.zeros((2, *level.mask.shape))
     start = Fit(
-        log_depth, lamps, surface, plain, nothing[0], 0.0, 0.0, nothing, nothing,
+        log_depth, lights, surface, plain, nothing[0], 0.0, 0.0, nothing, nothing,
         near=near, shared_ambient=shared_ambient, directions=directions,
     )  # fmt: skip
     return update_scale(level, start)
@@ -115,7 +115,7 @@ def reset_scale(level: Level, fit: Fit, log_depth: Floats | None = None) -> Fit:
     log_depth : at the new level; that of the state unless given
     """
     log_depth = fit.log_depth if log_depth is None else log_depth
-    return first_fit(level, log_depth, fit.lamps, fit.near, fit.shared_ambient, fit.directions)
+    return first_fit(level, log_depth, fit.lights, fit.near, fit.shared_ambient, fit.directions)
 
 
 def update_scale(level: Level, fit: Fit, noisiest: float = LARGEST_NOISE) -> Fit:
@@ -126,17 +126,21 @@ def update_scale(level: Level, fit: Fit, noisiest: float = LARGEST_NOISE) -> Fit
     same = replace(
         fit, scales=scales, noise=min(sigma_now, noisiest), fourth_difference_weight=weight
     )
-    return evaluated(level, same, fit.log_depth, fit.lamps)
+    return evaluated(level, same, fit.log_depth, fit.lights)
 
 
 def evaluated(
-    level: Level, fit: Fit, log_depth: Floats, lamps: Lamps, with_light_slope: bool = False
+    level: Level,
+    fit: Fit,
+    log_depth: Floats,
+    lights: LightParameters,
+    with_light_slope: bool = False,
 ) -> Fit:
     """The state at another depth and other lights, under the same loss."""
     surface = level.surface(log_depth)
     linearization = level.photographs.linearize(
         surface,
-        lamps,
+        lights,
         scale=fit.scales,
         start=fit.linearization.albedo,
         with_light_slope=with_light_slope,
@@ -145,11 +149,11 @@ def evaluated(
     fourth_difference_energy = float(
         np.vdot(fit.fourth_difference_weight * fourth_difference, fourth_difference)
     )
-    equal_intensity = fit.equal_intensity_weight * equal_intensity_energy(lamps.vector)
+    equal_intensity = fit.equal_intensity_weight * equal_intensity_energy(lights.vector)
     prior = fit.noise**2 * (level.sensor_sum_of_squares(log_depth) + equal_intensity)
     energy = linearization.energy + fourth_difference_energy + prior
     return replace(
-        fit, log_depth=log_depth, lamps=lamps, surface=surface, linearization=linearization,
+        fit, log_depth=log_depth, lights=lights, surface=surface, linearization=linearization,
         energy=energy, fourth_difference=fourth_difference,
     )  # fmt: skip
 
@@ -209,10 +213,10 @@ def light_curvature(
     photographs = level.photographs
     share = np.count_nonzero(photographs.active) / np.count_nonzero(photographs.subsample(most))
     hessian, _, both = photographs.light_terms(
-        fit.surface, fit.lamps, fit.linearization.albedo, scale=fit.scales, near=fit.near,
+        fit.surface, fit.lights, fit.linearization.albedo, scale=fit.scales, near=fit.near,
         subsampling=photographs.subsampling(most), mixed=mixed,
     )  # fmt: skip
-    _, equal_intensity = equal_intensity_derivatives(fit.lamps, 5 if fit.near else 4)
+    _, equal_intensity = equal_intensity_derivatives(fit.lights, 5 if fit.near else 4)
     hessian *= share
     hessian += gauge(fit, hessian) + fit.noise**2 * fit.equal_intensity_weight * equal_intensity
     both *= share
@@ -228,13 +232,13 @@ def light_slope(level: Level, fit: Fit) -> Floats:
     if slope is None:
         slope = level.photographs.linearize(
             fit.surface,
-            fit.lamps,
+            fit.lights,
             scale=fit.scales,
             start=fit.linearization.albedo,
             with_light_slope=True,
         ).light_slope
     slope = np.delete(np.asarray(slope), () if fit.near else 3, axis=-1)
-    equal_intensity, _ = equal_intensity_derivatives(fit.lamps, slope.shape[-1])
+    equal_intensity, _ = equal_intensity_derivatives(fit.lights, slope.shape[-1])
     slope = np.asarray(slope.ravel() + fit.noise**2 * fit.equal_intensity_weight * equal_intensity)
     return slope @ parameter_map(fit) if fit.mapped else slope
 
@@ -244,8 +248,8 @@ def parameter_map(fit: Fit) -> Floats:
 
     Where directions are given, an intensity takes the place of each vector.
     """
-    *shape, numbers = *fit.lamps.ambient.shape, 5 if fit.near else 4
-    order = np.arange(fit.lamps.ambient.size * numbers).reshape(*shape, numbers)
+    *shape, numbers = *fit.lights.ambient.shape, 5 if fit.near else 4
+    order = np.arange(fit.lights.ambient.size * numbers).reshape(*shape, numbers)
     jacobian: Floats = np.eye(order.size)
     if fit.shared_ambient:
         jacobian = shared_ambient_map(fit, order)
@@ -270,37 +274,37 @@ def shared_ambient_map(fit: Fit, order: Array) -> Floats:
     The ambient lights' ratio to the irradiance is shared: on a nearly flat surface all normals see
     the same of a light, and only a shared ratio separates it from ambient light.
     """
-    lamps = fit.lamps
+    lights = fit.lights
     vectors, ambient = order[..., :-1].ravel(), order[..., -1]
     jacobian = np.zeros((order.size, vectors.size + 1))
     jacobian[vectors, np.arange(vectors.size)] = 1
-    size = np.maximum(lamps.irradiance, np.finfo(float).tiny)
-    along = lamps.ambient_share * lamps.vector / size[..., None]
+    size = np.maximum(lights.irradiance, np.finfo(float).tiny)
+    along = lights.ambient_share * lights.vector / size[..., None]
     columns = np.arange(vectors.size).reshape(*ambient.shape, -1)[..., :3]
     jacobian[ambient[..., None], columns] = along
     jacobian[ambient.ravel(), -1] = size.ravel()
     return jacobian
 
 
-def lights_after(fit: Fit, step: Floats) -> Lamps:
+def lights_after(fit: Fit, step: Floats) -> LightParameters:
     """The lights after a step (F,) of their free parameters."""
     numbers = parameter_map(fit) @ step if fit.mapped else step
-    lamps = fit.lamps.moved(numbers.reshape(*fit.lamps.ambient.shape, -1))
+    lights = fit.lights.moved(numbers.reshape(*fit.lights.ambient.shape, -1))
     if fit.directions is not None:  # without rounding, and never from the other side
-        intensity = np.maximum((lamps.vector * fit.directions).sum(axis=-1, keepdims=True), 0.0)
-        lamps = replace(lamps, vector=intensity * fit.directions)
+        intensity = np.maximum((lights.vector * fit.directions).sum(axis=-1, keepdims=True), 0.0)
+        lights = replace(lights, vector=intensity * fit.directions)
     if fit.shared_ambient:
-        lamps = replace(lamps, ambient=lamps.ambient_share * lamps.irradiance)
-    return lamps
+        lights = replace(lights, ambient=lights.ambient_share * lights.irradiance)
+    return lights
 
 
 def gauge(fit: Fit, hessian: Floats) -> Floats:
     """(K, K) a term that fixes the lights' common intensity, one per channel: the gauge."""
-    lamps = fit.lamps
-    still = [np.zeros((*lamps.ambient.shape, 1))] if fit.near else []
-    intensity = np.concatenate([lamps.vector, *still, lamps.ambient[..., None]], axis=-1)
+    lights = fit.lights
+    still = [np.zeros((*lights.ambient.shape, 1))] if fit.near else []
+    intensity = np.concatenate([lights.vector, *still, lights.ambient[..., None]], axis=-1)
     total = np.zeros_like(hessian)
-    for channel in range(lamps.ambient.shape[1]):
+    for channel in range(lights.ambient.shape[1]):
         along = np.zeros_like(intensity)
         along[:, channel] = intensity[:, channel]
         along = along.ravel() / max(float(np.linalg.norm(along)), np.finfo(float).tiny)

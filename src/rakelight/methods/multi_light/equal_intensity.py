@@ -15,7 +15,7 @@ import numpy as np
 
 from rakelight.methods.base import DARK
 from rakelight.model import Floats, Mask
-from rakelight.photometry.images import Lamps
+from rakelight.photometry.images import LightParameters
 
 # Degrees of freedom that are not evidence: the mean of the intensities and three numbers of a
 # bas-relief transform (ablation.md: halved 0.92, doubled 1.15).
@@ -28,7 +28,7 @@ LEAST_LOG_SIGMA = 0.005
 def equal_intensity_energy(vectors: Floats) -> float:
     """(N - 4) log(variance) of the log intensities of the N lights that are not dark; 0 up to 4.
 
-    vectors : (N, C, 3), as in `Lamps`
+    vectors : (N, C, 3), as in `LightParameters`
 
     >>> equal = np.full((8, 1, 3), 1.0)
     >>> differing = np.arange(1, 9)[:, None, None] * equal
@@ -40,20 +40,20 @@ def equal_intensity_energy(vectors: Floats) -> float:
     return float(_degrees_of_freedom(reaching) * np.log(variance + LEAST_LOG_SIGMA**2))
 
 
-def equal_intensity_derivatives(lamps: Lamps, parameters: int) -> tuple[Floats, Floats]:
+def equal_intensity_derivatives(lights: LightParameters, parameters: int) -> tuple[Floats, Floats]:
     """(K,) half the first and (K, K) half the second derivatives of the energy, Gauss-Newton's.
 
     parameters : number of each light's parameters, the vector's three first; K counts all
     """
-    count, channels = lamps.ambient.shape
-    deviation, reaching = _deviations(lamps.vector)
+    count, channels = lights.ambient.shape
+    deviation, reaching = _deviations(lights.vector)
     count_reaching = max(int(np.count_nonzero(reaching)), 1)
     weight = (
         _degrees_of_freedom(reaching)
         / count_reaching
         / ((deviation**2).sum() / count_reaching + LEAST_LOG_SIGMA**2)
     )
-    mean = lamps.vector.mean(axis=1)
+    mean = lights.vector.mean(axis=1)
     # Of the logarithm of |mean over the channels|.
     along = mean / np.maximum((mean**2).sum(axis=-1, keepdims=True), np.finfo(float).tiny)
     own = np.zeros((count, count, channels, parameters))

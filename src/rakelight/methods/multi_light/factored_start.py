@@ -34,7 +34,7 @@ from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.bas_relief import rays_of
 from rakelight.methods.multi_light.initial_lights import bas_relief_of_slopes, prior_normals
 from rakelight.model import Floats, Mask
-from rakelight.photometry.images import Lamps
+from rakelight.photometry.images import LightParameters
 from rakelight.solve.direct import factorised
 
 # Value over its pixel's largest, below which it is in shadow, where rank three does not apply
@@ -171,7 +171,7 @@ class Candidate:
     cost: float
 
 
-def factored_start(level: Level) -> tuple[Floats, Lamps] | None:
+def factored_start(level: Level) -> tuple[Floats, LightParameters] | None:
     """(h, w) log depth and white distant lights that explain the photographs and fit the sensor.
 
     None where the photographs do not have rank three, as under lights in one plane.
@@ -189,7 +189,7 @@ def factored_start(level: Level) -> tuple[Floats, Lamps] | None:
         problem = Problem.of(level, scatter(factors.normals, mask), determined)
         found = [descended(problem, A) for A in matrices(level, factors, determined)]
         best = min((each for each in found if np.isfinite(each.cost)), key=lambda each: each.cost)
-        vector = factors.lamps @ np.linalg.inv(best.A)
+        vector = factors.lights @ np.linalg.inv(best.A)
     except (np.linalg.LinAlgError, RuntimeError, ValueError):  # singular
         return None
     vector /= max(float(np.median(np.linalg.norm(vector, axis=1))), np.finfo(float).tiny)
@@ -197,7 +197,7 @@ def factored_start(level: Level) -> tuple[Floats, Lamps] | None:
         return None
     log_depth = level.prior.copy()
     log_depth[level.mask] = best.log_depth
-    return log_depth, Lamps.distant(vector[:, None], np.zeros((len(vector), 1)))
+    return log_depth, LightParameters.distant(vector[:, None], np.zeros((len(vector), 1)))
 
 
 def matrices(level: Level, factors: Factors, determined: Mask) -> Iterator[Floats]:

@@ -11,7 +11,7 @@ import numpy as np
 from rakelight.geometry.normals import normals_from_gradient
 from rakelight.methods.levels import Level
 from rakelight.model import Floats, GivenLights
-from rakelight.photometry.images import Lamps
+from rakelight.photometry.images import LightParameters
 from rakelight.photometry.lighting import estimate_light
 from rakelight.solve.robust import CAUCHY
 
@@ -26,7 +26,7 @@ SAME_COLOUR = 0.02
 LEAST_INTENSITY = 0.05
 
 
-def lights_of_prior(level: Level) -> Lamps:
+def lights_of_prior(level: Level) -> LightParameters:
     """White distant lights that fit the prior's normals and an albedo of the median colour.
 
     Without ambient light: the part that is the same on all normals may belong to either.
@@ -46,10 +46,10 @@ def lights_of_prior(level: Level) -> Lamps:
     )
     # Noise of the normals makes light from the camera's side look like ambient light.
     vector = lights[:, None, :3] + lights[:, None, 3:] * frontal
-    return Lamps.distant(vector, np.zeros((len(lights), 1)))
+    return LightParameters.distant(vector, np.zeros((len(lights), 1)))
 
 
-def lights_of_given(level: Level, given: GivenLights) -> Lamps:
+def lights_of_given(level: Level, given: GivenLights) -> LightParameters:
     """White lights at the given places, or coloured ones where the given intensities differ so.
 
     Intensities that are not given fit the prior's normals and an albedo of the median colour.
@@ -69,7 +69,7 @@ def lights_of_given(level: Level, given: GivenLights) -> Lamps:
         if np.allclose(intensity, intensity[:, :1], rtol=SAME_COLOUR):
             intensity = intensity.mean(axis=1, keepdims=True)
     nothing = np.zeros_like(intensity)
-    return Lamps(directions[:, None] * intensity[..., None], nothing,
+    return LightParameters(directions[:, None] * intensity[..., None], nothing,
                  nothing + inverse_distance[:, None])  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from rakelight.methods.multi_light.initial_lights import lights_of_given, lights
 from rakelight.methods.multi_light.options import MultiLight
 from rakelight.methods.multi_light.steps import Descent, descend, refine_lights
 from rakelight.model import GivenLights, ProgressCallback
-from rakelight.photometry.images import Lamps
+from rakelight.photometry.images import LightParameters
 
 # Factors of the first depth weight that are tried at the coarsest level.  The sensor's errors are
 # correlated over an unknown area, and count that many times less (ablation.md: 1.07 either way).
@@ -126,8 +126,8 @@ def penalised_noise(level: Level, fit: Fit) -> float:
     """
     if fit.directions is not None:
         return fit.linearization.noise_sigma
-    equal_intensity = equal_intensity_energy(fit.lamps.vector) / (4 * len(fit.lamps.vector))
-    near = 1 + radius_over_distance(level, fit.lamps) ** 2
+    equal_intensity = equal_intensity_energy(fit.lights.vector) / (4 * len(fit.lights.vector))
+    near = 1 + radius_over_distance(level, fit.lights) ** 2
     return float(fit.linearization.noise_sigma * np.exp(equal_intensity) * near)
 
 
@@ -137,10 +137,10 @@ def factored_fit(level: Level) -> Fit | None:
     found = factored_start(small)
     if found is None:
         return None
-    log_depth, lamps = found
+    log_depth, lights = found
     if small is not level:
         log_depth = level.carried(small, log_depth)
-    return first_fit(level, log_depth, lamps, shared_ambient=True)
+    return first_fit(level, log_depth, lights, shared_ambient=True)
 
 
 def given_fit(level: Level, given: GivenLights) -> Fit:
@@ -148,12 +148,12 @@ def given_fit(level: Level, given: GivenLights) -> Fit:
 
     Near ones are distant at first, unless they are fixed: `with_near_lights` is tried later.
     """
-    lamps = lights_of_given(level, given)
-    toward = lamps.vector.mean(axis=1, keepdims=True)
+    lights = lights_of_given(level, given)
+    toward = lights.vector.mean(axis=1, keepdims=True)
     directions = toward / np.linalg.norm(toward, axis=-1, keepdims=True)
     if not given.fixed:
-        lamps = replace(lamps, inverse_distance=np.zeros_like(lamps.inverse_distance))
-    fit = first_fit(level, level.prior, lamps, shared_ambient=True, directions=directions)
+        lights = replace(lights, inverse_distance=np.zeros_like(lights.inverse_distance))
+    fit = first_fit(level, level.prior, lights, shared_ambient=True, directions=directions)
     return replace(refine_lights(level, fit), directions=directions if given.fixed else None)
 
 
@@ -167,7 +167,7 @@ def multi_start(
     """The descent, or one from another start, if that ends at a lower energy."""
     for start in starts:
         trial = descend(level, start, options, progress, "try another start")
-        before = evaluated(level, trial.fit, descent.fit.log_depth, descent.fit.lamps)
+        before = evaluated(level, trial.fit, descent.fit.log_depth, descent.fit.lights)
         descent = trial if trial.fit.energy < before.energy else descent
     return descent
 
@@ -178,7 +178,7 @@ def select_lights(
     """The descent with near or coloured lights, where these explain the photographs much better."""
     for wanted, free, already in (
         (options.distance, "near", descent.fit.near),
-        (options.lamps, "coloured", descent.fit.lamps.ambient.shape[1] > 1),
+        (options.lights, "coloured", descent.fit.lights.ambient.shape[1] > 1),
     ):
         before = descent.fit
         held = free == "near" and before.directions is not None
@@ -189,9 +189,9 @@ def select_lights(
         simpler = replace(before, near=freer.near)
         enough = LEAST_ENERGY_GAIN / len(level.photographs) * before.energy
         trial = descend(level, freer, options, progress, f"try {free} lights")
-        after = evaluated(level, simpler, trial.fit.log_depth, trial.fit.lamps)
+        after = evaluated(level, simpler, trial.fit.log_depth, trial.fit.lights)
         gain = before.energy - after.energy
-        if wanted == free or (gain > enough and distances_alike(after.lamps)):
+        if wanted == free or (gain > enough and distances_alike(after.lights)):
             descent = trial
     return descent
 
@@ -199,20 +199,20 @@ def select_lights(
 def acceptable(level: Level, fit: Fit, options: MultiLight) -> bool:
     """Whether near lights are asked for, given or, if there are any, plausible."""
     stated = options.distance == "near" or fit.directions is not None
-    return stated or plausible(level, fit.lamps)
+    return stated or plausible(level, fit.lights)
 
 
-def plausible(level: Level, lamps: Lamps) -> bool:
+def plausible(level: Level, lights: LightParameters) -> bool:
     """Whether distances, if any, are a lamp's in a hand: about equal, and outside the object.
 
     Where they only make up for another error of the model, they are random or tiny.
     """
-    return distances_alike(lamps) and radius_over_distance(level, lamps) <= 1
+    return distances_alike(lights) and radius_over_distance(level, lights) <= 1
 
 
-def radius_over_distance(level: Level, lamps: Lamps) -> float:
+def radius_over_distance(level: Level, lights: LightParameters) -> float:
     """The object's radius over the lights' median distance."""
-    return float(np.median(lamps.inverse_distance)) * object_radius(level)
+    return float(np.median(lights.inverse_distance)) * object_radius(level)
 
 
 def object_radius(level: Level) -> float:
@@ -220,9 +220,9 @@ def object_radius(level: Level) -> float:
     return float(np.linalg.norm(level.points[level.mask], axis=-1).max())
 
 
-def distances_alike(lamps: Lamps) -> bool:
+def distances_alike(lights: LightParameters) -> bool:
     """Whether the inverse distances have a small interquartile range over their median."""
-    low, middle, high = np.quantile(lamps.inverse_distance, [0.25, 0.5, 0.75])
+    low, middle, high = np.quantile(lights.inverse_distance, [0.25, 0.5, 0.75])
     return bool(high - low <= MOST_VARIED_DISTANCES * middle)
 
 
@@ -232,17 +232,18 @@ def with_near_lights(level: Level, fit: Fit) -> Fit:
     Descents from infinity fail where fall-off makes most of a flat object's shading.
     """
     inverse_distance = np.full_like(
-        fit.lamps.inverse_distance, FIRST_RADIUS_OVER_DISTANCE / object_radius(level)
+        fit.lights.inverse_distance, FIRST_RADIUS_OVER_DISTANCE / object_radius(level)
     )
-    lamps = replace(fit.lamps, inverse_distance=inverse_distance)
-    start = first_fit(level, fit.log_depth, lamps, shared_ambient=fit.shared_ambient)
+    lights = replace(fit.lights, inverse_distance=inverse_distance)
+    start = first_fit(level, fit.log_depth, lights, shared_ambient=fit.shared_ambient)
     return replace(refine_lights(level, start), near=True)
 
 
 def with_coloured_lights(fit: Fit) -> Fit:
     """The state with a light of its own for each channel."""
-    lamps = fit.lamps
+    lights = fit.lights
     each = (
-        np.repeat(part, 3, axis=1) for part in (lamps.vector, lamps.ambient, lamps.inverse_distance)
+        np.repeat(part, 3, axis=1)
+        for part in (lights.vector, lights.ambient, lights.inverse_distance)
     )
-    return replace(fit, lamps=Lamps(*each))
+    return replace(fit, lights=LightParameters(*each))

@@ -49,7 +49,7 @@ def fine_normals(level: Level, fit: Fit) -> tuple[Floats, Linearization]:
     def linearized(step: Floats) -> Linearization:
         surface = replace(fit.surface, gradient=gradient + step)
         return photographs.linearize(
-            surface, fit.lamps, scale=fit.scales, start=fit.linearization.albedo
+            surface, fit.lights, scale=fit.scales, start=fit.linearization.albedo
         )
 
     step = gradient_step(level, fit, linearized)

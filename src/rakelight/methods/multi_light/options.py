@@ -18,7 +18,7 @@ class MultiLight:
         size would have; None chooses it from the data.  Raised, the surface keeps to the
         sensor's shape, its faults included; lowered, it follows the photographs and may slide
         along the bas-relief valley.
-    lamps : "white" for one light in all channels, "coloured" for one per channel, "auto"
+    lights : "white" for one light in all channels, "coloured" for one per channel, "auto"
     distance : "distant" for parallel light, "near" for lights at a place, "auto"
     max_iterations : most Gauss-Newton steps of a descent at the coarsest level, and of the last one
         at the finest; those between take at most three
@@ -27,7 +27,7 @@ class MultiLight:
     """
 
     depth_weight: float | None = None
-    lamps: Literal["auto", "white", "coloured"] = "auto"
+    lights: Literal["auto", "white", "coloured"] = "auto"
     distance: Literal["auto", "distant", "near"] = "auto"
     max_iterations: int = 40
     tolerance: float = 2e-3
@@ -37,7 +37,7 @@ class MultiLight:
         require_options(
             self,
             depth_weight=(self.depth_weight is None or 0 < self.depth_weight < np.inf, "above 0"),
-            lamps=(self.lamps in ("auto", "white", "coloured"), "auto, white or coloured"),
+            lights=(self.lights in ("auto", "white", "coloured"), "auto, white or coloured"),
             distance=(self.distance in ("auto", "distant", "near"), "auto, distant or near"),
             max_iterations=(self.max_iterations >= 1, "at least 1"),
             tolerance=(0 < self.tolerance < 1, "above 0, below 1"),

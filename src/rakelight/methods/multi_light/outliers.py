@@ -16,7 +16,7 @@ from rakelight.geometry.normals import normals_from_gradient
 from rakelight.methods.levels import Level
 from rakelight.model import Floats, Lights, Mask
 from rakelight.photometry.cast_shadows import in_sight
-from rakelight.photometry.images import Lamps
+from rakelight.photometry.images import LightParameters
 from rakelight.photometry.lighting import arriving
 from rakelight.photometry.specular import lobe_coefficients, lobes
 from rakelight.prepare.inpaint import nearest_fill
@@ -42,30 +42,32 @@ TINY = 1e-6
 FAR_M = 100.0
 
 
-def remove_outliers(level: Level, log_depth: Floats, lamps: Lamps) -> tuple[Level, Floats]:
+def remove_outliers(
+    level: Level, log_depth: Floats, lights: LightParameters
+) -> tuple[Level, Floats]:
     """The level with photographs as a Lambertian object without cast shadows would show them.
 
-    log_depth (h, w), lamps : the present estimates.  Also the coefficients (E,) of the highlights
+    log_depth (h, w), lights : the present estimates.  Also the coefficients (E,) of the highlights
     that were subtracted, of `photometry.specular`'s lobes, 0 where there are none; values with more
     than `specular_limit` of them are left out.  The level itself where nothing was found.
     """
-    photographs, lights = level.photographs, lamps.as_lights(level.middle_m)
+    photographs, physical = level.photographs, lights.as_lights(level.middle_m)
     camera, gradient = photographs.camera, level.surface(log_depth).gradient
     normals, _ = normals_from_gradient(gradient[..., 0], gradient[..., 1], camera)
     points = back_project(np.exp(log_depth), camera)
 
     sample = photographs.subsample(SAMPLE_PIXELS)
-    values, incident = photographs.light(sample), arriving(lights, points[sample])
-    hidden_sample = in_shadow(level, points, sample, lights)
+    values, incident = photographs.light(sample), arriving(physical, points[sample])
+    hidden_sample = in_shadow(level, points, sample, physical)
     hidden = None
     if hidden_sample.mean() >= LEAST_HIDDEN and are_dark(
-        values, hidden_sample, normals[sample], incident, lights
+        values, hidden_sample, normals[sample], incident, physical
     ):
-        hidden = all_shadows(level, points, lights)
+        hidden = all_shadows(level, points, physical)
         values[np.broadcast_to(hidden_sample, values.shape)] = -1.0
     unit = lobes(normals[sample], points[sample], incident)
     coefficients, explained = lobe_coefficients(
-        values, normals[sample], incident, lights.ambient, unit
+        values, normals[sample], incident, physical.ambient, unit
     )
     if explained < LEAST_EXPLAINED:
         coefficients = np.zeros_like(coefficients)
@@ -76,7 +78,7 @@ def remove_outliers(level: Level, log_depth: Floats, lamps: Lamps) -> tuple[Leve
 
     def specular(photograph: int) -> Floats:
         """(P, C) the specular light of the active pixels in a photograph."""
-        incident = arriving(lights.of(photograph), points[active])
+        incident = arriving(physical.of(photograph), points[active])
         return np.tensordot(coefficients, lobes(normals[active], points[active], incident)[:, 0], 1)
 
     cleared = photographs.cleared(
@@ -152,6 +154,6 @@ def are_dark(
     usable = values >= 0
     seen = np.where(usable & ~hidden, lit + lights.ambient[:, None], 0.0)
     albedo = (seen * values).sum(axis=0) / np.maximum((seen**2).sum(axis=0), 1e-12)
-    lamps = np.where(usable & hidden, albedo * lit, 0.0)
-    found = lamps * (values - albedo * lights.ambient[:, None])
-    return bool(found.sum() < 0.5 * (lamps**2).sum())
+    direct = np.where(usable & hidden, albedo * lit, 0.0)
+    found = direct * (values - albedo * lights.ambient[:, None])
+    return bool(found.sum() < 0.5 * (direct**2).sum())

@@ -21,7 +21,7 @@ from rakelight.methods.multi_light.energy import (
 from rakelight.methods.multi_light.joint_step import damped_tensor, joint_step
 from rakelight.methods.multi_light.options import MultiLight
 from rakelight.model import Floats, Progress, ProgressCallback
-from rakelight.photometry.images import Lamps
+from rakelight.photometry.images import LightParameters
 from rakelight.solve import solve
 from rakelight.solve.gauss_newton import damped_solution
 from rakelight.solve.levenberg_marquardt import lowered
@@ -107,7 +107,7 @@ def depth_step(level: Level, fit: Fit) -> Fit:
         if solution.status == "stalled":
             return fit  # refused, as it is no lower
         log_depth = level.placed(fit.log_depth + solution.value)
-        return evaluated(level, fit, log_depth, fit.lamps, with_light_slope=True)
+        return evaluated(level, fit, log_depth, fit.lights, with_light_slope=True)
 
     lower, damping = lowered(fit, fit.depth_damping, after, TRIES)
     return replace(lower, depth_damping=damping)
@@ -123,10 +123,10 @@ def project_bas_relief(level: Level, fit: Fit) -> Fit:
     if fit.near or fit.directions is not None:
         return fit
     log_depth, transform = nearest_bas_relief(
-        level, fit.log_depth, fit.lamps, fit.equal_intensity_weight
+        level, fit.log_depth, fit.lights, fit.equal_intensity_weight
     )
-    lamps = replace(fit.lamps, vector=fit.lamps.vector @ transform.T)
-    return evaluated(level, fit, log_depth, lamps, with_light_slope=True)
+    lights = replace(fit.lights, vector=fit.lights.vector @ transform.T)
+    return evaluated(level, fit, log_depth, lights, with_light_slope=True)
 
 
 def refine_lights(level: Level, fit: Fit) -> Fit:
@@ -155,12 +155,12 @@ def extrapolated(level: Level, before: Fit, fit: Fit) -> Fit:
     Where reweighting or the bas-relief valley makes steps short, they all have one direction.
     """
     direction = fit.log_depth - before.log_depth
-    lights = lights_difference(before.lamps, fit.lamps)
+    lights = lights_difference(before.lights, fit.lights)
     best, factor = fit, 1.0
     history = [(0.0, before.energy), (1.0, fit.energy)]
     while parabola_falls(history, 1 + factor):
         trial = evaluated(
-            level, fit, fit.log_depth + factor * direction, fit.lamps.moved(factor * lights)
+            level, fit, fit.log_depth + factor * direction, fit.lights.moved(factor * lights)
         )
         if not trial.energy < best.energy:
             break
@@ -182,8 +182,8 @@ def parabola_falls(history: list[tuple[float, float]], position: float) -> bool:
     return slope + curvature * (position - middle) < 0
 
 
-def lights_difference(before: Lamps, after: Lamps) -> Floats:
-    """(N, C, 5) the step of `Lamps.moved` from one to the other."""
+def lights_difference(before: LightParameters, after: LightParameters) -> Floats:
+    """(N, C, 5) the step of `LightParameters.moved` from one to the other."""
     inverse_distance, ambient = (
         after.inverse_distance - before.inverse_distance,
         after.ambient - before.ambient,

@@ -1,4 +1,4 @@
-"""Findings about a photograph under three coloured lamps."""
+"""Findings about a photograph under three coloured lights."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from rakelight.model import SATURATED, Finding, Floats
 from rakelight.prepare import Prepared
 
-# Limits of the findings: angle between two lamps; median of a channel over the brightest's; range
+# Limits of the findings: angle between two lights; median of a channel over the brightest's; range
 # of the channels' means over their mean; fraction of saturated values.
 CLOSEST_DEG, DARK, EQUAL_MEANS, MANY_SATURATED = 30.0, 0.05, 0.02, 0.01
 
@@ -34,7 +34,9 @@ def rgb_findings(prepared: Prepared, image: Floats, light: Floats) -> tuple[Find
         apart = float(np.degrees(np.arccos(np.clip(toward[c] @ toward[d], -1, 1))))
         if apart < CLOSEST_DEG and not {c, d} & set(dark):
             message = f"the {names[c]} and the {names[d]} lamp are {apart:.0f} degrees apart"
-            remedy = "set the lamps around the camera, 120 degrees from each other, 40 off its axis"
+            remedy = (
+                "set the lights around the camera, 120 degrees from each other, 40 off its axis"
+            )
             findings.append(Finding("warning", "leds-close", message, remedy))
     mean = image.mean(axis=0)
     if np.ptp(mean) < EQUAL_MEANS * mean.mean():
@@ -45,6 +47,6 @@ def rgb_findings(prepared: Prepared, image: Floats, light: Floats) -> tuple[Find
     saturated = float((values >= SATURATED * np.iinfo(values.dtype).max).mean())
     if saturated > MANY_SATURATED:
         message = f"{100 * saturated:.1f} % of the object's values are saturated"
-        remedy = "lower the exposure; against highlights, set polarisers before lamps and camera"
+        remedy = "lower the exposure; against highlights, set polarisers before lights and camera"
         findings.append(Finding("warning", "highlights", message, remedy))
     return tuple(findings)

@@ -1,4 +1,4 @@
-"""The ratio equations of one photograph under three coloured lamps (the paper's 3.3).
+"""The ratio equations of one photograph under three coloured lights (the paper's 3.3).
 
     (I_c - rho_c phi_c) rho_d l_d . m = (I_d - rho_d phi_d) rho_c l_c . m,    in short q . m = 0
 

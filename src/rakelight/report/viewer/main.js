@@ -191,7 +191,7 @@ class Viewer {
       });
     }
     byId("photograph").addEventListener("input", ({ target }) => {
-      const lamp = this.facts.lamps[target.value];
+      const lamp = this.facts.lights[target.value];
       if (lamp) this.set({ azimuth: lamp.azimuth, elevation: Math.max(LOWEST, lamp.elevation) });
     });
     byId("reset").addEventListener("click", () => this.reset());
