@@ -7,8 +7,8 @@ by itself, in `--rounds` of turns; then the lights of the unseen ones alone.  A 
 
     rho (max(0, s(x, y) . n) + phi(x, y)),    s, phi polynomials of `--order` in the pixel
 
-since lights near an object differ over it.  Printed is the median residual of an unseen photograph's
-usable values over their median, the mean over these photographs.
+since lights near an object differ over it.  Printed is the median residual of an unseen
+photograph's usable values over their median, the mean over these photographs.
 
 With order 1 and 6 rounds the tool that the issue of the joint method names; how much of its figure
 is the lights' model, and how much its rounds, the other settings tell.

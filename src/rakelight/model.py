@@ -250,7 +250,7 @@ class Lights:
     vector : (N, C, 3) direction towards the lamp times its intensity, camera frame; C is 1 for
         white lights (shared by the channels) or 3 for coloured ones
     ambient : (N, C)
-    position_m : (N, C, 3) lamp positions in metres, camera frame, None for distant lights; a distant
+    position_m : (N, C, 3) of the lights in metres, camera frame, None for distant lights; a distant
         one among near ones stands at `FARTHEST_M`
     middle_m : (3,) the object's middle in metres, None for distant lights
 

@@ -382,7 +382,7 @@ def linearize(
 
     In rows from first_row up to last_row, which is not among them.
     table : linear light of a value, negative where it is not usable
-    vectors (C, 3, N), ambients (C, N), nearness (C, N) of the lights: as in `LightParameters.arrays`
+    vectors (C, 3, N), ambients (C, N), nearness (C, N) of the lights: `LightParameters.arrays`
     sums (h, 3): energy, squared residuals, count; histogram (h, BINS) of absolute residuals in one
     channel of every other pixel; mean_abs_residual (h, w): of each pixel.  With `with_light_slope`,
     slope (h, C, 5, N) gets the first derivatives of half the energy with each light's vector,

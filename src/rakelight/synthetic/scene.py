@@ -337,7 +337,7 @@ def _lights(options: SceneOptions, center_m: Floats) -> _SceneLights:
 
 
 def _toward(tilt_deg: Floats, azimuth_deg: Floats) -> Floats:
-    """(N, 3) unit vectors towards lights; tilt from the optical axis, azimuth from right to down."""
+    """(N, 3) unit vectors towards lights: tilt off the optical axis, azimuth from right to down."""
     tilt, azimuth = np.radians(tilt_deg), np.radians(azimuth_deg)
     return np.stack(
         [np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), -np.cos(tilt)], axis=-1

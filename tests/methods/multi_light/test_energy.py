@@ -103,8 +103,8 @@ def start(level, name):
 
 
 STARTS = (
-    "prior", "rough depth", "flat depth", "wild lights", "lights behind", "no light", "lights alike",
-    "coloured", "near", "coloured near",
+    "prior", "rough depth", "flat depth", "wild lights", "lights behind", "no light",
+    "lights alike", "coloured", "near", "coloured near",
 )  # fmt: skip
 
 
