@@ -4,6 +4,7 @@
     python benchmarks/random_captures.py --seeds 0:60 --method rgb-ratio --oracle 60
     python benchmarks/random_captures.py --seeds 0:24 --ratios 10 12 16 --size 2   # coarse sensors
     python benchmarks/random_captures.py --seeds 3:4 --set lights=one-side    # causes taken apart
+    python benchmarks/random_captures.py --seeds 0:20 --lights fixed --off 5      # given lights
     python benchmarks/random_captures.py --compare before.json after.json
     python benchmarks/random_captures.py --read out/random.json --worst 10
 
@@ -40,7 +41,7 @@ from typing import Any
 
 import numpy as np
 
-from rakelight import Capture, Lights, RakelightError, Result, Truth, refine
+from rakelight import Capture, GivenLights, Lights, RakelightError, Result, Truth, refine
 from rakelight.geometry.averaging import Averaging
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.grid import pair_slices, surface_links
@@ -73,12 +74,31 @@ def assess(seed: int, arguments: argparse.Namespace) -> Record:
     try:
         capture, truth = render_draw(drawn)
         record["drawing_s"] = time.process_time() - began
+        if arguments.lights != "found":
+            given = given_lights(truth, seed, arguments.off, arguments.lights == "fixed")
+            capture = replace(capture, lights=given)
         record |= scores(drawn, capture, truth, arguments.method, seed in arguments.with_oracle)
     except RakelightError as error:
         record["failed"] = str(error)
     except Exception as error:  # one draw's fault must not lose the others
         record["failed"] = repr(error)
     return record
+
+
+def given_lights(truth: Truth, seed: int, off_deg: float, fixed: bool) -> GivenLights:
+    """The true lights, each turned about the object's middle by `off_deg` to a random side."""
+    lights = truth.lights
+    assert lights is not None
+    middle_m = np.zeros(3) if lights.middle_m is None else lights.middle_m
+    place = lights.direction if lights.position_m is None else lights.position_m - middle_m
+    toward = place.mean(axis=1)
+    length = np.linalg.norm(toward, axis=1, keepdims=True)
+    side = np.cross(toward, np.random.default_rng(seed).standard_normal(toward.shape))
+    side *= length / np.linalg.norm(side, axis=1, keepdims=True)
+    turned = np.cos(np.radians(off_deg)) * toward + np.sin(np.radians(off_deg)) * side
+    if lights.position_m is None:
+        return GivenLights(directions=turned / length, fixed=fixed)
+    return GivenLights(positions_m=middle_m + turned, fixed=fixed)
 
 
 def scores(drawn: Draw, capture: Capture, truth: Truth, method: str, oracle: bool) -> Record:
@@ -360,6 +380,9 @@ def main() -> None:
     parser.add_argument("--oracle", type=int, default=0, help="of so many draws, the first")
     parser.add_argument("--jobs", type=int, default=1, help="processes of one thread each")
     parser.add_argument("--set", type=setting, action="append", default=[], metavar="FIELD=VALUE")
+    parser.add_argument("--size", type=float, default=1.0, help="scale of the images")
+    parser.add_argument("--lights", choices=("found", "start", "fixed"), default="found")
+    parser.add_argument("--off", type=float, default=0.0, metavar="DEG", help="of given lights")
     parser.add_argument("--scans", type=Path, default=Path("../shared/shapes"), help="*.npz")
     parser.add_argument(
         "--pictures", type=Path, nargs="*", default=[Path("../shared/captures/mitten/rgb/000.png")]

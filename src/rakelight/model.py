@@ -409,6 +409,42 @@ class Lights:
         return self.vector / np.maximum(self.intensity, np.finfo(float).tiny)[..., None]
 
 
+@dataclass(frozen=True, slots=True)
+class GivenLights:
+    """Where the lights of N photographs stand, known before: a dome, a light stage, a chrome ball.
+
+    Camera frame: x right, y down, z forward.  One of directions and positions_m is given.
+
+    directions : (N, 3) unit vectors towards distant lights
+    positions_m : (N, 3) of near lights, metres
+    intensities : (N,) or, per channel, (N, 3), above 0, up to a common factor; of positions that of
+        the light itself, which arrives by the inverse square of its distance; None when not known
+    fixed : whether they are exact; else refining starts from them and corrects them
+
+    >>> lights = GivenLights(directions=np.array([[0.0, 0.6, -0.8], [0.6, 0.0, -0.8]]), fixed=True)
+    >>> len(lights), lights.select([1]).directions.tolist()
+    (2, [[0.6, 0.0, -0.8]])
+    """
+
+    directions: Floats | None = None
+    positions_m: Floats | None = None
+    intensities: Floats | None = None
+    fixed: bool = False
+
+    def __len__(self) -> int:
+        given = self.positions_m if self.directions is None else self.directions
+        return 0 if given is None else len(given)
+
+    def select(self, photographs: Iterable[int]) -> GivenLights:
+        """Those of these photographs only (indices from 0)."""
+        chosen = list(photographs)
+        directions, positions_m, intensities = (
+            None if each is None else each[chosen]
+            for each in (self.directions, self.positions_m, self.intensities)
+        )
+        return GivenLights(directions, positions_m, intensities, self.fixed)
+
+
 @dataclass(frozen=True)
 class Capture:
     """Photographs and depth of one object from one fixed camera, as they were read.
@@ -421,6 +457,7 @@ class Capture:
         without them the depth map covers the colour image's field of view exactly
     depth_noise : of the depth sensor, None when it is not known
     register : whether a small correction of depth_to_color is to be found from the photographs
+    lights : where the lights stand, None when that is to be found from the photographs
     names : the photographs' file names
     findings : what the reader noticed
     source : where it came from, for messages
@@ -439,6 +476,7 @@ class Capture:
     names: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
     source: str = ""
+    lights: GivenLights | None = None
 
     @classmethod
     def from_arrays(
@@ -457,6 +495,7 @@ class Capture:
         register: bool = False,
         ambient: Array | None = None,
         flat: Array | None = None,
+        lights: GivenLights | None = None,
     ) -> Capture:
         """A capture of numpy arrays, by the rules of the capture folder.
 
@@ -484,6 +523,8 @@ class Capture:
         flat : (H, W, 3) uint8, uint16 or floating point, encoded as the photographs: a white card
             that fills the image, by which vignetting is divided out.  With either the capture's
             photographs are linear, 16 bit
+        lights : of the photographs, where they are known: the start of `multi-light` or, fixed, as
+            given
 
         Returns
         -------
@@ -520,6 +561,7 @@ class Capture:
             register=register,
             ambient=ambient,
             flat=flat,
+            lights=lights,
         )
 
     @property
@@ -539,6 +581,7 @@ class Capture:
             self,
             photographs=self.photographs[chosen],
             names=tuple(self.names[i] for i in chosen) if self.names else (),
+            lights=None if self.lights is None else self.lights.select(chosen),
         )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from rakelight.capture import validate
 from rakelight.capture.defaults import on_depth_grid
+from rakelight.capture.lights import checked_lights
 from rakelight.errors import CaptureError, check_is
 from rakelight.geometry.distortion import STEEPEST_RAY
 from rakelight.model import (
@@ -84,7 +85,12 @@ def checked_arrays(capture: Capture) -> Capture:
         if (value := getattr(capture, field)) is not None:
             check_is(value, kind, field, remedy)
     _check_words(capture, len(photographs))
-    return replace(capture, photographs=photographs, depth_m=depth_m, mask=mask)
+    lights = capture.lights
+    if lights is not None:
+        measured = depth_m[np.isfinite(depth_m)]
+        middle_z_m = float(np.median(measured)) if measured.size else 0.0
+        lights = checked_lights(lights, len(photographs), middle_z_m)
+    return replace(capture, photographs=photographs, depth_m=depth_m, mask=mask, lights=lights)
 
 
 def checked_capture(capture: Capture) -> Capture:

@@ -10,6 +10,7 @@ from typing import Any, NoReturn, get_args
 import msgspec
 import numpy as np
 
+from rakelight.capture.lights import Frame, LightsTable
 from rakelight.errors import CaptureError, InputError, parsing
 from rakelight.model import (
     Camera,
@@ -95,6 +96,7 @@ class CaptureTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     depth_intrinsics: IntrinsicsTable | None = None
     depth_to_color: TransformTable | None = None
     depth_noise: NoiseTable | None = None
+    lights: LightsTable | None = None
 
 
 _TABLES: dict[str, type[msgspec.Struct]] = {
@@ -105,12 +107,14 @@ _TABLES: dict[str, type[msgspec.Struct]] = {
     "depth_noise": NoiseTable,
     "intrinsics.distortion": DistortionTable,
     "depth_intrinsics.distortion": DistortionTable,
+    "lights": LightsTable,
 }
 _CHOICES = {
     "encoding": get_args(Encoding),
     "lighting": get_args(Lighting),
     "intrinsics.distortion.model": get_args(LensModel),
     "depth_intrinsics.distortion.model": get_args(LensModel),
+    "lights.frame": get_args(Frame),
 }
 
 

@@ -34,6 +34,7 @@ from rakelight.capture.defaults import (
 from rakelight.capture.depth import check_depth_kind, depth_geometry, depth_values, read_depth
 from rakelight.capture.headers import read_header
 from rakelight.capture.images import as_rgb, decode_image, encode_png, encode_tiff
+from rakelight.capture.lights import checked_lights, lights_lines, read_lights
 from rakelight.capture.listing import (
     Images,
     Root,
@@ -51,6 +52,7 @@ from rakelight.model import (
     Encoding,
     Finding,
     Floats,
+    GivenLights,
     Mask,
     SensorNoise,
     Truth,
@@ -73,7 +75,7 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
     table = _read_config(root)
     camera = table.intrinsics.camera("intrinsics", root.shown(CONFIG))
 
-    rgb, depth = _list_both(root, table, photographs)
+    rgb, depth, lights = _list_all(root, table, photographs)
     validate.check_camera(camera, rgb.shape, root.shown(CONFIG), "intrinsics")
     depth_camera, depth_to_color = depth_geometry(table, depth.shape, root.shown(CONFIG))
     factor = (
@@ -107,6 +109,9 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
         names=names,
         source=root.shown(),
     )
+    if lights is not None:
+        middle_z_m = float(np.nanmedian(depth_m)) if np.isfinite(depth_m).any() else 0.0
+        lights = checked_lights(lights, len(images), middle_z_m, root.shown("lights"))
     mask, mask_findings = _read_mask(root, rgb.shape) or object_mask(
         capture, root.shown("depth"), "check [depth_intrinsics] and [depth_to_color]"
     )
@@ -114,6 +119,7 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
     return replace(
         capture,
         mask=mask,
+        lights=lights,
         findings=(
             *assumed,
             *light,
@@ -223,6 +229,11 @@ def write_capture(
             write_truth(truth, staging.path / "truth")
         if contact_sheet is not None:
             write_bytes(staging.path / "contact-sheet.png", encode_png(contact_sheet))
+        if capture.lights is not None:
+            lines, files = lights_lines(capture.lights)
+            config += lines
+            for name, text in files.items():
+                write_bytes(staging.path / name, text.encode())
         write_bytes(staging.path / CONFIG, config.encode())
     return staging.findings
 
@@ -248,17 +259,20 @@ def _config_bytes(root: Root) -> bytes:
     return read_bytes(root.path / CONFIG, source=root.shown(CONFIG), max_bytes=_LARGEST_CONFIG)
 
 
-def _list_both(
+def _list_all(
     root: Root, table: CaptureTable, photographs: Sequence[int] | None
-) -> tuple[Images, Images]:
-    """The photographs, those chosen, and the depth maps: of kinds that are read."""
+) -> tuple[Images, Images, GivenLights | None]:
+    """The photographs, those chosen, and the depth maps: of kinds that are read; their lights."""
     rgb = list_images(root, "rgb", "photographs")
+    lights = read_lights(table.lights, root.path, root.shown, rgb.names)
     if photographs is not None:
-        rgb = rgb.chosen(photographs)
+        count, rgb = len(rgb.names), rgb.chosen(photographs)
+        if lights is not None and len(lights) == count:
+            lights = lights.select(photographs)
     depth = list_images(root, "depth", "depth maps")
     _check_photograph_kind(rgb)
     check_depth_kind(depth, table, root)
-    return rgb, depth
+    return rgb, depth, lights
 
 
 def _depth_noise(root: Root, table: CaptureTable) -> SensorNoise | None:

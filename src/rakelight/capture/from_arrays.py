@@ -31,6 +31,7 @@ from rakelight.model import (
     Encoding,
     Finding,
     Floats,
+    GivenLights,
     Lighting,
     Mask,
     RigidTransform,
@@ -56,6 +57,7 @@ def capture_from_arrays(
     register: bool = False,
     ambient: Array | None = None,
     flat: Array | None = None,
+    lights: GivenLights | None = None,
 ) -> Capture:
     """What `Capture.from_arrays` says; its docstring has the parameters and the errors.
 
@@ -85,6 +87,7 @@ def capture_from_arrays(
         depth_noise=depth_noise,
         register=register,
         names=tuple(names) if isinstance(names, list) else names,  # type: ignore[arg-type]
+        lights=lights,
     )
     with _named_as_arguments():
         capture = checked_arrays(capture)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import ceil
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -70,6 +70,8 @@ class Method:
         looks for photographs that do not fit the others, and for a result that predicts them worse
         than the prepared depth does
     corrects_pose : whether it can correct the depth camera's pose first
+    given_lights : what it does with a capture's known lights: "use" them; "find" its own, which
+        fixed ones forbid; "ignore" them, as methods of one photograph do
     bytes_per_pixel : memory that it needs at the least for each pixel of the object's window;
         measured, rounded down
     """
@@ -79,6 +81,7 @@ class Method:
     options: type[Any]
     starts_from_depth: bool = False
     corrects_pose: bool = False
+    given_lights: Literal["use", "find", "ignore"] = "ignore"
     bytes_per_pixel: int = 500
 
 
@@ -228,6 +231,24 @@ def first_only(prepared: Prepared, method: str) -> tuple[Finding, ...]:
     which = f" ({printable(prepared.names[0])})" if prepared.names else ""
     message = f"{method} uses the first of {len(prepared)} photographs{which}"
     return (Finding("note", "first-photograph", message, "use multi-light for all"),)
+
+
+def lights_unused(prepared: Prepared, method: Method) -> tuple[Finding, ...]:
+    """A note about given lights that the method does not use.
+
+    Raises MethodError where they are fixed and the method would find others.
+    """
+    if prepared.lights is None or method.given_lights == "use":
+        return ()
+    if prepared.lights.fixed and method.given_lights == "find":
+        raise MethodError(
+            f"{method.name} keeps no given lights: it finds its own",
+            source=prepared.source,
+            seen="fixed lights",
+            remedy="use multi-light, or say fixed = false in [lights]",
+        )
+    message = f"{method.name} does not use the given lights"
+    return (Finding("note", "given-lights-unused", message, "use multi-light"),)
 
 
 def brightest(albedo: Floats) -> float:

@@ -425,4 +425,4 @@ def _finding(maxima: int, agreeing: int) -> Finding:
     )
 
 
-METHOD = Method("ldr-ps", ldr_ps, LdrPs)
+METHOD = Method("ldr-ps", ldr_ps, LdrPs, given_lights="find")

@@ -194,4 +194,5 @@ METHOD = Method(
     multi_light_alternating,
     MultiLightAlternating,
     starts_from_depth=True,
+    given_lights="find",
 )

@@ -25,7 +25,7 @@ from rakelight.methods import (
     method_of,
     public_options,
 )
-from rakelight.methods.base import Estimate
+from rakelight.methods.base import Estimate, lights_unused
 from rakelight.model import (
     Capture,
     Finding,
@@ -159,6 +159,7 @@ def _refined(
     registered_at = perf_counter()
     progress(Progress("prepare"))
     prepared, checked = _prepared(capture, chosen, scale)
+    unused = lights_unused(prepared, chosen)
     prepared_at = perf_counter()
     prepared, estimate = estimated(chosen, prepared, options, progress)
     refined_at = perf_counter()
@@ -185,7 +186,12 @@ def _refined(
             "refine": refined_at - prepared_at,
             **estimate.timings_s,
         },
-        findings=prepared.findings + checked + estimate.findings + bounded + _convergence(estimate),
+        findings=prepared.findings
+        + checked
+        + unused
+        + estimate.findings
+        + bounded
+        + _convergence(estimate),
         source=capture.source,
         photograph_names=prepared.names,
         capture=_figures(as_read, capture.depth_to_color if capture.register else None),

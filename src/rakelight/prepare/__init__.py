@@ -17,7 +17,17 @@ import numpy as np
 from rakelight.errors import CaptureError, InputError
 from rakelight.files import in_threads
 from rakelight.geometry.grid import area_mean, bounding_window, surface_links
-from rakelight.model import SATURATED, Array, Camera, Capture, Encoding, Finding, Floats, Mask
+from rakelight.model import (
+    SATURATED,
+    Array,
+    Camera,
+    Capture,
+    Encoding,
+    Finding,
+    Floats,
+    GivenLights,
+    Mask,
+)
 from rakelight.prepare.denoise import bilateral
 from rakelight.prepare.holes import hole_findings, thin_finding, unseen, within_reach
 from rakelight.prepare.inpaint import inpaint
@@ -41,6 +51,7 @@ class Prepared:
     factor : output pixels per depth pixel, along each side; not always a whole number
     camera : of this window; `rows`, `columns` place it in `full_camera`'s image
     sensor : the measurements themselves at the sensor's resolution, with their noise and place
+    lights : of the photographs, where they are known
     """
 
     photographs: Array
@@ -58,6 +69,7 @@ class Prepared:
     names: tuple[str, ...] = ()
     source: str = ""
     findings: tuple[Finding, ...] = ()
+    lights: GivenLights | None = None
 
     def __len__(self) -> int:
         return len(self.photographs)
@@ -66,7 +78,8 @@ class Prepared:
         """The same with only these photographs (indices from 0)."""
         chosen = list(photographs)
         names = tuple(self.names[i] for i in chosen) if self.names else ()
-        return replace(self, photographs=self.photographs[chosen], names=names)
+        lights = None if self.lights is None else self.lights.select(chosen)
+        return replace(self, photographs=self.photographs[chosen], names=names, lights=lights)
 
     def pixels(self, photograph: int) -> tuple[Floats, Mask]:
         """Linear light (P, 3) of one photograph on the mask, and which values are usable."""
@@ -140,6 +153,7 @@ def prepare(capture: Capture, scale: Scale = "auto") -> Prepared:
         names=capture.names,
         source=capture.source,
         findings=capture.findings + findings,
+        lights=capture.lights,
     )
 
 

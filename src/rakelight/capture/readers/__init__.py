@@ -21,6 +21,9 @@ _MODULES = (
     "stray_scanner",
     "tum_rgbd",
     "open3d_recorder",
+    "diligent",
+    "rti",
+    "srmeetsps",
     "photographs",
 )
 

@@ -71,7 +71,7 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
 
     # 1. The coarsest level: the light model, the start, and a first depth weight.
     coarsest = len(levels) - 1
-    factor, descent = select_model(levels[-1], options, progress, stage(coarsest))
+    factor, descent = select_model(levels[-1], options, progress, stage(coarsest), prepared.lights)
     weight *= factor
     levels = [level.weighted(factor) for level in levels]
     # 2. Without the highlights and cast shadows that this fit predicts.
@@ -154,8 +154,11 @@ def finished(
     if specular.any():
         height = f"{specular.sum() / gain:.2f} of white paint's brightness"
         notes.append(Finding("note", "highlights", f"highlights up to {height}, left out"))
-    moment = sensor_moment(level, fit.log_depth)
-    bas_relief = bas_relief_variance(level, fit.log_depth, fit.lights, moment)
+    held = fit.directions is not None
+    moment = sensor_moment(level, fit.log_depth, scale_only=held)
+    bas_relief: Floats | float = 0.0
+    if not held:
+        bas_relief = bas_relief_variance(level, fit.log_depth, fit.lights, moment)
     curvature, noise = missed_curvature(normals, level.grid), shared_noise(level, fit)
     local = photometric_variance(level, fit, noise) + curvature
     return Estimate(
@@ -175,7 +178,7 @@ def finished(
 
 METHOD = Method(
     "multi-light", multi_light, MultiLight,
-    starts_from_depth=True, corrects_pose=True, bytes_per_pixel=1500,
+    starts_from_depth=True, corrects_pose=True, given_lights="use", bytes_per_pixel=1500,
 )  # fmt: skip
 
 __all__ = ["METHOD", "MultiLight"]

@@ -44,20 +44,29 @@ def bas_relief_variance(
     return np.asarray(np.einsum("hwik,kl,hwil->hw", dn_dtransform, moment, dn_dtransform))
 
 
-def sensor_moment(level: Level, log_depth: Floats) -> Floats:
-    """(4, 4) second moment of a and g, 1/metre, from the sensor, at a log depth (h, w)."""
-    correction, covariance = sensor_correction(level, log_depth)
-    return np.asarray(covariance + np.outer(correction, correction))
+def sensor_moment(level: Level, log_depth: Floats, scale_only: bool = False) -> Floats:
+    """(4, 4) second moment of a and g, 1/metre, from the sensor, at a log depth (h, w).
+
+    scale_only : g is known, as under lights in given directions, which leave but a open
+    """
+    correction, covariance = sensor_correction(level, log_depth, scale_only)
+    moment = np.zeros((4, 4))
+    moment[: len(correction), : len(correction)] = covariance + np.outer(correction, correction)
+    return moment
 
 
-def sensor_correction(level: Level, log_depth: Floats) -> tuple[Floats, Floats]:
-    """(4,) the best correction of (a, g) by least squares, and its covariance (4, 4).
+def sensor_correction(
+    level: Level, log_depth: Floats, scale_only: bool = False
+) -> tuple[Floats, Floats]:
+    """(4,) the best correction of (a, g) by least squares, and its covariance (4, 4); or of a.
 
     The sensor's errors are correlated over an unknown area: the covariance is taken with blocks of
     pixels as clusters (Liang and Zeger 1986), of the size that makes it largest.
     """
     nearer, measured = level.sensed(np.exp(-log_depth)), level.sensed(np.exp(-level.unbiased_prior))
-    columns = [nearer, *(level.sensed(ray) for ray in np.moveaxis(rays_of(level), -1, 0))]
+    columns = [nearer]
+    if not scale_only:
+        columns += [level.sensed(ray) for ray in np.moveaxis(rays_of(level), -1, 0)]
     design = np.stack(columns, axis=-1) / measured[:, None]
     weight = level.sensor_weight / level.sensor_weight.max()
     error = 1 - design[:, 0]
@@ -67,8 +76,8 @@ def sensor_correction(level: Level, log_depth: Floats) -> tuple[Floats, Floats]:
     where = level.mask if level.averaging is None else level.averaging.covered
     largest = max(
         (inverse @ (scale * sums.T @ sums) @ inverse for scale, sums in _clustered(scores, where)),
-        key=lambda covariance: float(np.trace(covariance[1:, 1:])),
-        default=np.zeros((4, 4)),
+        key=lambda covariance: float(np.trace(covariance[-3:, -3:])),
+        default=np.zeros((len(correction), len(correction))),
     )
     return correction, np.asarray(largest)
 

@@ -25,7 +25,7 @@ from rakelight.methods.multi_light.equal_intensity import (
     equal_intensity_derivatives,
     equal_intensity_energy,
 )
-from rakelight.model import Floats
+from rakelight.model import Array, Floats
 from rakelight.photometry.images import LightParameters, Linearization, Surface
 from rakelight.solve import DepthSystem, assemble
 from rakelight.solve.levenberg_marquardt import Damping
@@ -57,6 +57,8 @@ class Fit:
     fourth_difference : (2, h, w) an eighth of it along u and v; fourth_difference_weight (2, h, w)
     near : whether the lights' inverse distances are estimated, too
     shared_ambient : whether all lights have the same ratio of ambient light; see `parameter_map`
+    directions : (N, 1, 3) unit vectors that the lights keep, as they do their distances; None where
+        they are free
     equal_intensity_weight : W, of `equal_intensity_energy`
     depth_damping, joint_damping, lights_damping : of the next step of each kind
     """
@@ -72,10 +74,16 @@ class Fit:
     fourth_difference: Floats
     near: bool = False
     shared_ambient: bool = False
+    directions: Floats | None = None
     equal_intensity_weight: float = 0.0
     depth_damping: Damping = OF_DEPTH
     joint_damping: Damping = OF_BOTH
     lights_damping: Damping = OF_LIGHTS
+
+    @property
+    def mapped(self) -> bool:
+        """Whether the lights' free parameters are other ones than their numbers."""
+        return self.shared_ambient or self.directions is not None
 
 
 def first_fit(
@@ -84,6 +92,7 @@ def first_fit(
     lights: LightParameters,
     near: bool = False,
     shared_ambient: bool = False,
+    directions: Floats | None = None,
 ) -> Fit:
     """The state at a depth and lights; the robust scale is that of its least-squares residuals.
 
@@ -94,7 +103,7 @@ def first_fit(
     nothing = np.zeros((2, *level.mask.shape))
     start = Fit(
         log_depth, lights, surface, plain, nothing[0], 0.0, 0.0, nothing, nothing,
-        near=near, shared_ambient=shared_ambient,
+        near=near, shared_ambient=shared_ambient, directions=directions,
     )  # fmt: skip
     return update_scale(level, start)
 
@@ -106,7 +115,7 @@ def reset_scale(level: Level, fit: Fit, log_depth: Floats | None = None) -> Fit:
     log_depth : at the new level; that of the state unless given
     """
     log_depth = fit.log_depth if log_depth is None else log_depth
-    return first_fit(level, log_depth, fit.lights, fit.near, fit.shared_ambient)
+    return first_fit(level, log_depth, fit.lights, fit.near, fit.shared_ambient, fit.directions)
 
 
 def update_scale(level: Level, fit: Fit, noisiest: float = LARGEST_NOISE) -> Fit:
@@ -211,7 +220,7 @@ def light_curvature(
     hessian *= share
     hessian += gauge(fit, hessian) + fit.noise**2 * fit.equal_intensity_weight * equal_intensity
     both *= share
-    if not fit.shared_ambient:
+    if not fit.mapped:
         return hessian, both
     jacobian = parameter_map(fit)
     return jacobian.T @ hessian @ jacobian, both @ jacobian
@@ -231,24 +240,47 @@ def light_slope(level: Level, fit: Fit) -> Floats:
     slope = np.delete(np.asarray(slope), () if fit.near else 3, axis=-1)
     equal_intensity, _ = equal_intensity_derivatives(fit.lights, slope.shape[-1])
     slope = np.asarray(slope.ravel() + fit.noise**2 * fit.equal_intensity_weight * equal_intensity)
-    return slope @ parameter_map(fit) if fit.shared_ambient else slope
+    return slope @ parameter_map(fit) if fit.mapped else slope
 
 
 def parameter_map(fit: Fit) -> Floats:
     """(K, F) derivatives of the lights' K numbers with the F free parameters.
 
+    Where directions are given, an intensity takes the place of each vector.
+    """
+    *shape, numbers = *fit.lights.ambient.shape, 5 if fit.near else 4
+    order = np.arange(fit.lights.ambient.size * numbers).reshape(*shape, numbers)
+    jacobian: Floats = np.eye(order.size)
+    if fit.shared_ambient:
+        jacobian = shared_ambient_map(fit, order)
+        order = np.arange(order[..., :-1].size).reshape(*shape, numbers - 1)
+    if fit.directions is None:
+        return jacobian
+    vectors = order[..., :3].reshape(-1, 3)
+    others = np.setdiff1d(np.arange(jacobian.shape[1]), vectors)
+    along = np.zeros((jacobian.shape[1], len(vectors) + len(others)))
+    along[vectors, np.arange(len(vectors))[:, None]] = np.broadcast_to(
+        fit.directions, (*shape, 3)
+    ).reshape(-1, 3)
+    along[others, len(vectors) + np.arange(len(others))] = 1
+    return jacobian @ along
+
+
+def shared_ambient_map(fit: Fit, order: Array) -> Floats:
+    """(K, F) derivatives of the lights' K numbers with the vectors and distances, and one ratio.
+
+    order : (N, C, 4 or 5) of the numbers of each light
+
     The ambient lights' ratio to the irradiance is shared: on a nearly flat surface all normals see
     the same of a light, and only a shared ratio separates it from ambient light.
     """
     lights = fit.lights
-    *shape, numbers = *lights.ambient.shape, 5 if fit.near else 4
-    order = np.arange(lights.ambient.size * numbers).reshape(*shape, numbers)
     vectors, ambient = order[..., :-1].ravel(), order[..., -1]
     jacobian = np.zeros((order.size, vectors.size + 1))
     jacobian[vectors, np.arange(vectors.size)] = 1
     size = np.maximum(lights.irradiance, np.finfo(float).tiny)
     along = lights.ambient_share * lights.vector / size[..., None]
-    columns = np.arange(vectors.size).reshape(*shape, numbers - 1)[..., :3]
+    columns = np.arange(vectors.size).reshape(*ambient.shape, -1)[..., :3]
     jacobian[ambient[..., None], columns] = along
     jacobian[ambient.ravel(), -1] = size.ravel()
     return jacobian
@@ -256,8 +288,11 @@ def parameter_map(fit: Fit) -> Floats:
 
 def lights_after(fit: Fit, step: Floats) -> LightParameters:
     """The lights after a step (F,) of their free parameters."""
-    numbers = parameter_map(fit) @ step if fit.shared_ambient else step
+    numbers = parameter_map(fit) @ step if fit.mapped else step
     lights = fit.lights.moved(numbers.reshape(*fit.lights.ambient.shape, -1))
+    if fit.directions is not None:  # without rounding, and never from the other side
+        intensity = np.maximum((lights.vector * fit.directions).sum(axis=-1, keepdims=True), 0.0)
+        lights = replace(lights, vector=intensity * fit.directions)
     if fit.shared_ambient:
         lights = replace(lights, ambient=lights.ambient_share * lights.irradiance)
     return lights

@@ -10,7 +10,7 @@ import numpy as np
 
 from rakelight.geometry.normals import normals_from_gradient
 from rakelight.methods.levels import Level
-from rakelight.model import Floats
+from rakelight.model import Floats, GivenLights
 from rakelight.photometry.images import LightParameters
 from rakelight.photometry.lighting import estimate_light
 from rakelight.solve.robust import CAUCHY
@@ -20,6 +20,10 @@ from rakelight.solve.robust import CAUCHY
 LEAST_FACING = 0.1
 # Iterations of reweighted least squares (ablation.md: halved 0.99, doubled 1.00).
 ROBUST_ROUNDS = 12
+# Relative difference of the channels' given intensities, up to which a light counts as white.
+SAME_COLOUR = 0.02
+# Least first intensity of a given light over the median: without any it would have no direction.
+LEAST_INTENSITY = 0.05
 
 
 def lights_of_prior(level: Level) -> LightParameters:
@@ -43,6 +47,43 @@ def lights_of_prior(level: Level) -> LightParameters:
     # Noise of the normals makes light from the camera's side look like ambient light.
     vector = lights[:, None, :3] + lights[:, None, 3:] * frontal
     return LightParameters.distant(vector, np.zeros((len(lights), 1)))
+
+
+def lights_of_given(level: Level, given: GivenLights) -> LightParameters:
+    """White lights at the given places, or coloured ones where the given intensities differ so.
+
+    Intensities that are not given fit the prior's normals and an albedo of the median colour.
+    """
+    away = given.directions
+    inverse_distance = np.zeros(len(given))
+    if given.positions_m is not None:
+        away = given.positions_m - level.middle_m
+        inverse_distance = 1 / np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)
+    directions = np.asarray(away) * np.where(inverse_distance > 0, inverse_distance, 1.0)[:, None]
+    if given.intensities is None:
+        intensity = _intensities(level, directions)[:, None]
+    else:
+        intensity = given.intensities.reshape(len(given), -1)
+        intensity = intensity * np.where(inverse_distance > 0, inverse_distance, 1.0)[:, None] ** 2
+        intensity = intensity / np.median(intensity, axis=0)
+        if np.allclose(intensity, intensity[:, :1], rtol=SAME_COLOUR):
+            intensity = intensity.mean(axis=1, keepdims=True)
+    nothing = np.zeros_like(intensity)
+    return LightParameters(directions[:, None] * intensity[..., None], nothing,
+                 nothing + inverse_distance[:, None])  # fmt: skip
+
+
+def _intensities(level: Level, directions: Floats) -> Floats:
+    """(N,) least-squares intensities of lights in given directions (N, 3), their median 1."""
+    active = level.photographs.active
+    values = level.photographs.light(active)
+    albedo = np.median(np.maximum(values, 0.0).mean(axis=0), axis=0)
+    shading = np.maximum(prior_normals(level)[active] @ directions.T, 0.0).T[..., None] * albedo
+    good = values >= 0
+    products, squares = ((good * shading * each).sum(axis=(1, 2)) for each in (values, shading))
+    found = products / np.maximum(squares, np.finfo(float).tiny)
+    middle = max(float(np.median(found)), np.finfo(float).tiny)
+    return np.asarray(np.maximum(found / middle, LEAST_INTENSITY))
 
 
 def bas_relief_of_slopes(scaled: Floats, normals: Floats) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +11,10 @@ from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.energy import Fit, evaluated, first_fit, reset_scale
 from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.methods.multi_light.factored_start import factored_start
-from rakelight.methods.multi_light.initial_lights import lights_of_prior
+from rakelight.methods.multi_light.initial_lights import lights_of_given, lights_of_prior
 from rakelight.methods.multi_light.options import MultiLight
 from rakelight.methods.multi_light.steps import Descent, descend, refine_lights
-from rakelight.model import ProgressCallback
+from rakelight.model import GivenLights, ProgressCallback
 from rakelight.photometry.images import LightParameters
 
 # Factors of the first depth weight that are tried at the coarsest level.  The sensor's errors are
@@ -38,24 +39,36 @@ MOST_VARIED_DISTANCES = 0.5
 
 
 def select_model(
-    level: Level, options: MultiLight, progress: ProgressCallback, stage: str
+    level: Level,
+    options: MultiLight,
+    progress: ProgressCallback,
+    stage: str,
+    given: GivenLights | None = None,
 ) -> tuple[float, Descent]:
     """The factor of the level's depth weight that is chosen, and the descent with it.
 
     From distant white lights with a shared ambient ratio; near and coloured ones where they explain
     much more.  Where near lights come out implausible, all is chosen again with distant ones.
+
+    given : lights that are one more start or, fixed, the only one
     """
-    fit = first_fit(level, level.prior, lights_of_prior(level), shared_ambient=True)
-    simple = descend(level, fit, options, progress, stage)
-    factored = factored_fit(level)
-    simple = multi_start(level, simple, factored, options, progress)
+    if given is not None and given.fixed:
+        fit = given_fit(level, given)
+        simple = descend(level, fit, options, progress, stage)
+        starts: tuple[Fit, ...] = ()
+    else:
+        fit = first_fit(level, level.prior, lights_of_prior(level), shared_ambient=True)
+        simple = descend(level, fit, options, progress, stage)
+        found = (factored_fit(level), None if given is None else given_fit(level, given))
+        starts = tuple(each for each in found if each is not None)
+        simple = multi_start(level, simple, starts, options, progress)
     for distance in (options.distance, "distant"):
         these = replace(options, distance=distance)
         descent = select_lights(level, simple, these, progress)
-        factor, descent = search_depth_weight(level, descent, these, progress, factored)
+        factor, descent = search_depth_weight(level, descent, these, progress, starts)
         if factor < 1:
             descent = select_lights(level.weighted(factor), descent, these, progress)
-        if acceptable(level, descent.fit.lights, options):
+        if acceptable(level, descent.fit, options):
             break
     fit = replace(descent.fit, shared_ambient=False)
     return factor, replace(descent, fits=(*descent.fits[:-1], fit))
@@ -66,11 +79,11 @@ def search_depth_weight(
     descent: Descent,
     options: MultiLight,
     progress: ProgressCallback,
-    factored: Fit | None = None,
+    starts: Sequence[Fit] = (),
 ) -> tuple[float, Descent]:
     """The factor of the level's depth weight with the least penalised noise, and its descent.
 
-    factored : another state to start from, where its residuals are smaller: under the whole weight
+    starts : other states to start from, where their residuals are smaller: under the whole weight
         the descent may have bent the lights to the sensor's noise
 
     Correlated errors of the depth count less than their number.  The area over which they are
@@ -80,7 +93,7 @@ def search_depth_weight(
     chosen, fit = (1.0, descent), descent.fit
     if options.depth_weight is not None:
         return chosen
-    least = penalised_noise(level, fit) if acceptable(level, fit.lights, options) else np.inf
+    least = penalised_noise(level, fit) if acceptable(level, fit, options) else np.inf
     floor = 0.0
     if fit.near:
         fit = with_near_lights(level, fit)
@@ -91,16 +104,15 @@ def search_depth_weight(
         weaker = level.weighted(factor)
         words = "try a smaller depth weight"
         start = reset_scale(weaker, fit)
-        if factored is not None and not fit.near:
+        if not fit.near:
             start = min(
-                start,
-                reset_scale(weaker, factored),
+                (start, *(reset_scale(weaker, each) for each in starts)),
                 key=lambda each: each.linearization.noise_sigma,
             )
         trial = descend(weaker, start, options, progress, words)
         penalised = penalised_noise(level, trial.fit)
         floor = max(floor, penalised)
-        if penalised * penalty < least and acceptable(level, trial.fit.lights, options):
+        if penalised * penalty < least and acceptable(level, trial.fit, options):
             chosen, least = (factor, trial), penalised * penalty
     return chosen
 
@@ -109,8 +121,11 @@ def penalised_noise(level: Level, fit: Fit) -> float:
     """The residuals' sigma, times penalties for lights of unequal intensity and for near ones.
 
     On low relief a flat surface explains photographs nearly as well as the right one, under lights
-    of very different intensity, or so near that their fall-off makes the shading.
+    of very different intensity, or so near that their fall-off makes the shading.  Under lights in
+    given directions it does not.
     """
+    if fit.directions is not None:
+        return fit.linearization.noise_sigma
     equal_intensity = equal_intensity_energy(fit.lights.vector) / (4 * len(fit.lights.vector))
     near = 1 + radius_over_distance(level, fit.lights) ** 2
     return float(fit.linearization.noise_sigma * np.exp(equal_intensity) * near)
@@ -128,19 +143,33 @@ def factored_fit(level: Level) -> Fit | None:
     return first_fit(level, log_depth, lights, shared_ambient=True)
 
 
+def given_fit(level: Level, given: GivenLights) -> Fit:
+    """The state at the prior under given lights, which keep their directions if they are fixed.
+
+    Near ones are distant at first, unless they are fixed: `with_near_lights` is tried later.
+    """
+    lights = lights_of_given(level, given)
+    toward = lights.vector.mean(axis=1, keepdims=True)
+    directions = toward / np.linalg.norm(toward, axis=-1, keepdims=True)
+    if not given.fixed:
+        lights = replace(lights, inverse_distance=np.zeros_like(lights.inverse_distance))
+    fit = first_fit(level, level.prior, lights, shared_ambient=True, directions=directions)
+    return replace(refine_lights(level, fit), directions=directions if given.fixed else None)
+
+
 def multi_start(
     level: Level,
     descent: Descent,
-    factored: Fit | None,
+    starts: Sequence[Fit],
     options: MultiLight,
     progress: ProgressCallback,
 ) -> Descent:
-    """The descent, or the one from the factorisation, if that ends at a lower energy."""
-    if factored is None:
-        return descent
-    trial = descend(level, factored, options, progress, "try the factorisation")
-    before = evaluated(level, trial.fit, descent.fit.log_depth, descent.fit.lights)
-    return trial if trial.fit.energy < before.energy else descent
+    """The descent, or one from another start, if that ends at a lower energy."""
+    for start in starts:
+        trial = descend(level, start, options, progress, "try another start")
+        before = evaluated(level, trial.fit, descent.fit.log_depth, descent.fit.lights)
+        descent = trial if trial.fit.energy < before.energy else descent
+    return descent
 
 
 def select_lights(
@@ -152,7 +181,8 @@ def select_lights(
         (options.lights, "coloured", descent.fit.lights.ambient.shape[1] > 1),
     ):
         before = descent.fit
-        if wanted not in ("auto", free) or already:
+        held = free == "near" and before.directions is not None
+        if wanted not in ("auto", free) or already or held:
             continue
         freer = with_near_lights(level, before) if free == "near" else with_coloured_lights(before)
         # Both under the loss of the simpler lights.
@@ -166,9 +196,10 @@ def select_lights(
     return descent
 
 
-def acceptable(level: Level, lights: LightParameters, options: MultiLight) -> bool:
-    """Whether near lights are asked for or, if there are any, plausible."""
-    return options.distance == "near" or plausible(level, lights)
+def acceptable(level: Level, fit: Fit, options: MultiLight) -> bool:
+    """Whether near lights are asked for, given or, if there are any, plausible."""
+    stated = options.distance == "near" or fit.directions is not None
+    return stated or plausible(level, fit.lights)
 
 
 def plausible(level: Level, lights: LightParameters) -> bool:

@@ -118,9 +118,9 @@ def project_bas_relief(level: Level, fit: Fit) -> Fit:
 
     Whatever it does to the energy: distant lights leave the transform open, and the photographs'
     energy along it is an error of the model, down which the surface would drift.  Near lights
-    determine it; there the joint steps do.
+    determine it; there the joint steps do.  Given directions leave none open.
     """
-    if fit.near:
+    if fit.near or fit.directions is not None:
         return fit
     log_depth, transform = nearest_bas_relief(
         level, fit.log_depth, fit.lights, fit.equal_intensity_weight

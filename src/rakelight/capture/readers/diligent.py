@@ -1,0 +1,73 @@
+"""A folder of the DiLiGenT benchmark: photographs and calibrated lights, with depth put beside.
+
+001.png ... 096.png (16 bit, linear), filenames.txt, light_directions.txt (x right, y up, z to the
+viewer), light_intensities.txt (red green blue), mask.png.  It has no depth and no intrinsics:
+depth.tiff or depth.png and K.txt have to lie beside the photographs.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from rakelight.capture.beside import capture_beside
+from rakelight.capture.lights import (
+    INTENSITIES_FILE,
+    MAX_LIGHTS_BYTES,
+    MOST_LIGHTS,
+    in_frame,
+    parse_table,
+    require_inside,
+    text_lines,
+    unit,
+)
+from rakelight.capture.readers.base import Reader, Reading, Wanted
+from rakelight.errors import CaptureError
+from rakelight.files import read_bytes
+from rakelight.model import Floats, GivenLights
+
+DIRECTIONS, NAMES = "light_directions.txt", "filenames.txt"
+
+
+def sniff(path: Path) -> bool:
+    """Whether the folder holds the benchmark's lists of names and directions."""
+    return all(os.path.lexists(path / name) for name in (DIRECTIONS, NAMES))
+
+
+def read(path: Path, wanted: Wanted) -> Reading:
+    """The capture of the folder; its lights are fixed."""
+    source = f"{path}/{NAMES}"
+    data = read_bytes(path / NAMES, source=source, max_bytes=MAX_LIGHTS_BYTES)
+    names = [line.strip() for line in text_lines(data)]
+    if not names or len(names) > MOST_LIGHTS:
+        raise CaptureError(
+            "no list of photographs", source=source, seen=f"{len(names)} names",
+            needed="one name in each line",
+        )  # fmt: skip
+    for name in names:
+        require_inside(name, source, "a photograph")
+    directions, intensities = _rows(path, DIRECTIONS, len(names)), None
+    if directions.ndim != 2:
+        raise CaptureError("not directions", source=f"{path}/{DIRECTIONS}", needed="x y z")
+    if os.path.lexists(path / INTENSITIES_FILE):
+        intensities = _rows(path, INTENSITIES_FILE, len(names))
+    directions = unit(in_frame(directions, "opengl"), f"{path}/{DIRECTIONS}")
+    lights = GivenLights(directions, None, intensities, fixed=True)
+    return Reading(capture_beside(path, names, wanted.photographs, lights, "linear"))
+
+
+def _rows(path: Path, name: str, count: int) -> Floats:
+    """The numbers of a table with one row per photograph."""
+    source = f"{path}/{name}"
+    rows = parse_table(read_bytes(path / name, source=source, max_bytes=MAX_LIGHTS_BYTES), source)
+    if len(rows) != count:
+        raise CaptureError(
+            "as many lights as photographs are needed", source=source, seen=f"{len(rows)} lines",
+            needed=f"{count}, as in {NAMES}",
+        )  # fmt: skip
+    return rows
+
+
+READER = Reader(
+    "diligent", "a DiLiGenT folder with depth.tiff or depth.png and K.txt beside", sniff, read
+)

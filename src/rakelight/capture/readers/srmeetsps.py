@@ -1,0 +1,94 @@
+"""A .mat file of "Depth Super-Resolution Meets Uncalibrated Photometric Stereo" (Peng et al. 2017).
+
+I (H, W, 3, N) photographs, z0 (h, w[, K]) depth, mask (H, W), K (3, 3) with the principal point of
+MATLAB, whose first pixel is 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from rakelight.capture.beside import named_in
+from rakelight.capture.from_arrays import capture_from_arrays
+from rakelight.capture.matfile import is_mat, read_mat
+from rakelight.capture.readers.base import Reader, Reading, Wanted
+from rakelight.errors import CaptureError, InputError
+from rakelight.files import read_bytes
+from rakelight.model import Array, Camera, Finding, Floats
+
+VARIABLES = ("I", "z0", "mask", "K")
+# Median depth, metres, from which on values count as millimetres: no such camera sees so far.
+FARTHEST_M = 20.0
+# Bytes of a file: 20 photographs of 1.2 megapixels in double precision take 590 MB.
+MAX_BYTES = 2_000_000_000
+
+
+def sniff(path: Path) -> bool:
+    """Whether the file starts as MATLAB writes it."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return is_mat(file.read(32))
+
+
+def read(path: Path, wanted: Wanted) -> Reading:
+    """The capture of the file."""
+    source = str(path)
+    data = read_bytes(path, source=source, max_bytes=MAX_BYTES)
+    variables = read_mat(data, VARIABLES, source)
+    for name, axes in (("I", (3, 4)), ("z0", (2, 3)), ("K", (2,))):
+        if name not in variables or variables[name].ndim not in axes:
+            shape = variables[name].shape if name in variables else "nothing"
+            raise CaptureError(
+                f"no variable {name} as it has to be",
+                source=source,
+                seen=str(shape),
+                needed="I (H, W, 3, N), z0 (h, w), K (3, 3) and, where there is one, mask (H, W)",
+            )
+    depth_m, assumed = _depth(variables["z0"], source)
+    with named_in(path):
+        photographs = _photographs(variables["I"], wanted.photographs)
+        matrix = variables["K"].astype(np.float64)
+        if matrix.shape == (3, 3):
+            matrix[:2, 2] -= 1.0
+        capture = capture_from_arrays(
+            photographs, depth_m, Camera.from_matrix(matrix, photographs.shape[1:3]),
+            mask=variables.get("mask"), lighting="moving-lamp",
+        )  # fmt: skip
+    return Reading(replace(capture, findings=(*assumed, *capture.findings), source=source))
+
+
+def _photographs(images: Array, chosen: tuple[int, ...] | None) -> Array:
+    """(N, H, W, 3) of I (H, W, 3[, N]); numbers from 0 to 255 in floating point become 8 bit."""
+    stack = np.moveaxis(images if images.ndim == 4 else images[..., None], -1, 0)
+    if chosen is not None:
+        beyond = [number for number in chosen if not 0 <= number < len(stack)]
+        if beyond or not chosen:
+            raise InputError(
+                "no such photographs", source="I", seen=f"number {beyond[0]}" if beyond else "none",
+                needed=f"numbers from 0 to {len(stack) - 1}",
+            )  # fmt: skip
+        stack = stack[list(chosen)]
+    if stack.dtype.kind == "f" and np.isfinite(stack).all() and 1 < stack.max() <= 255:
+        return np.asarray(stack / stack.dtype.type(255))
+    return stack
+
+
+def _depth(z0: Array, source: str) -> tuple[Floats, tuple[Finding, ...]]:
+    """(K, h, w) float32 metres of z0, which is metres or millimetres, and which it is taken for."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        depth = np.moveaxis(z0 if z0.ndim == 3 else z0[..., None], -1, 0).astype(np.float32)
+    measured = depth[np.isfinite(depth) & (depth > 0)]
+    if not measured.size:
+        raise CaptureError("no depth at all", source=source, seen="z0 without positive values")
+    middle, unit = float(np.median(measured)), "metres"
+    if middle > FARTHEST_M:
+        depth, middle, unit = depth / np.float32(1000), middle / 1000, "millimetres"
+    message = f"z0 counts as {unit}: median depth {middle:.3g} m"
+    return depth, (Finding("note", "depth-unit-assumed", message),)
+
+
+READER = Reader("srmeetsps", "a .mat file with I, z0, mask and K (version 5 to 7)", sniff, read)

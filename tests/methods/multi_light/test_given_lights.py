@@ -1,0 +1,121 @@
+"""Given lights: a start, or directions that stay."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rakelight import GivenLights, MultiLight, refine
+from rakelight.methods.levels import finest_level
+from rakelight.methods.multi_light.energy import (
+    first_fit,
+    light_curvature,
+    light_slope,
+    lights_after,
+    parameter_map,
+)
+from rakelight.methods.multi_light.initial_lights import lights_of_given
+from rakelight.methods.multi_light.model_selection import given_fit
+from rakelight.metrics import evaluate_maps
+from rakelight.prepare import prepare
+from rakelight.synthetic import random_capture
+
+
+@pytest.fixture(scope="module")
+def coin():
+    """A coin whose relief the sensor's noise hides (benchmarks/random_captures.py, seed 7)."""
+    return random_capture(7, size=0.25)
+
+
+@pytest.fixture(scope="module")
+def sphere():
+    """A sphere under 17 distant lights (seed 2)."""
+    return random_capture(2, size=0.5)
+
+
+def true_lights(truth, fixed):
+    vector = truth.lights.direction.mean(axis=1)
+    vector /= np.linalg.norm(vector, axis=1, keepdims=True)
+    return GivenLights(vector, fixed=fixed)
+
+
+def level_and_given(coin):
+    capture, truth = coin
+    level = finest_level(prepare(capture), cut=True, unbiased=True)
+    return level, true_lights(truth, True)
+
+
+def test_fixed_lights_stay_and_halve_the_error(sphere):
+    capture, truth = sphere
+    found = refine(capture, MultiLight())
+    given = true_lights(truth, True)
+    fixed = refine(replace(capture, lights=given), MultiLight())
+    inside = truth.mask & capture.mask & np.isfinite(fixed.prepared_depth)
+    off = [evaluate_maps(each.depth, each.normals, truth, inside) for each in (found, fixed)]
+    assert off[1].normals.mae_deg < 0.5 * off[0].normals.mae_deg
+    assert off[1].depth.rmse_mm < 0.8 * off[0].depth.rmse_mm
+    assert fixed.lights.direction[:, 0] == pytest.approx(given.directions, abs=1e-9)
+
+
+def test_a_start_is_corrected(coin):
+    capture, truth = coin
+    given = true_lights(truth, False)
+    result = refine(replace(capture, lights=given), MultiLight())
+    assert np.abs(result.lights.direction.mean(axis=1) - given.directions).max() > 1e-3
+
+
+@pytest.mark.parametrize("shared", [True, False])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_a_step_of_fixed_lights_changes_intensity_and_ambient_alone(coin, shared, channels):
+    level, given = level_and_given(coin)
+    fit = replace(given_fit(level, given), shared_ambient=shared)
+    lights = replace(
+        fit.lights,
+        vector=np.repeat(fit.lights.vector, channels, axis=1),
+        ambient=0.1 + np.repeat(fit.lights.ambient, channels, axis=1),
+        inverse_distance=np.repeat(fit.lights.inverse_distance, channels, axis=1),
+    )
+    fit = first_fit(level, level.prior, lights, shared_ambient=shared, directions=fit.directions)
+    count = len(given) * channels
+    assert parameter_map(fit).shape == (4 * count, count + (1 if shared else count))
+    step = np.random.default_rng(0).normal(0, 0.01, parameter_map(fit).shape[1])
+    after = lights_after(fit, step)
+    assert after.vector == pytest.approx(after.irradiance[..., None] * fit.directions)
+    assert np.abs(after.irradiance - fit.lights.irradiance).max() > 1e-3
+    assert np.array_equal(after.inverse_distance, fit.lights.inverse_distance)
+
+
+def test_the_slope_is_that_of_the_energy(coin):
+    level, given = level_and_given(coin)
+    start = given_fit(level, given)
+    fit = first_fit(level, level.prior, start.lights, directions=start.directions)
+    slope, (hessian, _) = light_slope(level, fit), light_curvature(level, fit, 1 << 30)
+    assert hessian.shape == (len(slope), len(slope))
+    kind = {"scale": fit.scales, "start": fit.linearization.albedo}
+    for k in range(0, len(slope), 7):
+        energies = []
+        for size in (1e-4, -1e-4):
+            lights = lights_after(fit, size * np.eye(len(slope))[k])
+            energies.append(level.photographs.linearize(fit.surface, lights, **kind).energy)
+        numeric = (energies[0] - energies[1]) / (4e-4)
+        assert slope[k] == pytest.approx(numeric, rel=0.02, abs=1e-3 * np.abs(slope).max())
+
+
+def test_given_intensities_are_taken_and_those_of_positions_fall_off(coin):
+    level, given = level_and_given(coin)
+    count = len(given)
+    colour = np.random.default_rng(0).uniform(1, 2, (count, 3))
+    directions = np.tile([0.0, 0.0, -1.0], (count, 1))
+    lights = lights_of_given(level, GivenLights(directions, intensities=colour))
+    assert lights.irradiance == pytest.approx(colour / np.median(colour, axis=0))
+    white = GivenLights(directions, intensities=np.repeat(colour[:, :1], 3, axis=1))
+    assert lights_of_given(level, white).irradiance.shape == (count, 1)
+    distance_m = np.linspace(0.1, 0.2, count)
+    near = GivenLights(
+        positions_m=level.middle_m + distance_m[:, None] * directions, intensities=np.ones(count)
+    )
+    lights = lights_of_given(level, near)
+    assert lights.inverse_distance[:, 0] == pytest.approx(1 / distance_m)
+    assert lights.irradiance[:, 0] * distance_m**2 == pytest.approx(
+        np.median(1 / distance_m**2) ** -1
+    )
