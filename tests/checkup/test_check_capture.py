@@ -132,7 +132,7 @@ def test_two_lights_are_too_few(head):
 
 def test_lights_at_two_places_lie_in_a_plane():
     capture = relit(np.array([90, 90, 90, 270, 270, 270, 270, 90]), np.full(8, 40))
-    assert first(capture) == "lamps-in-one-plane"
+    assert first(capture) == "lights-in-one-plane"
 
 
 def test_one_lamp_position_gains_nothing(head):
@@ -221,5 +221,5 @@ def test_real_captures(name, verdict):
         pytest.skip("the real captures are not here")
     report = check_capture(load_capture(CAPTURES / name))
     assert report.verdict == verdict
-    if name.startswith("uw-"):  # whose lamps were all above the object
+    if name.startswith("uw-"):  # whose lights were all above the object
         assert report.findings[0].code == "lights-on-one-side"

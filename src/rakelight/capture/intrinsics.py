@@ -9,13 +9,13 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from rakelight.errors import CaptureError, InputError, parsing
-from rakelight.model import Camera, Floats
+from rakelight.model import Camera, Distortion, Floats
 
 MAX_BYTES = 100_000
 """Of a file with intrinsics: they take some thousand."""
@@ -43,34 +43,15 @@ _OPENCV_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _FISHEYE_ORDER = ("k1", "k2", "k3", "k4")
 
 
-@dataclass(frozen=True, slots=True)
-class Intrinsics:
-    """A camera as a file states it, and its lens distortion.
-
-    camera : its width and height are 0 where the file does not say them
-    model : of the distortion: "brown-conrady" or "kannala-brandt"
-    coefficients : in OpenCV's order, () for none
-    """
-
-    camera: Camera
-    model: str = "brown-conrady"
-    coefficients: tuple[float, ...] = ()
-
-    @property
-    def distorted(self) -> bool:
-        """Whether a coefficient is not zero."""
-        return any(self.coefficients)
-
-
-def parse_intrinsics(data: bytes, source: str = "") -> Intrinsics | None:
+def parse_intrinsics(data: bytes, source: str = "") -> Camera | None:
     """The intrinsics that a file states; None where it is no such file.
 
     Raises CaptureError where it states some that are none: several cameras, another model, numbers
     that are not finite, a matrix with skew.
 
-    >>> parse_intrinsics(b"500 0 319.5 0 500 239.5 0 0 1").camera.fx
+    >>> parse_intrinsics(b"500 0 319.5 0 500 239.5 0 0 1").fx
     500.0
-    >>> parse_intrinsics(b"1 SIMPLE_RADIAL 640 480 500 320 240 0.01").camera.cx
+    >>> parse_intrinsics(b"1 SIMPLE_RADIAL 640 480 500 320 240 0.01").cx
     319.5
     >>> parse_intrinsics(b"a shopping list") is None
     True
@@ -82,7 +63,7 @@ def parse_intrinsics(data: bytes, source: str = "") -> Intrinsics | None:
     except UnicodeDecodeError:
         return None
     start = text.lstrip()[:1]
-    parsers: tuple[Callable[[str, str], Intrinsics | None], ...] = (_colmap, _plain, _yaml)
+    parsers: tuple[Callable[[str, str], Camera | None], ...] = (_colmap, _plain, _yaml)
     if start in ("{", "<"):
         parsers = (_json,) if start == "{" else (_xml,)
     for parse in parsers:
@@ -92,30 +73,28 @@ def parse_intrinsics(data: bytes, source: str = "") -> Intrinsics | None:
     return None
 
 
-def _made(
-    K: Any, sizes: tuple[float, float], distortion: Any, model: str, source: str
-) -> Intrinsics:
-    """Intrinsics of a matrix (3, 3) and coefficients, checked."""
-    shift = tuple(float(value) for value in np.ravel(distortion))
+def _made(K: Any, sizes: tuple[float, float], distortion: Any, model: str, source: str) -> Camera:
+    """The camera of a matrix (3, 3) and coefficients in OpenCV's order, checked."""
     width, height = (int(side) if 0 < side < 1e6 else 0 for side in sizes)
+    lens: Any = tuple(float(value) for value in np.ravel(distortion))
     try:
-        camera = Camera.from_matrix(np.asarray(K, np.float64), (height or 1, width or 1))
+        if not any(lens):
+            lens = None
+        elif model == "kannala-brandt":
+            lens = Distortion("kannala-brandt", lens)
+        camera = Camera.from_matrix(np.asarray(K, np.float64), (height or 1, width or 1), lens)
     except InputError as error:
         raise CaptureError(
             error.what, source=source, seen=error.seen, needed=error.needed, remedy=error.remedy
         ) from error
-    if not np.isfinite(shift).all() or len(shift) > 14:
-        raise CaptureError(
-            "no lens distortion", source=source, seen=str(shift), needed="4 to 8 coefficients"
-        )
-    return Intrinsics(replace(camera, width=width, height=height), model, shift)
+    return replace(camera, width=width, height=height)
 
 
 def _floats(text: str) -> list[float]:
     return [float(number) for number in re.findall(_NUMBER, text)]
 
 
-def _plain(text: str, source: str) -> Intrinsics | None:
+def _plain(text: str, source: str) -> Camera | None:
     """Nine numbers, rows first, and nothing else."""
     lines = (line.split("#")[0] for line in text.splitlines())
     words = re.sub(r"[\s,;\[\]]+", " ", " ".join(lines)).split()
@@ -125,7 +104,7 @@ def _plain(text: str, source: str) -> Intrinsics | None:
     return _made(K, (0, 0), (), "brown-conrady", source) if K[2, 2] == 1 else None
 
 
-def _colmap(text: str, source: str) -> Intrinsics | None:
+def _colmap(text: str, source: str) -> Camera | None:
     """COLMAP's cameras.txt, which puts the centre of the first pixel at (0.5, 0.5)."""
     lines = [line.split() for line in text.splitlines() if line.strip() and line[0] != "#"]
     if not lines or not all(
@@ -169,7 +148,7 @@ def _plain_key(key: str) -> str:
     return re.sub("[^a-z0-9]", "", key.lower())
 
 
-def _yaml(text: str, source: str) -> Intrinsics | None:
+def _yaml(text: str, source: str) -> Camera | None:
     """cv::FileStorage's YAML and ROS's camera_info: matrices with rows, cols and data."""
     matrix = re.compile(
         r"^[ \t]*(\w{1,60}):[^\n]{0,60}\n\s*rows:\s*(\d{1,3})\s*\n\s*cols:\s*(\d{1,3})\s*\n"
@@ -182,7 +161,7 @@ def _yaml(text: str, source: str) -> Intrinsics | None:
     return _of_matrices(found, scalars, words[1] if words else "", source)
 
 
-def _xml(text: str, source: str) -> Intrinsics | None:
+def _xml(text: str, source: str) -> Camera | None:
     """cv::FileStorage's XML."""
     matrix = re.compile(
         r"<(\w{1,60}) type_id=\"opencv-matrix\">\s*<rows>(\d{1,3})</rows>\s*"
@@ -198,7 +177,7 @@ def _of_matrices(
     scalars: list[tuple[str, str]],
     model: str,
     source: str,
-) -> Intrinsics | None:
+) -> Camera | None:
     """Intrinsics among named matrices (name, rows, columns, text of the numbers)."""
     matrices: dict[str, Floats] = {}
     for name, rows, columns, numbers in found:
@@ -238,7 +217,7 @@ def _of_matrices(
     )
 
 
-def _json(text: str, source: str) -> Intrinsics | None:
+def _json(text: str, source: str) -> Camera | None:
     """Open3D's (its matrix goes column by column), cv::FileStorage's, or a matrix by name."""
     with parsing(source, "not valid JSON", CaptureError):
         content = json.loads(text)

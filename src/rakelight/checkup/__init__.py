@@ -26,6 +26,7 @@ from rakelight.checkup.verdict import judged, ordered, refused_finding
 from rakelight.errors import CaptureError, InputError
 from rakelight.methods import choose_method
 from rakelight.model import Array, Capture, Finding, Floats
+from rakelight.prepare.undistort import undistorted
 
 # From so many photographs on another one changes little; with fewer the check advises more.
 ENOUGH = 8
@@ -49,7 +50,7 @@ def check_capture(capture: Capture) -> CheckReport:
     ('good', 8, 3)
     """
     began = perf_counter()
-    capture = checked_capture(capture)
+    capture = undistorted(checked_capture(capture))
     capture = replace(capture, names=_names(capture))
     # The checks run no kernel of ours, so they may run beside the method, which does.
     with ThreadPoolExecutor(1) as beside:

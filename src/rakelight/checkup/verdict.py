@@ -16,7 +16,7 @@ ORDER = (
     "depth-misaligned",
     "too-few-photographs",
     "no-surface",
-    "few-lamps",
+    "few-lights",
     "one-lamp-position",
     "camera-moved",
     "overexposed",
@@ -28,13 +28,13 @@ ORDER = (
     "depth-unit",
     "depth-holes",
     "holes-left-out",
-    "lamps-in-one-plane",
+    "lights-in-one-plane",
     "lights-on-one-side",
     "dark-photographs",
     "few-photographs",
 )
 # With these the result is the depth as it was, or little else.
-NOTHING_GAINED = ("few-lamps", "one-lamp-position", "photographs-say-nothing")
+NOTHING_GAINED = ("few-lights", "one-lamp-position", "photographs-say-nothing")
 
 
 def ordered(findings: Iterable[Finding]) -> tuple[Finding, ...]:

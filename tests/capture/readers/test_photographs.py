@@ -13,6 +13,7 @@ from rakelight import evaluate, load_capture, refine
 from rakelight.capture.images import encode_jpeg, encode_png, encode_tiff
 from rakelight.capture.readers import find_reader
 from rakelight.errors import CaptureError, InputError
+from rakelight.model import Distortion
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 from tests.capture.capture_builder import small_capture
 from tests.capture.photo_files import dng, exr, heic, heic_of, mosaic_of, pfm
@@ -165,14 +166,15 @@ def test_intrinsics_of_other_programs(tmp_path):
         (tmp_path / name).write_text(text)
         assert load_capture(tmp_path).camera == made.camera, name
         (tmp_path / name).unlink()
-    for name, text in {
-        "a.yml": open_cv(".yml", matrix, none + 0.01),
-        "cameras.txt": "1 OPENCV 32 24 40 40.5 15.75 12.25 0.01 0 0 0\n",
-        "fisheye.txt": "1 OPENCV_FISHEYE 32 24 40 40.5 15.75 12.25 0.01 0 0 0\n",
-    }.items():
+    for name, text, model, coefficients in (
+        ("a.yml", open_cv(".yml", matrix, none + 0.01), "brown-conrady", (0.01,) * 5),
+        ("cameras.txt", "1 OPENCV 32 24 40 40.5 15.75 12.25 0.01 0 0 0\n", "brown-conrady",
+         (0.01, *(0,) * 7)),
+        ("fisheye.txt", "1 OPENCV_FISHEYE 32 24 40 40.5 15.75 12.25 0.01 0 0 0\n",
+         "kannala-brandt", (0.01, 0, 0, 0)),
+    ):  # fmt: skip
         (tmp_path / name).write_text(text)
-        warning = next(f for f in load_capture(tmp_path).findings if f.code == "distortion-ignored")
-        assert "0.01" in warning.message
+        assert load_capture(tmp_path).camera.distortion == Distortion(model, coefficients), name
         (tmp_path / name).unlink()
     (tmp_path / "cameras.txt").write_text("1 PINHOLE 64 48 80 81 31.5 24\n")
     refusal(tmp_path, "[intrinsics] is for another image size", "fx = 40")

@@ -13,6 +13,7 @@ from rakelight.capture.readers import find_reader, open3d_recorder, record3d, st
 from rakelight.capture.readers import tum_rgbd as tum
 from rakelight.capture.recording import Recording
 from rakelight.errors import CaptureError
+from rakelight.model import Distortion
 from tests.capture.readers.phone_sources import (
     CAMERA,
     DEPTH_HEIGHT,
@@ -363,8 +364,8 @@ def test_tum_intrinsics_beside_the_lists(tmp_path, text, camera):
     recording, _ = tum.recording(path)
     seen = recording.camera
     assert (seen.fx, seen.fy, seen.cx, seen.cy) == camera
-    told = [finding.code for finding in recording.findings]
-    assert told == (["distortion-ignored"] if "0.26" in text else [])
+    lens = Distortion("brown-conrady", (0.26, -0.95, 0, 0, 1.16)) if "0.26" in text else None
+    assert (seen.distortion, recording.findings) == (lens, ())
 
 
 def test_tum_without_intrinsics_takes_the_benchmarks_with_a_warning(tmp_path):

@@ -13,7 +13,7 @@ from rakelight.capture.config import CONFIG
 from rakelight.capture.decoder_process import DecoderProcess
 from rakelight.capture.exif import ROUGHNESS, camera_of
 from rakelight.capture.from_arrays import capture_from_arrays
-from rakelight.capture.intrinsics import MAX_BYTES, SUFFIXES, Intrinsics, parse_intrinsics
+from rakelight.capture.intrinsics import MAX_BYTES, SUFFIXES, parse_intrinsics
 from rakelight.capture.listing import check_numbers
 from rakelight.capture.loose_depth import depth_noted, read_loose_depth
 from rakelight.capture.loose_files import (
@@ -117,15 +117,14 @@ def _camera(folder: Path, files: LooseFiles, photos: Photos) -> tuple[Camera, tu
     full_width, full_height = photos.full
     stated = _stated(folder, files)
     if stated is not None:
-        text, intrinsics = stated
-        camera = intrinsics.camera
+        text, camera = stated
         if not camera.width:
             camera = replace(camera, width=full_width, height=full_height)
         shape = (full_height, full_width)
         if camera.shape == (height, width):
             shape = (height, width)
         validate.check_camera(camera, shape, f"{folder}/{text}", "intrinsics")
-        return camera.resized(width, height), _distortion(text, intrinsics)
+        return camera.resized(width, height), ()
     found = camera_of(photos.exif, full_width, full_height)
     if found is None:
         raise CaptureError(
@@ -144,17 +143,17 @@ def _camera(folder: Path, files: LooseFiles, photos: Photos) -> tuple[Camera, tu
     return camera.resized(width, height), (Finding("warning", EXIF_FOCAL, message, remedy),)
 
 
-def _stated(folder: Path, files: LooseFiles) -> tuple[str, Intrinsics] | None:
+def _stated(folder: Path, files: LooseFiles) -> tuple[str, Camera] | None:
     """The intrinsics of the photographs that a file in the folder states, and its name."""
-    found: dict[str, Intrinsics] = {}
+    found: dict[str, Camera] = {}
     for path in files.texts:
         name = path.relative_to(folder).as_posix()
         if not path.is_file() or path.stat().st_size > MAX_BYTES or "depth" in path.stem.lower():
             continue
         source = f"{folder}/{name}"
-        intrinsics = parse_intrinsics(read_bytes(path, source=source), source)
-        if intrinsics is not None:
-            found[name] = intrinsics
+        camera = parse_intrinsics(read_bytes(path, source=source), source)
+        if camera is not None:
+            found[name] = camera
     if len(set(found.values())) > 1:
         raise CaptureError(
             "several files with intrinsics",
@@ -164,16 +163,6 @@ def _stated(folder: Path, files: LooseFiles) -> tuple[str, Intrinsics] | None:
             remedy="keep one of them",
         )
     return next(iter(found.items()), None)
-
-
-def _distortion(text: str, intrinsics: Intrinsics) -> tuple[Finding, ...]:
-    """A warning where the lens distorts: that is not undone here."""
-    if not intrinsics.distorted:
-        return ()
-    coefficients = ", ".join(f"{value:g}" for value in intrinsics.coefficients)
-    message = f"{text}: lens distortion ignored ({intrinsics.model}: {coefficients})"
-    remedy = "undistort photographs and depth, and give the intrinsics of the result"
-    return (Finding("warning", "distortion-ignored", message, remedy),)
 
 
 def _depth_camera(

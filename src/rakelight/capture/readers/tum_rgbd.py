@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from rakelight.capture import validate
 from rakelight.capture.readers.base import Reader
 from rakelight.capture.readers.depth_place import depth_place
 from rakelight.capture.readers.image_files import (
@@ -26,7 +28,7 @@ from rakelight.capture.readers.tracking import Poses, reading_by
 from rakelight.capture.recording import Recording
 from rakelight.errors import CaptureError
 from rakelight.files import MAX_TEXT_BYTES
-from rakelight.model import Camera, Finding, Floats
+from rakelight.model import Camera, Distortion, Finding, Floats
 
 COLOR, DEPTH = "rgb.txt", "depth.txt"
 _PER_METRE = 5000.0
@@ -143,15 +145,10 @@ def _camera_of_text(
         fx, fy, cx, cy, *distortion = numbers
         matrix = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
     camera = camera_of(matrix, shape, source, "the matrix")
-    if not any(distortion):
-        return camera, ()
-    finding = Finding(
-        "warning",
-        "distortion-ignored",
-        f"{name}: the lens distortion k1 = {distortion[0]:g} is not corrected",
-        "undistort the frames and the depth, or leave it if it is below a pixel at the object",
-    )
-    return camera, (finding,)
+    if any(distortion):
+        camera = replace(camera, distortion=Distortion("brown-conrady", tuple(distortion)))
+        validate.check_distortion(camera, source, "the distortion")
+    return camera, ()
 
 
 READER = Reader(
