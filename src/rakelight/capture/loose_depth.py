@@ -109,7 +109,7 @@ def _unit(raw: Array, stated: float | None, file: LooseFile) -> tuple[float, tup
         )
     message = "16-bit depth taken for millimetres: median {median_m:.3g} m"
     remedy = "where that is wrong, write the depth values per metre into depth_scale.txt"
-    return MILLIMETRES, (Finding("note", "millimetres-assumed", message, remedy),)
+    return MILLIMETRES, (Finding("note", "depth-unit-assumed", message, remedy),)
 
 
 def _metres(raw: Array, scale: float) -> Floats:

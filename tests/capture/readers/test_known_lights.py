@@ -89,14 +89,20 @@ def test_a_folder_with_lights_is_read_with_the_depth_beside(tmp_path, make, name
     assert again.directions == pytest.approx(capture.lights.directions, abs=1e-15)
 
 
-@pytest.mark.parametrize("make", [diligent, rti])
-def test_without_depth_or_intrinsics_it_says_what_to_put_there(tmp_path, make):
+@pytest.mark.parametrize(
+    ("make", "matrix", "depth"),
+    [
+        (diligent, r"needed K\.txt beside", r"needed depth\.tiff beside"),
+        (rti, r"into intrinsics\.txt", r"no depth map"),
+    ],
+)
+def test_without_depth_or_intrinsics_it_says_what_to_put_there(tmp_path, make, matrix, depth):
     folder = make(tmp_path / "set")
     (folder / "K.txt").unlink()
-    with pytest.raises(CaptureError, match=r"needed K\.txt beside the photographs"):
+    with pytest.raises(CaptureError, match=matrix):
         load_capture(folder)
     (folder / "depth.tiff").unlink()
-    with pytest.raises(CaptureError, match=r"needed depth\.tiff beside the photographs"):
+    with pytest.raises(CaptureError, match=depth):
         load_capture(folder)
     (folder / "depth.png").write_bytes(encode_png(np.full((HEIGHT, WIDTH), 612, np.uint16)))
     (folder / "K.txt").write_text(lines(K))

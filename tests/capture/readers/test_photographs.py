@@ -51,7 +51,6 @@ def refusal(folder, *words):
 def test_photographs_depth_and_a_matrix(tmp_path):
     made = fill(tmp_path)
     (tmp_path / "mask.png").write_bytes(encode_png(made.mask.astype(np.uint8)))
-    (tmp_path / "lights.lp").write_text("4\n")
     assert find_reader(tmp_path).name == "photographs"
     capture = load_capture(tmp_path)
     assert capture.names == ("img9.png", "img10.png", "img11.png", "img12.png")
@@ -89,7 +88,7 @@ def test_depth_of_any_format_without_a_name(tmp_path, name):
     assert len(capture.photographs) == 4
     assert np.nanmax(np.abs(capture.depth_m[0] - depth_m)) < 0.0011
     assert np.array_equal(np.isnan(capture.depth_m[0]), np.isnan(depth_m))
-    assert ("millimetres-assumed" in codes(capture)) == name.endswith("png")
+    assert ("depth-unit-assumed" in codes(capture)) == name.endswith("png")
 
 
 def test_the_unit_of_integers(tmp_path):

@@ -15,7 +15,7 @@ from tests.faults.fuzz import tried
 from tests.faults.mutations import mutated
 
 BESIDE = RigidTransform(np.eye(3), np.array([0.015, 0.0, 0.0]))
-YUYV = Take(depth_to_color=BESIDE, color=some_color(4, 2), format="yuyv")
+YUYV = Take(depth_to_color=BESIDE, color=[each // 2 for each in some_color(4, 2)], format="yuyv")
 PLAIN = Take(depth_to_color=BESIDE, compressed=False)
 FILES = {
     "yuyv.db3": lambda path: write_db3(path, YUYV),

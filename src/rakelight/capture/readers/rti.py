@@ -1,15 +1,17 @@
 """A folder of reflectance transformation imaging: photographs and one .lp file of their lights.
 
-Depth (depth.tiff or depth.png) and intrinsics (K.txt) have to lie beside the photographs.
+Depth and intrinsics lie beside them, as in any folder of photographs.
 """
 
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
-from rakelight.capture.beside import capture_beside, image_names
 from rakelight.capture.lights import MAX_LIGHTS_BYTES, in_frame, matched, parse_lp, unit
+from rakelight.capture.loose_files import list_loose_files
+from rakelight.capture.readers import photographs
 from rakelight.capture.readers.base import Reader, Reading, Wanted
 from rakelight.errors import CaptureError, printable
 from rakelight.files import clear_errors, read_bytes
@@ -24,22 +26,27 @@ def sniff(path: Path) -> bool:
 def read(path: Path, wanted: Wanted) -> Reading:
     """The capture of the folder; its lights are a start, since domes are measured to degrees."""
     with clear_errors(str(path), "cannot be read"):
-        lists, names = _lists(path), image_names(path)
-    if len(lists) != 1 or not names:
+        lists = _lists(path)
+    if len(lists) != 1:
         raise CaptureError(
-            "no photographs in it" if not names else "not one list of lights",
+            "not one list of lights",
             source=str(path),
             seen=", ".join(map(printable, lists)),
             needed="the photographs and one .lp file",
-            remedy="move the others away" if names else "put the photographs beside the .lp file",
+            remedy="move the others away",
         )
     source = f"{path}/{printable(lists[0])}"
-    data = read_bytes(path / lists[0], source=source, max_bytes=MAX_LIGHTS_BYTES)
-    listed, vectors = parse_lp(data, source)
-    order = matched(listed, names, source)
-    directions = unit(in_frame(vectors[order], "opengl"), source)
-    lights = GivenLights(directions, fixed=False)
-    return Reading(capture_beside(path, names, wanted.photographs, lights, None))
+    listed, vectors = parse_lp(
+        read_bytes(path / lists[0], source=source, max_bytes=MAX_LIGHTS_BYTES), source
+    )
+    names = [Path(file.name).name for file in list_loose_files(path).photographs]
+    directions = unit(in_frame(vectors[matched(listed, names, source)], "opengl"), source)
+    reading = photographs.read(path, wanted)
+    if wanted.photographs is not None:
+        directions = directions[list(wanted.photographs)]
+    return replace(
+        reading, capture=replace(reading.capture, lights=GivenLights(directions, fixed=False))
+    )
 
 
 def _lists(path: Path) -> list[str]:
@@ -47,5 +54,8 @@ def _lists(path: Path) -> list[str]:
 
 
 READER = Reader(
-    "rti", "an RTI folder: photographs and a .lp file, with depth and K.txt beside", sniff, read
+    "rti",
+    "an RTI folder: photographs and a .lp file, with depth and intrinsics beside",
+    sniff,
+    read,
 )

@@ -64,7 +64,7 @@ def explained(frames: Frames) -> Explained:
     darkest = np.quantile(values[evenly(count, BASIS_FRAMES)], DARKEST, axis=0).astype(np.float32)
     values = values / brightness[:, None, None]
     own = np.median(values[evenly(count, BASIS_FRAMES)], axis=0)
-    own = np.maximum(own, FLOOR * np.median(own))
+    own = np.maximum(own, FLOOR * (float(np.median(own)) or 1.0))  # 0 of mostly black pictures
     relative = (values / own).reshape(count, -1)
     rank = max(min(RANK, count // FRAMES_EACH), 1)
     use = usable.reshape(count, -1).astype(np.float32)
