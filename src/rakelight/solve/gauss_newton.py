@@ -66,8 +66,8 @@ def damped_solution(matrix: Floats, right: Floats, diagonal: Floats, damping: fl
 
 def border(
     matrix: Any, residual: Floats, columns: Floats, hessian: Floats, slope: Floats
-) -> BorderedSystem:
-    """Eliminate the field from a joint step.
+) -> BorderedSystem | None:
+    """Eliminate the field from a joint step; None where the field's matrix is singular.
 
     matrix : sparse (P, P) A, symmetric positive definite; residual : (P,) of the field
     columns : (P, K) C; hessian, slope : (K, K) and (K,) second and first derivatives with the
@@ -78,18 +78,23 @@ def border(
     >>> field, numbers = free.step(0.0)
     >>> round(float(numbers[0]), 6), float(np.abs(field).max())
     (2.0, 0.0)
+    >>> border(0 * eye_array(9), np.zeros(9), np.zeros((9, 1)), np.eye(1), np.zeros(1)) is None
+    True
     """
     from scipy.sparse.linalg import splu
 
     from rakelight.solve._kernels import solve_lower
 
-    factor: Any = splu(
-        matrix.tocsc(),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        panel_size=1,  # a tenth faster for so few unknowns
-        options={"SymmetricMode": True},
-    )
+    try:
+        factor: Any = splu(
+            matrix.tocsc(),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            panel_size=1,  # a tenth faster for so few unknowns
+            options={"SymmetricMode": True},
+        )
+    except RuntimeError:  # "Factor is exactly singular": by rounding, of wild values
+        return None
     field = factor.solve(residual)
     # A = L D L^T, its pixels in the factors' order: C^T A^-1 C needs L^-1 C alone, half of the
     # solve, with the columns of C side by side.

@@ -54,6 +54,8 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
 def after_joint_step(level: Level, fit: Fit, most_cells: int, damping: float) -> Fit:
     """The state after one Gauss-Newton step of lights and depth together, whatever its energy.
 
+    The same state, so that the step counts as refused, where its matrix is singular.
+
     Above `most_cells` pixels the depth moves in cells, whose long wavelengths are those of the
     bas-relief valley; the depth step that follows moves the detail.
 
@@ -94,6 +96,8 @@ def after_joint_step(level: Level, fit: Fit, most_cells: int, damping: float) ->
         STIFFNESS if cell == 1 else CELL_STIFFNESS,
     )  # fmt: skip
     joint = border(matrix, cells.gather(negative_gradient)[cells.inside], columns, hessian, slope)
+    if joint is None:
+        return fit
     correction, numbers = joint.step(damping)
     field = np.zeros(cells.inside.shape)
     field[cells.inside] = correction
