@@ -116,6 +116,22 @@ def parsing(source: str, what: str, error: type[InputError] = InputError) -> Ite
         raise error(what, source=source, seen=seen or type(cause).__name__) from cause
 
 
+@contextmanager
+def named_in(source: str) -> Iterator[None]:
+    """InputErrors about arrays name the file or folder, too, in which these were read.
+
+    >>> with named_in("capture.mat"):
+    ...     raise InputError("not 8 or 16 bit", source="photographs")
+    Traceback (most recent call last):
+    rakelight.errors.InputError: capture.mat: photographs: not 8 or 16 bit
+    """
+    try:
+        yield
+    except InputError as error:
+        error.source = ": ".join(filter(None, (source, error.source)))
+        raise
+
+
 def check_is(value: object, kind: type[Any], name: str, remedy: str = "") -> None:
     """Raise InputError, with `remedy`, where the argument `name` is no `kind`.
 

@@ -6,43 +6,29 @@ Datasets with known lights hold neither depth nor, often, intrinsics: the user p
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from rakelight.capture import validate
 from rakelight.capture.from_arrays import capture_from_arrays
 from rakelight.capture.headers import Header, read_header
 from rakelight.capture.images import as_rgb, decode_image
-from rakelight.capture.listing import SUFFIXES, allocate
-from rakelight.errors import CaptureError, InputError, parsing, printable
-from rakelight.files import MAX_TEXT_BYTES, in_threads, read_bytes
+from rakelight.capture.listing import (
+    check_numbers,
+    check_photograph_kind,
+    looked_at,
+    read_photographs,
+)
+from rakelight.capture.loose_depth import MILLIMETRES
+from rakelight.errors import CaptureError, named_in, parsing, printable
+from rakelight.files import MAX_TEXT_BYTES, read_bytes
 from rakelight.model import Array, Camera, Capture, Encoding, Finding, Floats, GivenLights
 
 DEPTH_NAMES = ("depth.tiff", "depth.tif", "depth.png")
 INTRINSICS_NAME = "K.txt"
 MASK_NAME = "mask.png"
-MILLIMETRES = 1000.0  # values per metre of integer depth without a stated unit
-
-
-def beside(name: str) -> bool:
-    """Whether an image of that name is none of the photographs.
-
-    >>> beside("Mask.png"), beside("depth.tiff"), beside("001.png")
-    (True, True, False)
-    """
-    return name.lower() in (*DEPTH_NAMES, MASK_NAME) or name.lower().startswith("normal_gt")
-
-
-def image_names(folder: Path) -> list[str]:
-    """The photographs in a folder, by name; raises OSError."""
-    names = (path.name for path in folder.iterdir() if path.name[0] != ".")
-    return sorted(
-        name for name in names if Path(name).suffix.lower() in SUFFIXES and not beside(name)
-    )
 
 
 def capture_beside(
@@ -59,20 +45,16 @@ def capture_beside(
     """
     depth_m, assumed = _depth(folder)
     if chosen is not None:
-        beyond = [number for number in chosen if not 0 <= number < len(names)]
-        if beyond or not chosen:
-            raise InputError(
-                "no such photographs", source="photographs",
-                seen=f"number {beyond[0]}" if beyond else "none",
-                needed=f"numbers from 0 to {len(names) - 1}",
-            )  # fmt: skip
+        check_numbers(chosen, len(names))
         names, lights = [names[i] for i in chosen], lights.select(chosen)
-    photographs = _photographs(folder, names)
+    images = looked_at(folder, str(folder), names, ())
+    check_photograph_kind(images)
+    photographs = read_photographs(images)
     camera = _camera(folder, photographs.shape[1:3])
     mask = None
     if os.path.lexists(folder / MASK_NAME):
         mask = as_rgb(_image(folder, MASK_NAME)[1]).max(axis=-1)
-    with named_in(folder):
+    with named_in(str(folder)):
         capture = capture_from_arrays(
             photographs, depth_m, camera, mask=mask, encoding=encoding, lighting="moving-lamp",
             names=tuple(map(printable, names)), lights=lights,
@@ -81,45 +63,10 @@ def capture_beside(
     return replace(capture, findings=findings, source=str(folder))
 
 
-@contextmanager
-def named_in(source: Path) -> Iterator[None]:
-    """Errors about arrays name where these were read from."""
-    try:
-        yield
-    except InputError as error:
-        error.source = ": ".join(filter(None, (str(source), error.source)))
-        raise
-
-
 def _image(folder: Path, name: str) -> tuple[Header, Array]:
     source = f"{folder}/{printable(name)}"
     data = read_bytes(folder / name, source=source)
     return read_header(data, source), decode_image(data, source)
-
-
-def _photographs(folder: Path, names: Sequence[str]) -> Array:
-    """(N, H, W, 3) uint8 or uint16, all of one kind."""
-
-    def header(name: str) -> Header:
-        source = f"{folder}/{printable(name)}"
-        found = read_header(read_bytes(folder / name, source=source), source)
-        if found.dtype not in ("uint8", "uint16"):
-            raise CaptureError(
-                "this kind of photograph is not read", source=source, seen=found.dtype,
-                needed="8 or 16 bit",
-            )  # fmt: skip
-        return found
-
-    headers = in_threads(header, names)
-    validate.check_same_kind(dict(zip(names, headers, strict=True)), str(folder))
-    first = headers[0]
-    photographs = allocate((len(names), first.height, first.width, 3), first.dtype, str(folder))
-
-    def read(index: int) -> None:
-        photographs[index] = as_rgb(_image(folder, names[index])[1])
-
-    in_threads(read, range(len(names)))
-    return photographs
 
 
 def _depth(folder: Path) -> tuple[Floats, tuple[Finding, ...]]:
@@ -171,5 +118,5 @@ def _camera(folder: Path, shape: tuple[int, int]) -> Camera:
             "not a calibration matrix", source=source, seen=f"{matrix.size} numbers",
             needed="three lines of three",
         )  # fmt: skip
-    with named_in(Path(source)):
+    with named_in(source):
         return Camera.from_matrix(matrix.reshape(3, 3), shape)

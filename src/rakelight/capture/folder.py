@@ -38,9 +38,10 @@ from rakelight.capture.lights import checked_lights, lights_lines, read_lights
 from rakelight.capture.listing import (
     Images,
     Root,
-    allocate,
+    check_photograph_kind,
     file_findings,
     list_images,
+    read_photographs,
 )
 from rakelight.capture.truth import write_truth
 from rakelight.errors import CaptureError, OutputExistsError, printable
@@ -85,7 +86,7 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
     )
     depth_noise = _depth_noise(root, table)
 
-    images = _read_photographs(rgb)
+    images = read_photographs(rgb)
     names = tuple(map(printable, rgb.names))
     validate.check_not_twice(images, names, rgb.source)
     depth_m, holes = read_depth(depth, table.depth_scale)
@@ -270,7 +271,7 @@ def _list_all(
         if lights is not None and len(lights) == count:
             lights = lights.select(photographs)
     depth = list_images(root, "depth", "depth maps")
-    _check_photograph_kind(rgb)
+    check_photograph_kind(rgb)
     check_depth_kind(depth, table, root)
     return rgb, depth, lights
 
@@ -282,30 +283,6 @@ def _depth_noise(root: Root, table: CaptureTable) -> SensorNoise | None:
     noise = table.depth_noise.noise()
     validate.check_noise(noise, root.shown(CONFIG))
     return noise
-
-
-def _check_photograph_kind(rgb: Images) -> None:
-    for name, header in zip(rgb.names, rgb.headers, strict=True):
-        if header.dtype not in ("uint8", "uint16"):
-            raise CaptureError(
-                "this kind of photograph is not read",
-                source=rgb.shown(name),
-                seen=header.dtype,
-                needed="8 or 16 bit",
-                remedy="export it as 16-bit PNG",
-            )
-    validate.check_same_kind(dict(zip(rgb.names, rgb.headers, strict=True)), rgb.source)
-
-
-def _read_photographs(rgb: Images) -> Array:
-    """(N, H, W, 3), decoded straight into the one array."""
-    photographs = allocate((len(rgb.names), *rgb.shape, 3), rgb.headers[0].dtype, rgb.source)
-
-    def read(index: int) -> None:
-        photographs[index] = as_rgb(rgb.read(index))
-
-    in_threads(read, range(len(rgb.names)))
-    return photographs
 
 
 def _without_ambient(

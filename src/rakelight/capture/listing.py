@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from rakelight.capture.headers import Header, read_header
-from rakelight.capture.images import decode_image
+from rakelight.capture.images import as_rgb, decode_image
+from rakelight.capture.validate import check_same_kind
 from rakelight.errors import CaptureError, InputError, MachineError, printable
 from rakelight.files import clear_errors, in_threads, read_bytes
 from rakelight.memory import require_memory
@@ -63,13 +64,13 @@ class Images:
         return f"{self.source}/{name}"
 
 
-def check_numbers(numbers: Sequence[int], count: int) -> None:
-    """Raise InputError unless there are such photographs among `count`."""
+def check_numbers(numbers: Sequence[int], count: int, source: str = "photographs") -> None:
+    """Raise InputError unless there are such photographs among `count`; `source` names them."""
     beyond = [number for number in numbers if not 0 <= number < count]
     if beyond or not numbers:
         raise InputError(
             "no such photographs",
-            source="photographs",
+            source=source,
             seen=f"number {beyond[0]}" if beyond else "none",
             needed=f"numbers from 0 to {count - 1}",
         )
@@ -97,12 +98,18 @@ def list_images(root: Root, name: str, what: str) -> Images:
         )
     _refuse_same_stem(chosen, source)
 
+    return looked_at(folder, source, chosen, ignored)
+
+
+def looked_at(folder: Path, source: str, names: Sequence[str], ignored: Sequence[str]) -> Images:
+    """The files `names` of a folder, which messages call `source`, by their headers."""
+
     def header(name: str) -> Header:
         shown = f"{source}/{name}"
         return read_header(read_bytes(folder / name, source=shown), shown)
 
-    headers = in_threads(header, chosen)
-    return Images(folder, source, tuple(chosen), tuple(headers), ignored)
+    headers = in_threads(header, names)
+    return Images(folder, source, tuple(names), tuple(headers), tuple(ignored))
 
 
 def by_number(path: Path) -> tuple[tuple[int, str], ...]:
@@ -137,6 +144,31 @@ def allocate(shape: tuple[int, ...], dtype: str, source: str) -> Array:
             needed=f"{needed / 1e9:.1f} GB",
             remedy=remedy,
         ) from error
+
+
+def check_photograph_kind(rgb: Images) -> None:
+    """Raise CaptureError unless all are of one size and kind, with 8 or 16 bit."""
+    for name, header in zip(rgb.names, rgb.headers, strict=True):
+        if header.dtype not in ("uint8", "uint16"):
+            raise CaptureError(
+                "this kind of photograph is not read",
+                source=rgb.shown(name),
+                seen=header.dtype,
+                needed="8 or 16 bit",
+                remedy="export it as 16-bit PNG",
+            )
+    check_same_kind(dict(zip(rgb.names, rgb.headers, strict=True)), rgb.source)
+
+
+def read_photographs(rgb: Images) -> Array:
+    """(N, H, W, 3), decoded straight into the one array."""
+    photographs = allocate((len(rgb.names), *rgb.shape, 3), rgb.headers[0].dtype, rgb.source)
+
+    def read(index: int) -> None:
+        photographs[index] = as_rgb(rgb.read(index))
+
+    in_threads(read, range(len(rgb.names)))
+    return photographs
 
 
 def file_findings(images: Images) -> tuple[Finding, ...]:

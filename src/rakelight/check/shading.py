@@ -40,7 +40,7 @@ class RelativeShading:
     seen : (h, w) bool, pixels that enough photographs show
     camera : of the small grid, a window of the colour camera's image
     step, rows, columns : the small grid is image[rows, columns][::step, ::step]
-    sigma_px : standard deviation of the smooeveryg, pixels of the small grid
+    sigma_px : standard deviation of the smoothing, pixels of the small grid
     """
 
     components: Floats

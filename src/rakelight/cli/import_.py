@@ -9,6 +9,7 @@ import click
 
 from rakelight.cli.options import (
     count_photographs,
+    findings_as_json,
     output_options,
     print_findings,
     refuse_input_as_output,
@@ -74,10 +75,7 @@ def command(
             "names": list(capture.names),
             "size": [capture.camera.width, capture.camera.height],
             "pixels": int(capture.mask.sum()),
-            "findings": [
-                {"severity": f.severity, "code": f.code, "message": f.message, "remedy": f.remedy}
-                for f in findings
-            ],
+            "findings": findings_as_json(findings),
         }
         click.echo(json.dumps(facts))
     elif not quiet:

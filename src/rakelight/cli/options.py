@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Iterable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -34,6 +35,15 @@ def print_findings(findings: Iterable[Finding]) -> None:
         line = f"{finding.severity}: {finding.message}"
         line += f". Fix: {finding.remedy}" if finding.remedy else ""
         click.echo(printable(line), err=True)
+
+
+def findings_as_json(findings: Iterable[Finding]) -> list[dict[str, str]]:
+    """What `--json` prints of findings.
+
+    >>> findings_as_json([Finding("note", "jpeg", "JPEG")])
+    [{'severity': 'note', 'code': 'jpeg', 'message': 'JPEG', 'remedy': ''}]
+    """
+    return [asdict(finding) for finding in findings]
 
 
 def refuse_input_as_output(source: Path, output: Path, what: str = "capture") -> None:

@@ -12,6 +12,7 @@ import click
 
 from rakelight.cli.options import (
     count_photographs,
+    findings_as_json,
     output_options,
     parse_photographs,
     parse_scale,
@@ -133,10 +134,7 @@ def outcome(result: Result, folder: Path) -> dict[str, Any]:
         "pixels": int(result.mask.sum()),
         "photographs": len(result.lights),
         "timings_s": {stage: round(seconds, 3) for stage, seconds in result.timings_s.items()},
-        "findings": [
-            {"severity": f.severity, "code": f.code, "message": f.message, "remedy": f.remedy}
-            for f in result.findings
-        ],
+        "findings": findings_as_json(result.findings),
     }
 
 

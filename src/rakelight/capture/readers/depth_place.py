@@ -1,11 +1,45 @@
-"""Where a phone's depth lies in its colour frames."""
+"""Recordings whose depth and colour show the same view, as those of phones and recorders."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
+
 import numpy as np
 
+from rakelight.capture.recording import Recording, Stream
 from rakelight.errors import CaptureError
-from rakelight.model import Camera, RigidTransform
+from rakelight.model import Camera, Finding, RigidTransform
+
+
+def recording_of_one_view(
+    path: Path,
+    camera: Camera,
+    color: Stream,
+    depth: Stream,
+    *,
+    depth_source: str,
+    names: Sequence[str],
+    findings: Sequence[Finding],
+) -> Recording:
+    """The recording at `path` of a depth stream that covers the colour frames' field of view.
+
+    camera : of the colour frames; depth_source : names the depth in messages
+    names : of the colour frames
+
+    Raises CaptureError where the sides have other proportions, by more than a pixel of depth.
+    """
+    depth_camera, depth_to_color = depth_place(camera, depth.shape, depth_source)
+    return Recording(
+        source=str(path),
+        camera=camera,
+        color=color,
+        depth=depth,
+        depth_camera=depth_camera,
+        depth_to_color=depth_to_color,
+        names=tuple(names),
+        findings=tuple(findings),
+    )
 
 
 def depth_place(

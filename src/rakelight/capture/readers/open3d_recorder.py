@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from rakelight.capture.readers.base import Reader
-from rakelight.capture.readers.depth_place import depth_place
+from rakelight.capture.readers.depth_place import recording_of_one_view
 from rakelight.capture.readers.image_files import (
     color_stream,
     compressed_finding,
@@ -47,15 +47,13 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
     depth = depth_stream(path, list(depth_names.values()), times_s, _PER_METRE)
     name = next(name for name in INTRINSICS if (path / name).is_file())
     camera = open3d_camera(path, name, color.shape)
-    depth_camera, depth_to_color = depth_place(camera, depth.shape, f"{path}/depth")
-    made = Recording(
-        source=str(path),
-        camera=camera,
-        color=color,
-        depth=depth,
-        depth_camera=depth_camera,
-        depth_to_color=depth_to_color,
-        names=tuple(names),
+    made = recording_of_one_view(
+        path,
+        camera,
+        color,
+        depth,
+        depth_source=f"{path}/depth",
+        names=names,
         findings=compressed_finding(names),
     )
     return made, None

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,7 +24,7 @@ from rakelight.capture.loose_files import (
 )
 from rakelight.capture.loose_photographs import Photos, read_loose_mask, read_loose_photographs
 from rakelight.capture.readers.base import Reader, Reading, Wanted
-from rakelight.errors import CaptureError, InputError, printable
+from rakelight.errors import CaptureError, named_in, printable
 from rakelight.files import read_bytes
 from rakelight.model import Camera, Finding
 
@@ -78,7 +77,7 @@ def read(path: Path, wanted: Wanted) -> Reading:
     mask = None
     if files.mask is not None:
         mask = read_loose_mask(files.mask, camera.shape)
-    with _in_folder(path):
+    with named_in(str(path)):
         capture = capture_from_arrays(
             photos.pixels,
             depth_m,
@@ -99,16 +98,6 @@ def read(path: Path, wanted: Wanted) -> Reading:
         *capture.findings,
     )
     return Reading(replace(capture, source=str(path), findings=findings))
-
-
-@contextmanager
-def _in_folder(path: Path) -> Iterator[None]:
-    """Errors about an array name the folder, too."""
-    try:
-        yield
-    except InputError as error:
-        error.source = f"{path}: {error.source}" if error.source else str(path)
-        raise
 
 
 def _camera(folder: Path, files: LooseFiles, photos: Photos) -> tuple[Camera, tuple[Finding, ...]]:

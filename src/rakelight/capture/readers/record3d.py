@@ -16,7 +16,7 @@ import numpy as np
 from rakelight.capture.headers import MAX_PIXELS, Header, read_header
 from rakelight.capture.images import as_rgb, decode_image
 from rakelight.capture.readers.base import Reader
-from rakelight.capture.readers.depth_place import depth_place
+from rakelight.capture.readers.depth_place import recording_of_one_view
 from rakelight.capture.readers.image_files import check_same, compressed_finding
 from rakelight.capture.readers.lzfse_blocks import stated_size, unpack
 from rakelight.capture.readers.numbers import array_of, camera_of, json_table, number_in
@@ -61,18 +61,14 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
         header = read_header(archive.read(opened, first, MOST_FRAME), f"{path}/{first}")
         camera, turns = _camera(facts, header, f"{path}/{METADATA}")
         shape = _depth_shape(facts, archive, opened, camera)
-    depth_camera, depth_to_color = depth_place(camera, shape, str(path))
     color, depth = sorted(archive.color), sorted(archive.depth)
-    made = Recording(
-        source=str(path),
-        camera=camera,
-        color=Stream(
-            _times(facts, color), camera.shape, _color_walk(archive, color, camera, turns)
-        ),
-        depth=Stream(_times(facts, depth), shape, _depth_walk(archive, depth, shape)),
-        depth_camera=depth_camera,
-        depth_to_color=depth_to_color,
-        names=tuple(archive.color[number] for number in color),
+    made = recording_of_one_view(
+        path,
+        camera,
+        Stream(_times(facts, color), camera.shape, _color_walk(archive, color, camera, turns)),
+        Stream(_times(facts, depth), shape, _depth_walk(archive, depth, shape)),
+        depth_source=str(path),
+        names=[archive.color[number] for number in color],
         findings=(*compressed_finding([first]), *_turned_finding(header, turns)),
     )
     poses = _poses(facts, color, f"{path}/{METADATA}")

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from rakelight.capture.beside import named_in
 from rakelight.capture.from_arrays import capture_from_arrays
+from rakelight.capture.listing import check_numbers
 from rakelight.capture.matfile import is_mat, read_mat
 from rakelight.capture.readers.base import Reader, Reading, Wanted
-from rakelight.errors import CaptureError, InputError
+from rakelight.errors import CaptureError, named_in
 from rakelight.files import read_bytes
 from rakelight.model import Array, Camera, Finding, Floats
 
@@ -49,7 +49,7 @@ def read(path: Path, wanted: Wanted) -> Reading:
                 needed="I (H, W, 3, N), z0 (h, w), K (3, 3) and, where there is one, mask (H, W)",
             )
     depth_m, assumed = _depth(variables["z0"], source)
-    with named_in(path):
+    with named_in(str(path)):
         photographs = _photographs(variables["I"], wanted.photographs)
         matrix = variables["K"].astype(np.float64)
         if matrix.shape == (3, 3):
@@ -65,12 +65,7 @@ def _photographs(images: Array, chosen: tuple[int, ...] | None) -> Array:
     """(N, H, W, 3) of I (H, W, 3[, N]); numbers from 0 to 255 in floating point become 8 bit."""
     stack = np.moveaxis(images if images.ndim == 4 else images[..., None], -1, 0)
     if chosen is not None:
-        beyond = [number for number in chosen if not 0 <= number < len(stack)]
-        if beyond or not chosen:
-            raise InputError(
-                "no such photographs", source="I", seen=f"number {beyond[0]}" if beyond else "none",
-                needed=f"numbers from 0 to {len(stack) - 1}",
-            )  # fmt: skip
+        check_numbers(chosen, len(stack), "I")
         stack = stack[list(chosen)]
     if stack.dtype.kind == "f" and np.isfinite(stack).all() and 1 < stack.max() <= 255:
         return np.asarray(stack / stack.dtype.type(255))

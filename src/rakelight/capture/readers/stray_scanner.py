@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from rakelight.capture.readers.base import Reader
-from rakelight.capture.readers.depth_place import depth_place
+from rakelight.capture.readers.depth_place import recording_of_one_view
 from rakelight.capture.readers.image_files import (
     depth_stream,
     inside,
@@ -59,16 +59,14 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
     odometry = _odometry(path)
     camera = _camera(path, odometry, color.shape)
     color, depth, poses = _streams(path, color, odometry)
-    depth_camera, depth_to_color = depth_place(camera, depth.shape, f"{path}/depth")
-    made = Recording(
-        source=str(path),
-        camera=camera,
-        color=color,
-        depth=depth,
-        depth_camera=depth_camera,
-        depth_to_color=depth_to_color,
-        names=tuple(f"{VIDEO} frame {number}" for number in range(len(color))),
-        findings=(_COMPRESSED,),
+    made = recording_of_one_view(
+        path,
+        camera,
+        color,
+        depth,
+        depth_source=f"{path}/depth",
+        names=[f"{VIDEO} frame {number}" for number in range(len(color))],
+        findings=[_COMPRESSED],
     )
     return made, poses
 

@@ -36,19 +36,15 @@ def reading_by(
 
     def read(path: Path, wanted: Wanted) -> Reading:
         recording, poses = recording_in(path)
-        return _with_findings(capture_of(recording, wanted), recording, poses)
+        reading = capture_of(recording, wanted)
+        numbers = {name: number for number, name in enumerate(recording.names)}
+        moved = None if poses is None else moved_finding(poses, reading.capture, numbers)
+        if moved is None:
+            return reading
+        findings = (*reading.capture.findings, moved)
+        return replace(reading, capture=replace(reading.capture, findings=findings))
 
     return read
-
-
-def _with_findings(reading: Reading, recording: Recording, poses: Poses | None) -> Reading:
-    """The reading with the recording's findings, and one where the phone moved meanwhile."""
-    capture = reading.capture
-    numbers = {name: number for number, name in enumerate(recording.names)}
-    moved = None if poses is None else moved_finding(poses, capture, numbers)
-    further = (*recording.findings, *(() if moved is None else (moved,)))
-    findings = (*capture.findings, *(f for f in further if f not in capture.findings))
-    return replace(reading, capture=replace(capture, findings=findings))
 
 
 def moved_finding(poses: Poses, capture: Capture, numbers: Mapping[str, int]) -> Finding | None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from rakelight.capture import validate
 from rakelight.capture.readers.base import Reader
-from rakelight.capture.readers.depth_place import depth_place
+from rakelight.capture.readers.depth_place import recording_of_one_view
 from rakelight.capture.readers.image_files import (
     color_stream,
     compressed_finding,
@@ -51,15 +51,13 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
     color = color_stream(path, names, color_times)
     depth = depth_stream(path, depth_names, depth_times, _PER_METRE)
     camera, findings = _camera(path, color.shape)
-    depth_camera, depth_to_color = depth_place(camera, depth.shape, f"{path}/{DEPTH}")
-    made = Recording(
-        source=str(path),
-        camera=camera,
-        color=color,
-        depth=depth,
-        depth_camera=depth_camera,
-        depth_to_color=depth_to_color,
-        names=tuple(names),
+    made = recording_of_one_view(
+        path,
+        camera,
+        color,
+        depth,
+        depth_source=f"{path}/{DEPTH}",
+        names=names,
         findings=(*findings, *compressed_finding(names)),
     )
     return made, None
@@ -105,7 +103,7 @@ def _camera(path: Path, shape: tuple[int, int]) -> tuple[Camera, tuple[Finding, 
             return open3d_camera(path, name, shape), ()
     for name in _TEXTS:
         if (path / name).is_file():
-            return _camera_of_text(path, name, shape)
+            return _camera_of_text(path, name, shape), ()
     if shape != _DEFAULT_SHAPE:
         raise CaptureError(
             "the intrinsics of the colour camera are not known",
@@ -123,9 +121,7 @@ def _camera(path: Path, shape: tuple[int, int]) -> tuple[Camera, tuple[Finding, 
     return Camera(640, 480, *_DEFAULT), (finding,)
 
 
-def _camera_of_text(
-    path: Path, name: str, shape: tuple[int, int]
-) -> tuple[Camera, tuple[Finding, ...]]:
+def _camera_of_text(path: Path, name: str, shape: tuple[int, int]) -> Camera:
     """Of fx fy cx cy [k1 k2 p1 p2 [k3]], or of a 3x3 matrix."""
     source = f"{path}/{name}"
     text = read_within(path, name, MAX_TEXT_BYTES).decode("utf-8", "replace")
@@ -148,7 +144,7 @@ def _camera_of_text(
     if any(distortion):
         camera = replace(camera, distortion=Distortion("brown-conrady", tuple(distortion)))
         validate.check_distortion(camera, source, "the distortion")
-    return camera, ()
+    return camera
 
 
 READER = Reader(

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rakelight.capture.listing import check_numbers
 from rakelight.capture.recording import PHOTOGRAPHS, Recording
 from rakelight.capture.video.choice import most_different
 from rakelight.capture.video.contact_sheet import contact_sheet
@@ -24,7 +25,6 @@ from rakelight.capture.video.report import (
     require_changing_light,
     require_enough,
 )
-from rakelight.errors import InputError
 from rakelight.model import Array, Finding, Floats, ProgressCallback
 
 # Depth maps at most, and depth values in all of them, whose average is made in doubles, sorted
@@ -75,7 +75,8 @@ def take(recording: Recording, wanted: tuple[int, ...] | None, progress: Progres
     still = reasons["camera or object moved"] | reasons["something before the object"]
     maps = still_depth(recording, frames, still, DEPTH_VALUES, DEPTH_MAPS)
     if wanted is not None:
-        groups = _chosen(groups, wanted)
+        check_numbers(wanted, len(groups))
+        groups = [groups[number] for number in wanted]
     # 5. the photographs and the depth themselves
     return Taken(
         photographs=merged(recording, frames, light, groups, progress),
@@ -84,16 +85,3 @@ def take(recording: Recording, wanted: tuple[int, ...] | None, progress: Progres
         contact_sheet=sheet,
         findings=findings,
     )
-
-
-def _chosen(groups: list[list[int]], wanted: tuple[int, ...]) -> list[list[int]]:
-    """Those of the photographs that the user wants; raises InputError for one that is not."""
-    beyond = [number for number in wanted if not 0 <= number < len(groups)]
-    if beyond or not wanted:
-        raise InputError(
-            "no such photographs",
-            source="photographs",
-            seen=f"number {beyond[0]}" if beyond else "none",
-            needed=f"numbers from 0 to {len(groups) - 1}",
-        )
-    return [groups[number] for number in wanted]
