@@ -380,7 +380,6 @@ def main() -> None:
     parser.add_argument("--oracle", type=int, default=0, help="of so many draws, the first")
     parser.add_argument("--jobs", type=int, default=1, help="processes of one thread each")
     parser.add_argument("--set", type=setting, action="append", default=[], metavar="FIELD=VALUE")
-    parser.add_argument("--size", type=float, default=1.0, help="scale of the images")
     parser.add_argument("--lights", choices=("found", "start", "fixed"), default="found")
     parser.add_argument("--off", type=float, default=0.0, metavar="DEG", help="of given lights")
     parser.add_argument("--scans", type=Path, default=Path("../shared/shapes"), help="*.npz")

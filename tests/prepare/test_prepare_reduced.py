@@ -41,6 +41,19 @@ def test_depth_of_another_camera():
     assert prepare(small).measured.mean() > 0.3
 
 
+def test_aligned_depth_with_a_fraction_of_a_depth_pixel_in_a_colour_pixel():
+    vase, here = make_shape("vase"), RigidTransform(np.eye(3), np.zeros(3))
+    options = SceneOptions(
+        camera=vase.camera.resized(360, 270), photographs=4, depth_factor=7.5, depth_to_color=here
+    )
+    placed, _ = render_scene(vase, make_albedo("pattern"), options)
+    capture = replace(placed, depth_camera=None, depth_to_color=None)
+    small, same = reduced(capture, 3000), reduced(placed, 3000)
+    assert 1500 < small.mask.sum() <= 3600
+    assert small.depth_camera == same.depth_camera
+    assert np.array_equal(small.depth_m, same.depth_m, equal_nan=True)
+
+
 def test_a_thin_object_is_not_lost():
     capture = still_scene()
     thin = np.zeros_like(capture.mask)

@@ -15,8 +15,8 @@ from rakelight.capture.readers.base import Reading, Wanted
 from rakelight.errors import CaptureError
 from rakelight.model import Array, Camera, Encoding, Finding, Floats, RigidTransform, SensorNoise
 
-# Photographs that are made of a recording: 12 to 20 determine light, albedo and depth well, and
-# more take only longer (docs/results/random-captures.md).
+# Photographs that are made of a recording: within the 10 to 20 that the README asks people to take;
+# other numbers were not measured.
 PHOTOGRAPHS = 16
 
 

@@ -12,10 +12,11 @@ from rakelight.model import Capture, Finding
 from rakelight.prepare.holes import hole_findings, within_reach
 from rakelight.prepare.sensor import SensorGrid, sensed
 
-# Share of the object without depth above which the photographs carry too much of it.
+# Share of the object without depth above which the photographs carry too much of it; not measured.
 MANY_HOLES = 0.10
 # Distances, metres, at which depth cameras for objects measure; widths of an object that they can
-# resolve and see whole.  Beyond, the unit of the depth is the likelier mistake.
+# resolve and see whole.  Beyond, the unit of the depth is the likelier mistake.  Taken from data
+# sheets, not measured.
 LIKELY_M, LIKELY_WIDTH_M = (0.12, 6.0), (0.008, 4.0)
 
 

@@ -5,7 +5,7 @@ reaches it (s_i . n > 0).  With noise of variance v in every photograph b is det
 
     cov(b) = v M^-1,    M = sum_i s_i s_i^T + L
 
-L being what is known without photographs, and only the part across n turns the normal:
+L being the information of the depth, and only the part across n turns the normal:
 
     (expected squared angle) = v / rho^2  tr(P M^-1),    P = 1 - n n^T
 
@@ -32,17 +32,18 @@ from rakelight.model import Array, Finding, Floats
 NEAREST_DEG, FARTHEST_DEG = 15.0, 60.0
 # Steps of the directions that are compared, degrees.
 STEP_DEG = 5.0
-# What is known without photographs, over the square of a light's intensity: the depth gives slopes
-# to about three times what one photograph gives.  It keeps M regular.
-WITHOUT = 0.1
+# L, the information of the depth, over that of a photograph (the square of a light's intensity):
+# its slopes are taken for three times as uncertain.  Keeps M regular; not measured.
+PRIOR_INFORMATION = 0.1
 # Normals of the object that are looked at.
 SAMPLE = 300
 # Normals of a surface that is not known: those of half a sphere that faces the camera.
 SPHERE_DEG = 60.0
 # Cosine of the angle, 30 degrees, that directions named together are apart: the hand is not exact.
 NEARBY = 0.866
-# Lowering of the normals' error by the best next light, from which on it is worth taking.
-WORTH = 0.08
+# Relative lowering of the normals' error by the best next light, from which on the light is named;
+# not measured.
+LEAST_GAIN = 0.08
 # Angle off the axis, degrees, from which on a light has a side.
 SIDED_DEG = 8.0
 # Largest gap between the azimuths of lights, degrees, from which on they are on one side.
@@ -96,7 +97,7 @@ def information(lights: Floats, normals: Floats) -> Floats:
     """(P, 3, 3) M of every normal (P, 3) under lights (N, 3), in units of the noise."""
     reached = (normals @ lights.T > 0).astype(float)
     each = np.einsum("ni,nj->nij", lights, lights)
-    return np.asarray(np.tensordot(reached, each, axes=1) + WITHOUT * np.eye(3))
+    return np.asarray(np.tensordot(reached, each, axes=1) + PRIOR_INFORMATION * np.eye(3))
 
 
 def across(normals: Floats) -> Floats:
@@ -189,7 +190,7 @@ def light_findings(directions: Floats, coming: tuple[NextLight, ...]) -> tuple[F
         side = in_words(np.array([np.sin(turn), -np.cos(turn), 0.0])).split(",")[0]
         message = f"all lights come {side}: what is turned away from there is in shadow"
         findings.append(Finding("warning", "lights-on-one-side", message, f"light it {where}"))
-    elif coming and coming[0].gain >= WORTH:
+    elif coming and coming[0].gain >= LEAST_GAIN:
         message = (
             f"a light {coming[0].words} would lower the normals' error by {coming[0].gain:.0%}"
         )

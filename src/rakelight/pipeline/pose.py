@@ -40,6 +40,7 @@ from rakelight.model import (
 )
 from rakelight.pipeline.degenerate import without_normals
 from rakelight.prepare import Prepared, coarsest_scale, prepare
+from rakelight.prepare.sensor import depth_camera_of
 from rakelight.solve.robust import CAUCHY
 
 # Rounds of refining and registering; iterations of reweighted least squares in each; most steps of
@@ -87,8 +88,7 @@ def registered(
     right to a twentieth of a pixel is returned with it unchanged, and so is one of an object that
     has no normals at the depth's resolution.
     """
-    own = capture.depth_camera or capture.camera.resized(*capture.depth_m.shape[:0:-1])
-    start = capture.depth_to_color or RigidTransform(np.eye(3), np.zeros(3))
+    own, start = depth_camera_of(capture)
     scale = coarsest_scale(capture)
     options = replace(
         options, depth_weight=DEPTH_WEIGHT, max_iterations=min(options.max_iterations, BRIEF)

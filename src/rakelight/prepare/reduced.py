@@ -9,7 +9,7 @@ import numpy as np
 from rakelight.geometry.grid import area_mean, bounding_window
 from rakelight.model import Camera, Capture, Floats
 from rakelight.prepare import shrunk_photographs
-from rakelight.prepare.sensor import SensorGrid, sensor_shape
+from rakelight.prepare.sensor import SensorGrid, depth_camera_of, sensor_shape
 
 # Pixels around the object that are kept, so that its outline has an outside.
 MARGIN_PX = 8
@@ -33,6 +33,9 @@ def reduced(capture: Capture, most_pixels: int) -> Capture:
     ((3, 10, 10, 3), (1, 10, 10), 12.5)
     """
     ratio = SensorGrid(sensor_shape(capture), capture.camera.shape).factor
+    if ratio != int(ratio):  # no block of colour pixels is a whole number of depth pixels
+        own, pose = depth_camera_of(capture)
+        capture = replace(capture, depth_camera=own, depth_to_color=pose)
     for shrink in reversed(_shrinks(capture, ratio, most_pixels)):
         small = _at(capture, shrink, ratio)
         if small.mask.sum() >= KEPT * capture.mask.sum() / shrink**2:
@@ -43,8 +46,8 @@ def reduced(capture: Capture, most_pixels: int) -> Capture:
 def _shrinks(capture: Capture, ratio: float, most_pixels: int) -> list[int]:
     """Colour pixels along each side of a pixel, up to the first that leaves few enough of them.
 
-    ratio : colour pixels per depth pixel.  Of depth on the photographs' grid one is a multiple of
-        the other, so that depth pixels stay whole.
+    ratio : colour pixels per depth pixel; whole where depth is on the photographs' grid, of which
+        one is a multiple of the other then, so that depth pixels stay whole.
     """
     most = max(min(capture.mask.shape) // 4, 1)
     whole = capture.depth_camera is None
@@ -56,7 +59,7 @@ def _shrinks(capture: Capture, ratio: float, most_pixels: int) -> list[int]:
 def _at(capture: Capture, shrink: int, ratio: float) -> Capture:
     """The capture with `shrink` times fewer pixels along each side."""
     own = capture.depth_camera
-    block = shrink if own is not None else max(shrink, round(ratio))
+    block = shrink if own is not None else max(shrink, int(ratio))
     window = bounding_window(capture.mask, MARGIN_PX)
     parts = []
     for part, side in zip(window, capture.mask.shape, strict=True):
@@ -65,7 +68,7 @@ def _at(capture: Capture, shrink: int, ratio: float) -> Capture:
     rows, columns = parts
     join = max(int(shrink / ratio), 1)
     if own is None:
-        inside = [slice(part.start // round(ratio), part.stop // round(ratio)) for part in parts]
+        inside = [slice(part.start // int(ratio), part.stop // int(ratio)) for part in parts]
         depth_m, depth_camera = joined(capture.depth_m[:, *inside], join), None
     else:
         depth_m = joined(capture.depth_m, join)

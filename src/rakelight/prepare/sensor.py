@@ -140,6 +140,19 @@ def at_centres(image: Array, edges: tuple[Floats, Floats], shape: tuple[int, ...
     return image[np.ix_(rows, columns)]
 
 
+def depth_camera_of(capture: Capture) -> tuple[Camera, RigidTransform]:
+    """The depth camera and its pose: of aligned depth, one at the colour camera's place.
+
+    >>> capture = Capture(np.zeros((3, 6, 9, 3), np.uint8), np.ones((1, 2, 3)),
+    ...                   np.ones((6, 9), bool), Camera(9, 6, 12.0, 12.0, 4.0, 2.5))
+    >>> camera, pose = depth_camera_of(capture)
+    >>> camera.shape, camera.fx, pose.translation_m.tolist()
+    ((2, 3), 4.0, [0.0, 0.0, 0.0])
+    """
+    own = capture.depth_camera or capture.camera.resized(*capture.depth_m.shape[:0:-1])
+    return own, capture.depth_to_color or RigidTransform(np.eye(3), np.zeros(3))
+
+
 def sensor_shape(capture: Capture) -> tuple[int, int]:
     """(hs, ws) of the grid that `sensed` answers on.
 
@@ -202,14 +215,13 @@ def sensed(capture: Capture, mask: Mask | None = None) -> tuple[Floats, Floats]:
     require_ideal(capture.camera, capture.source or "camera")
     shape = sensor_shape(capture)
     if capture.depth_camera is not None:
-        pose = capture.depth_to_color or RigidTransform(np.eye(3), np.zeros(3))
+        own, pose = depth_camera_of(capture)
         average = robust_average(capture.depth_m)
-        points = project(back_project(average, capture.depth_camera), pose, capture.camera)
+        points = project(back_project(average, own), pose, capture.camera)
         depth, sigma = _without_outliers(
-            average, capture, capture.depth_m, capture.depth_camera, _lookup(mask, points)
+            average, capture, capture.depth_m, own, _lookup(mask, points)
         )
-        grid = sensor_grid(capture.camera, capture.depth_camera)
-        return register(depth, sigma, capture.depth_camera, pose, grid)
+        return register(depth, sigma, own, pose, sensor_grid(capture.camera, own))
     on_object = (
         np.ones(shape, bool) if mask is None else SensorGrid(shape, mask.shape).touched(mask)
     )

@@ -29,10 +29,9 @@ from rakelight.model import (
     Finding,
     Floats,
     Mask,
-    RigidTransform,
 )
 from rakelight.prepare.linear import linear_table, srgb
-from rakelight.prepare.sensor import sensor_shape
+from rakelight.prepare.sensor import depth_camera_of, sensor_shape
 
 # Most that the image grows on each side to show the object whole, over its own side.
 WIDEST = 0.5
@@ -78,10 +77,7 @@ def undistorted(capture: Capture, *, whole: bool = True) -> Capture:
     )
     place = _places(ideal, camera)
     mask = _seen(capture.mask, place)
-    pose = capture.depth_to_color
-    if own is None:
-        own = camera.resized(*capture.depth_m.shape[:0:-1])
-        pose = RigidTransform(np.eye(3), np.zeros(3))
+    own, pose = depth_camera_of(replace(capture, camera=camera))
     return replace(
         capture,
         photographs=_resampled(capture, place),

@@ -23,7 +23,7 @@ FEW, BLURRED_OF_FEW, STILL_OF_FEW_PX = 20, 0.6, 1.0
 # What does not fit any light, over the pixel's brightness, where something stands before it; the
 # least fraction of the object's pixels before which it does.  Chosen on 12 synthetic videos; of 24
 # others 99 % of the frames with an arm were dropped, and 2 % of the good ones for it.
-FOREIGN, COVERED = 0.2, 0.015
+UNEXPLAINED, COVERED = 0.2, 0.015
 # Largest fraction of frames whose place is not known: of more, nothing is said about motion.
 UNKNOWN = 0.5
 
@@ -53,7 +53,7 @@ def reasons_to_drop(frames: Frames, light: Explained, at_px: Floats) -> Reasons:
 
 def covered(light: Explained) -> Floats:
     """(N,) the fraction of the object before which something stands."""
-    return np.asarray((light.foreign[:, light.mask] > FOREIGN).mean(axis=1))
+    return np.asarray((light.unexplained[:, light.mask] > UNEXPLAINED).mean(axis=1))
 
 
 def _moved(at_px: Floats) -> Mask:

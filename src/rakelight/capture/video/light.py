@@ -42,20 +42,20 @@ class Explained:
 
     coefficients : (N, R) in an orthonormal basis: of two frames of equal brightness, the length of
         the difference is the rms difference of their pictures over the brightness
-    foreign : (N, h, w) what does not fit any light, over the pixel's brightness; 0 outside the
+    unexplained : (N, h, w) what does not fit any light, over the pixel's brightness; 0 outside the
         object
     mask : (h, w) where the object is
     brightness : (N,) by which the frames were divided, linear light
     """
 
     coefficients: Floats
-    foreign: Floats
+    unexplained: Floats
     mask: Mask
     brightness: Floats
 
 
 def explained(frames: Frames) -> Explained:
-    """The frames by light alone; `foreign` is 0 where there are too few frames to tell."""
+    """The frames by light alone; `unexplained` is 0 where there are too few frames to tell."""
     pictures, mask = _compared(frames)
     values = pictures[:, mask]  # (N, P, 3)
     count = len(values)
@@ -73,15 +73,15 @@ def explained(frames: Frames) -> Explained:
         basis.shape[1]
     )
     lights = coefficients @ turn
-    foreign = np.zeros((count, *mask.shape), np.float32)
+    unexplained = np.zeros((count, *mask.shape), np.float32)
     if count >= FRAMES_EACH * RANK:
         grey = own.mean(axis=-1, keepdims=True)
         fit = (coefficients @ basis).reshape(values.shape) * own
         off = _off_light(values / grey, darkest / grey, fit / grey, brightness)
         off *= _unlike_others((values - fit) / grey, lights)
-        foreign[:, mask] = np.sqrt(off) * usable.all(axis=-1)
-        foreign = _smoothed(foreign, mask)
-    return Explained(lights, foreign, mask, brightness)
+        unexplained[:, mask] = np.sqrt(off) * usable.all(axis=-1)
+        unexplained = _smoothed(unexplained, mask)
+    return Explained(lights, unexplained, mask, brightness)
 
 
 def _compared(frames: Frames) -> tuple[Floats, Mask]:

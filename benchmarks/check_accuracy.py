@@ -1,0 +1,48 @@
+"""How well `rakelight check` predicts the accuracy of a refinement, on captures drawn at random.
+
+    python benchmarks/check_accuracy.py --seeds 0:22 [--size 1.7]
+
+Of every draw: the range that the check states and the error of `refine` against the truth, depth
+(root mean square, mm) and normals (mean angle, degrees); at the end how many errors lie within.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from rakelight import check_capture, evaluate, refine
+from rakelight.synthetic import random_capture
+
+
+def main() -> None:
+    """Print a line per draw, and how many errors lie within their ranges."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", default="0:22", help="first:end")
+    parser.add_argument("--size", type=float, default=1.7, help="scale of the images")
+    arguments = parser.parse_args()
+    first, end = map(int, arguments.seeds.split(":"))
+    inside, count = {"depth": 0, "normals": 0}, 0
+    for seed in range(first, end):
+        capture, truth = random_capture(seed, size=arguments.size)
+        expected = check_capture(capture).accuracy
+        if expected is None:
+            print(f"{seed:4}  nothing is expected", flush=True)
+            continue
+        found = evaluate(refine(capture), truth)
+        count += 1
+        line = f"{seed:4}"
+        for name, unit, (least, most), error in (
+            ("depth", "mm", expected.depth_mm, found.depth.rmse_mm),
+            ("normals", "deg", expected.normals_deg, found.normals.mae_deg),
+        ):
+            within = least <= error <= most
+            inside[name] += within
+            line += f"  {name} {least:.2f} to {most:.2f}, is {error:.2f} {unit}"
+            line += "" if within else " (outside)"
+        print(line, flush=True)
+    for name, number in inside.items():
+        print(f"{name}: {number} of {count} within the range")
+
+
+if __name__ == "__main__":
+    main()
