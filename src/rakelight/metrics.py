@@ -243,7 +243,7 @@ def _check_numbers(name: str, *arrays: Floats) -> None:
             )
 
 
-def _check(name: str, estimate: Floats, truth: Floats, mask: Mask, known: Mask) -> None:
+def _check(name: str, estimate: Floats, truth: Floats, mask: Mask, truth_mask: Mask) -> None:
     if not isinstance(mask, np.ndarray):
         raise InputError(
             "the mask is no array",
@@ -251,12 +251,12 @@ def _check(name: str, estimate: Floats, truth: Floats, mask: Mask, known: Mask) 
             seen=type(mask).__name__,
             needed="a numpy.ndarray, (H, W) bool",
         )
-    if estimate.shape != truth.shape or mask.shape != known.shape:
+    if estimate.shape != truth.shape or mask.shape != truth_mask.shape:
         raise InputError(
             f"{name}, truth and mask are of different size",
             source=name,
             seen=f"{estimate.shape}, mask {mask.shape}",
-            needed=f"{truth.shape}, mask {known.shape}",
+            needed=f"{truth.shape}, mask {truth_mask.shape}",
             remedy="refine at the truth's resolution",
         )
     if mask.dtype != bool or not mask.any():
@@ -266,7 +266,7 @@ def _check(name: str, estimate: Floats, truth: Floats, mask: Mask, known: Mask) 
             seen=f"{mask.dtype} with {np.count_nonzero(mask)} pixels",
             needed="bool with at least one True",
         )
-    outside = np.count_nonzero(mask & ~known)
+    outside = np.count_nonzero(mask & ~truth_mask)
     if outside:
         raise InputError(
             "the mask reaches beyond the truth",

@@ -68,8 +68,8 @@ class Distortion:
     coefficients: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        known = _COEFFICIENTS.get(self.model) if isinstance(self.model, str) else None
-        if known is None:
+        counts = _COEFFICIENTS.get(self.model) if isinstance(self.model, str) else None
+        if counts is None:
             raise InputError(
                 "an unknown model of lens distortion",
                 source="distortion",
@@ -90,12 +90,12 @@ class Distortion:
                 needed="a sequence of finite numbers",
                 remedy="write them down from the calibration",
             )
-        if len(numbers) not in known:
+        if len(numbers) not in counts:
             raise InputError(
                 f"another number of coefficients than {self.model} has",
                 source="distortion",
                 seen=f"{len(numbers)}",
-                needed=" or ".join(map(str, known)),
+                needed=" or ".join(map(str, counts)),
                 remedy="k1 k2 k3 k4"
                 if self.model == "kannala-brandt"
                 else "k1 k2 p1 p2 k3 in OpenCV's order; 0 for those that there are not",

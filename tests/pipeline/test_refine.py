@@ -235,7 +235,7 @@ def test_the_same_capture_gives_the_same_result(capture):
 
 @pytest.mark.parametrize("noise", [0.01, 0.1])
 def test_confidence_is_one_half_at_three_degrees_of_doubt(noise):
-    # Information 1 / doubt^2 in every direction: f / |m| turns a gradient into an angle.
+    # Information 1 / sigma^2 in every direction: f / |m| turns a gradient into an angle.
     camera, length = Camera(1, 1, 50.0, 50.0, 0.0, 0.0), 1.7
     for doubt_deg, expected in ((3.0, 0.5), (1.0, 0.9), (9.0, 0.1)):
         information = (noise / np.radians(doubt_deg) * camera.fx / length) ** 2

@@ -63,7 +63,7 @@ def test_blocks_are_a_special_case(factor):
     np.testing.assert_array_equal(grid.touched(mask), area_mean(mask, factor) > 0)
     image = random.random(grid.sensor)
     expected = image.repeat(factor, axis=0).repeat(factor, axis=1)
-    np.testing.assert_array_equal(grid.spread(image), expected)
+    np.testing.assert_array_equal(grid.nearest_upsample(image), expected)
 
 
 def test_average_is_over_the_objects_part_of_a_pixel():

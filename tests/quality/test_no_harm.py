@@ -22,16 +22,16 @@ def test_the_prepared_depth_is_not_made_worse(method, case):
     assert (after <= NO_HARM * before).all(), (before, after)
 
 
-def test_without_doubt_photographic_paint_is_carved_into_the_depth():
+def test_photographic_paint_without_colour_weight_is_carved_into_the_depth():
     prepared, _ = scene("coin", "natural 0", "smooth", "ambient", 0.5)
     method = load_method("fusion-like")
-    doubted, believed = (
-        method.run(prepared, method.options(doubt=doubt), silent)
-        for doubt in (method.options().doubt, 0.0)
+    weighted, unweighted = (
+        method.run(prepared, method.options(colour_weight=colour_weight), silent)
+        for colour_weight in (method.options().colour_weight, 0.0)
     )
     moved = [
         np.std((estimate.log_depth - np.log(prepared.depth_m))[prepared.mask])
-        for estimate in (doubted, believed)
+        for estimate in (weighted, unweighted)
     ]
     assert moved[1] > 1.4 * moved[0]
-    assert believed.confidence.mean() > 2 * doubted.confidence.mean()
+    assert unweighted.confidence.mean() > 2 * weighted.confidence.mean()

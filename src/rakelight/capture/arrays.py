@@ -281,13 +281,13 @@ def _check_depth_camera(capture: Capture) -> None:
                 remedy="give both, or neither when the depth is aligned to the colour",
             )
         for name, shape in (("rotation", (3, 3)), ("translation_m", (3,))):
-            part = getattr(pose, name)
-            numbers = isinstance(part, np.ndarray) and part.dtype.kind in "fiu"
-            if not numbers or part.shape != shape or not np.isfinite(part).all():
+            array = getattr(pose, name)
+            numbers = isinstance(array, np.ndarray) and array.dtype.kind in "fiu"
+            if not numbers or array.shape != shape or not np.isfinite(array).all():
                 raise CaptureError(
                     f"{name} is not an array of finite numbers",
                     source="depth_to_color",
-                    seen=f"{type(part).__name__} {getattr(part, 'shape', '')}",
+                    seen=f"{type(array).__name__} {getattr(array, 'shape', '')}",
                     needed=f"a numpy.ndarray {shape}",
                     remedy="X_color = rotation @ X_depth + translation_m, metres",
                 )

@@ -226,18 +226,18 @@ def _syntax_error(text: str, message: str, source: str) -> CaptureError:
 
 
 def _refuse_unknown(keys: dict[str, Any], table: str, source: str) -> None:
-    known = _keys_of(table)
+    allowed = _keys_of(table)
     for key in keys:
-        if key in known:
+        if key in allowed:
             continue
-        near = get_close_matches(key.lower(), known, n=1)
+        near = get_close_matches(key.lower(), allowed, n=1)
         home = next((name for name in _TABLES if key in _keys_of(name)), None)
         if near:
             remedy = f"did you mean {near[0]!r}?"
         elif home is not None:
             remedy = f"it belongs in [{home}]" if home else "it belongs above the first [table]"
         else:
-            remedy = f"the keys here are {', '.join(known)}"
+            remedy = f"the keys here are {', '.join(allowed)}"
         raise CaptureError(f"unknown key {_dotted(table, key)!r}", source=source, remedy=remedy)
 
 

@@ -148,14 +148,14 @@ def read_depth(depth: Images, depth_scale: float | None) -> tuple[Floats, Array]
 
 def depth_values(depth_m: Floats, depth_scale: float) -> Array:
     """uint16 values with 0 = no measurement; raises CaptureError when one does not fit."""
-    known = np.isfinite(depth_m) & (depth_m > 0)
-    values = np.rint(np.where(known, depth_m, 0) * float(depth_scale))
+    measured = np.isfinite(depth_m) & (depth_m > 0)
+    values = np.rint(np.where(measured, depth_m, 0) * float(depth_scale))
     largest = np.iinfo(np.uint16).max - 1  # the largest itself is read as "too far"
-    if not ((values[known] >= 1) & (values[known] <= largest)).all():
+    if not ((values[measured] >= 1) & (values[measured] <= largest)).all():
         raise CaptureError(
             "the depth does not fit 16 bit at this scale",
             source="depth_scale",
-            seen=f"{depth_m[known].min():.3g} to {depth_m[known].max():.3g} m "
+            seen=f"{depth_m[measured].min():.3g} to {depth_m[measured].max():.3g} m "
             f"at {depth_scale:g} values per metre",
             needed=f"values from 1 to {largest}",
             remedy="choose another depth_scale, or none to write float TIFF",

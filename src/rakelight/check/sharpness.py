@@ -94,10 +94,10 @@ def blurred_ones(widths: Floats) -> Mask:
     >>> blurred_ones(np.array([1.0, 1.1, 0.9, 4.0])).tolist()
     [False, False, False, True]
     """
-    known = widths[np.isfinite(widths)]
-    if known.size < 3:
+    measured = widths[np.isfinite(widths)]
+    if measured.size < 3:
         return np.zeros(len(widths), dtype=bool)
-    typical = float(np.median(known))
+    typical = float(np.median(measured))
     if typical > SHARP_PX:
         return np.zeros(len(widths), dtype=bool)
     return np.nan_to_num(widths) > max(TIMES * typical, typical + WIDER_PX)
@@ -115,9 +115,9 @@ def sharpness_findings(names: tuple[str, ...], widths: Floats) -> tuple[Finding,
         )
         remedy = "take these again with the camera fixed and the focus locked"
         findings.append(Finding("warning", "blurred", message, remedy))
-    known = widths[np.isfinite(widths)]
-    if known.size and float(np.median(known)) > OUT_OF_FOCUS_PX:
-        message = f"out of focus: edges are {float(np.median(known)):.1f} pixels wide"
+    measured = widths[np.isfinite(widths)]
+    if measured.size and float(np.median(measured)) > OUT_OF_FOCUS_PX:
+        message = f"out of focus: edges are {float(np.median(measured)):.1f} pixels wide"
         remedy = "focus on the object and lock the focus, or use the photographs at half the size"
         findings.append(Finding("note", "out-of-focus", message, remedy))
     return tuple(findings)

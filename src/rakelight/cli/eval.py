@@ -56,9 +56,9 @@ def command(
         refuse_input_as_output(truth, maps)
         refuse_input_as_output(result, maps, "result")
         require_free(maps, manifest=_MAPS, overwrite=overwrite)
-    loaded, known = load_result(result), load_truth(truth)
-    after = evaluate_maps(loaded.depth, loaded.normals, known)
-    before = evaluate_depth(loaded.prepared_depth, loaded.camera, known)
+    loaded, reference = load_result(result), load_truth(truth)
+    after = evaluate_maps(loaded.depth, loaded.normals, reference)
+    before = evaluate_depth(loaded.prepared_depth, loaded.camera, reference)
     made_from, source = loaded.capture.get("depth_checksum"), loaded.source
     # Results of earlier versions have none.
     if made_from is not None and made_from != checksum(load_depth(truth)):
@@ -70,7 +70,7 @@ def command(
             remedy="name the capture that was refined, or refine this one again",
         )
     if maps is not None:
-        kept = _write_maps(loaded.depth, loaded.normals, known, maps, overwrite)
+        kept = _write_maps(loaded.depth, loaded.normals, reference, maps, overwrite)
         if not quiet:
             print_findings(kept)
     if as_json:

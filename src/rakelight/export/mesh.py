@@ -46,7 +46,7 @@ def result_triangles(result: Result) -> DepthMesh:
     """The triangles of a result's depth map; empty when no pixel has neighbours."""
     window = object_window(result.mask, margin=0)
     mesh = triangulate(result.depth[window], result.mask[window], result.camera.cropped(*window))
-    corner = np.array([part.start for part in window], dtype=np.int32)
+    corner = np.array([side.start for side in window], dtype=np.int32)
     return mesh._replace(pixels=mesh.pixels + corner)
 
 

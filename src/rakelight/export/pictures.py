@@ -73,7 +73,7 @@ def object_window(mask: Mask, *, margin: int = 8) -> tuple[slice, slice]:
     return bounding_window(mask, margin) if mask.any() else (slice(0, height), slice(0, width))
 
 
-def known_before(result: Result) -> Mask:
+def prepared_mask(result: Result) -> Mask:
     """(H, W) where the object had a depth before it was refined."""
     before_m = result.prepared_depth
     return np.asarray(result.mask & np.isfinite(before_m) & (np.nan_to_num(before_m) > 0))
@@ -116,8 +116,8 @@ def _on_background(picture: Array, mask: Mask) -> Array:
 def preview(result: Result) -> Array:
     """The prepared depth (left) and the refined one (right) as clay, cropped to the object."""
     window = object_window(result.mask)
-    camera, known = result.camera.cropped(*window), known_before(result)[window]
-    before = shaded(surface_normals(result.prepared_depth[window], known, camera), known)
+    camera, prepared = result.camera.cropped(*window), prepared_mask(result)[window]
+    before = shaded(surface_normals(result.prepared_depth[window], prepared, camera), prepared)
     return side_by_side(before, shaded(result.normals[window], result.mask[window]))
 
 

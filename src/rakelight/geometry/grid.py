@@ -241,7 +241,7 @@ def has_gradient(grid: Grid) -> Mask:
 
 
 def connected(grid: Grid) -> tuple[Array, int]:
-    """(H, W) number from 0 of the connected part that each pixel is in, -1 outside; how many parts.
+    """(H, W) number from 0 of each pixel's connected component, -1 outside; how many there are.
 
     >>> connected(np.array([[True, True, False, True]]))[0].tolist()
     [[0, 0, -1, 1]]
@@ -251,16 +251,16 @@ def connected(grid: Grid) -> tuple[Array, int]:
 
     links = Links.of(grid)
     size = int(np.count_nonzero(links.mask))
-    parts = np.full(links.mask.shape, -1)
-    parts[links.mask] = np.arange(size)
-    first = np.concatenate([parts[links.right], parts[links.down]])
+    labels = np.full(links.mask.shape, -1)
+    labels[links.mask] = np.arange(size)
+    first = np.concatenate([labels[links.right], labels[links.down]])
     second = np.concatenate(
-        [np.roll(parts, -1, axis=1)[links.right], np.roll(parts, -1, axis=0)[links.down]]
+        [np.roll(labels, -1, axis=1)[links.right], np.roll(labels, -1, axis=0)[links.down]]
     )
     graph = coo_array((np.ones(len(first)), (first, second)), shape=(size, size))
-    count, labels = connected_components(graph, directed=False)
-    parts[links.mask] = labels
-    return parts, int(count) if size else 0
+    count, label = connected_components(graph, directed=False)
+    labels[links.mask] = label
+    return labels, int(count) if size else 0
 
 
 def bounding_window(mask: Mask, margin: int = 0) -> tuple[slice, slice]:

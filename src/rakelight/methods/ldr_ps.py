@@ -106,8 +106,8 @@ def ldr_ps(prepared: Prepared, options: LdrPs, progress: ProgressCallback) -> Es
     require_photographs(prepared, "ldr-ps", options.min_photographs, for_the_scale=True)
     camera, mask = prepared.camera, prepared.mask
     values, lit = grey_photographs(prepared, options.shadow)
-    known = scatter(lit.sum(axis=0) >= 3, mask) > 0
-    if not has_gradient(known).any():
+    determined = scatter(lit.sum(axis=0) >= 3, mask) > 0
+    if not has_gradient(determined).any():
         raise MethodError(
             "too little of the object is lit often enough for ldr-ps",
             source=prepared.source,
@@ -116,17 +116,17 @@ def ldr_ps(prepared: Prepared, options: LdrPs, progress: ProgressCallback) -> Es
         )
     progress(Progress("factorise"))
     factors = factorise(values, lit, options)
-    factors = factors.changed(integrable_basis(factors.normals, mask, known, camera))
+    factors = factors.changed(integrable_basis(factors.normals, mask, determined, camera))
     progress(Progress("diffuse maxima"))
     where, lamp = diffuse_maxima(values, lit, mask)
-    smooth = smoothed(scatter(factors.normals, mask), known)[mask]
+    smooth = smoothed(scatter(factors.normals, mask), determined)[mask]
     G, agreeing = bas_relief(smooth[where], factors.lights, lamp)
     factors = upright(factors.changed(G.T), mask, camera)
 
     length = np.linalg.norm(factors.normals, axis=1, keepdims=True)
     normals = scatter(factors.normals / np.maximum(length, np.finfo(float).tiny), mask)
     progress(Progress("integrate"))
-    log_depth = integrated(normals, known, mask, camera)
+    log_depth = integrated(normals, determined, mask, camera)
     log_depth += np.median((np.log(prepared.depth_m) - log_depth)[mask & prepared.measured])
     albedo, gain = estimated_albedo(prepared, factors, lit, normals[mask])
     return Estimate(
@@ -175,17 +175,17 @@ def factorise(values: Floats, lit: Mask, options: LdrPs) -> Factors:
     return Factors(lights, normals, tuple(energy[1:])).changed(whiten.T)
 
 
-def least_squares(known: Floats, values: Floats, weights: Floats) -> Floats:
-    """(P, 3) x with known (N, 3) x_p = values (N, P), weights (N, P); 0 where underdetermined.
+def least_squares(factors: Floats, values: Floats, weights: Floats) -> Floats:
+    """(P, 3) x with factors (N, 3) x_p = values (N, P), weights (N, P); 0 where underfactors.
 
-    >>> known = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]])
+    >>> factors = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]])
     >>> x = np.array([[1.0, 2.0, 3.0]])
-    >>> least_squares(known, known @ x.T, np.array([[1.0], [1], [0], [1]])).round(6).tolist()
+    >>> least_squares(factors, factors @ x.T, np.array([[1.0], [1], [0], [1]])).round(6).tolist()
     [[1.0, 2.0, 3.0]]
     """
-    outer = (known[:, :, None] * known[:, None, :]).reshape(len(known), 9)
+    outer = (factors[:, :, None] * factors[:, None, :]).reshape(len(factors), 9)
     hessian = (weights.T @ outer).reshape(-1, 3, 3)
-    right = (weights * values).T @ known
+    right = (weights * values).T @ factors
     scale = np.trace(hessian, axis1=1, axis2=2)
     hessian += (1e-9 * scale + np.finfo(float).tiny)[:, None, None] * np.eye(3)
     solved = np.linalg.solve(hessian, right[..., None])[..., 0]
@@ -195,7 +195,7 @@ def least_squares(known: Floats, values: Floats, weights: Floats) -> Floats:
 # ---- up to (2): one surface has these normals
 
 
-def integrable_basis(normals: Floats, mask: Mask, known: Mask, camera: Camera) -> Floats:
+def integrable_basis(normals: Floats, mask: Mask, determined: Mask, camera: Camera) -> Floats:
     """A (3, 3), up to bas-relief, that makes A b the normals of a surface in perspective.
 
     With a = A b and the ray r = (x/fx, y/fy, 1), the gradient of log depth is
@@ -206,9 +206,9 @@ def integrable_basis(normals: Floats, mask: Mask, known: Mask, camera: Camera) -
     a_i being the rows.  The right side, which parallel rays lack (Yuille and Snow, 1997), is
     faint: it is left out, and noise would only make of it a bas-relief of its own.
     """
-    field = smoothed(scatter(normals, mask), known)
-    inner = has_gradient(known)
-    gradients = [mean_gradient(field[..., k], known) for k in range(3)]
+    field = smoothed(scatter(normals, mask), determined)
+    inner = has_gradient(determined)
+    gradients = [mean_gradient(field[..., k], determined) for k in range(3)]
     along_u, along_v = (np.stack([g[axis] for g in gradients], axis=-1)[inner] for axis in (0, 1))
     w_u, w_v = np.cross(field[inner], along_u), np.cross(field[inner], along_v)
     rows = np.concatenate([camera.fx * w_u, -camera.fy * w_v], axis=1)
@@ -226,12 +226,12 @@ def integrable_basis(normals: Floats, mask: Mask, known: Mask, camera: Camera) -
     return np.asarray(A / (a_3 @ a_3))
 
 
-def smoothed(field: Floats, known: Mask) -> Floats:
-    """Directions of a field (h, w, 3) averaged over `SMOOTH_PX` where it is known, unit length."""
+def smoothed(field: Floats, determined: Mask) -> Floats:
+    """Directions of a field (h, w, 3) averaged over `SMOOTH_PX` where `determined`, unit length."""
     from scipy.ndimage import gaussian_filter
 
     length = np.linalg.norm(field, axis=-1, keepdims=True)
-    unit = np.where(known[..., None], field / np.maximum(length, np.finfo(float).tiny), 0.0)
+    unit = np.where(determined[..., None], field / np.maximum(length, np.finfo(float).tiny), 0.0)
     mean = gaussian_filter(unit, (SMOOTH_PX, SMOOTH_PX, 0))
     return np.asarray(mean / np.maximum(np.linalg.norm(mean, axis=-1, keepdims=True), 1e-12))
 
@@ -345,7 +345,7 @@ def upright(factors: Factors, mask: Mask, camera: Camera) -> Factors:
 # ---- surface, albedo, confidence
 
 
-def integrated(normals: Floats, known: Mask, mask: Mask, camera: Camera) -> Floats:
+def integrated(normals: Floats, determined: Mask, mask: Mask, camera: Camera) -> Floats:
     """Log depth (h, w), up to a constant, whose gradient fits the normals (h, w, 3).
 
     Under a Cauchy loss, so that gradients at depth jumps have little weight.
@@ -353,13 +353,13 @@ def integrated(normals: Floats, known: Mask, mask: Mask, camera: Camera) -> Floa
     Raises InputError where the solver does not find it: there is no other depth to fall back on.
     """
     facing = towards_camera(normals, camera)
-    known = known & (facing > GRAZING)
+    determined = determined & (facing > GRAZING)
     # f times the gradient, of the size of a slope; filled in where there is none.
     slope = normals[..., :2] / np.maximum(facing, GRAZING)[..., None]
-    slope = np.stack([nearest_fill(slope[..., k], known) for k in (0, 1)], axis=-1)
+    slope = np.stack([nearest_fill(slope[..., k], determined) for k in (0, 1)], axis=-1)
     target = slope / [camera.fx, camera.fy]
     # An error of the normal makes a larger one of the slope where that is large.
-    base = np.where(known, np.square(1 / (1 + np.square(slope).sum(axis=-1))), UNKNOWN)
+    base = np.where(determined, np.square(1 / (1 + np.square(slope).sum(axis=-1))), UNKNOWN)
     weight: Floats = base
     log_depth: Floats = np.zeros(mask.shape)
     anchor = np.zeros(mask.shape)
@@ -370,7 +370,7 @@ def integrated(normals: Floats, known: Mask, mask: Mask, camera: Camera) -> Floa
         log_depth = solve(system, start=log_depth, tolerance=1e-6).required("the surface")
         residual = np.stack(mean_gradient(log_depth, mask), axis=-1) - target
         squared_residual = base * (residual**2).sum(axis=-1)
-        scale = 6 * np.median(squared_residual[known])
+        scale = 6 * np.median(squared_residual[determined])
         weight = base / (1 + squared_residual / np.maximum(scale, 1e-30))
     return log_depth
 

@@ -87,8 +87,8 @@ def small_jpeg(picture: Array, width: int) -> bytes:
 
 def clay(depth_m: Floats, mask: Mask, camera: Camera) -> Array:
     """(H, W) a depth map as bare clay, dark where there is none."""
-    known = mask & np.isfinite(depth_m)
-    return shaded(normals_from_depth(depth_m, known, camera), known)
+    valid = mask & np.isfinite(depth_m)
+    return shaded(normals_from_depth(depth_m, valid, camera), valid)
 
 
 def depth_colors(depth_m: Floats, mask: Mask) -> Array:

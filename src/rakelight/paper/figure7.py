@@ -17,7 +17,7 @@ from rakelight.synthetic import make_albedo, render_scene
 COUNTS = (4, 6, 8, 10, 12, 15, 20, 25, 30)
 METHODS = ("multi-light-alternating", "multi-light")
 LITTLE, NOTHING = 0.10, 0.05
-"""More photographs pay little, then nothing, where the angle is within these parts of the best."""
+"""Fractions of the best angle within which more photographs pay little, then nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ def counted(
 
 
 def enough(rows: Sequence[Count], within: float) -> int:
-    """The least number of photographs from which on the angle is `within` a part of the best.
+    """The least number of photographs from which on the angle is `within` a fraction of the best.
 
     >>> rows = [Count("m", 4, 1, 3.0, 1), Count("m", 10, 1, 2.1, 1), Count("m", 30, 1, 2.0, 1)]
     >>> enough(rows, 0.1), enough(rows, 0.01)

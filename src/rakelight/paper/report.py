@@ -26,7 +26,7 @@ INPUT, PUBLISHED, JOINT = (
 )
 LDR_PS = "LDR-PS"
 CLOSE = 0.1
-"""Two errors are alike within this part."""
+"""Two errors are alike within this fraction."""
 WHOLE_JUMP, FLATTENED = 90.0, 60.0
 """Percent of a depth jump's height that is all of it, and a loss that is plain to see."""
 SMALL_PX = 900
@@ -60,7 +60,7 @@ def _a(sheets: Sheets) -> Claim:
         "The Laplacian smoothness term improves RGB-Fusion greatly.",
         verdict,
         f"With the term the angle falls from {_list(rough)} to {_list(smooth)} degrees "
-        f"({_on_paints()}), {_list([100 * part for part in lost], 0)} %.",
+        f"({_on_paints()}), {_list([100 * fraction for fraction in lost], 0)} %.",
         "The finer the paint, the more of it is carved into the surface without the term.",
     )
 

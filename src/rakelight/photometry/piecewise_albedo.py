@@ -93,11 +93,11 @@ def _links(edges: EdgeWeights, strength: float) -> Floats:
     stencil = np.zeros((5, height + 2, width + 2))
     centre = stencil[0, 1:-1, 1:-1]
     for axis, entry, edge in ((1, 1, edges[0]), (0, 2, edges[1])):
-        pull = strength * edge
+        weight = strength * edge
         here, there = pair_slices(axis)
-        stencil[entry, 1:-1, 1:-1] = -pull
-        centre[here] += pull[here]
-        centre[there] += pull[here]
+        stencil[entry, 1:-1, 1:-1] = -weight
+        centre[here] += weight[here]
+        centre[there] += weight[here]
     return stencil
 
 
@@ -111,7 +111,7 @@ def _system(target: Floats, data_weight: Floats, links: Floats, mask: Mask) -> D
     # of a millionth is what the single precision of the solver's coarse levels still sees.
     lonely = mask & (centre <= 0)
     trace = 1e-6 * float(centre[mask].mean())
-    hold = np.where(lonely, 1.0, np.where(mask & (weight < trace), trace, 0.0))
-    centre += hold
+    damping = np.where(lonely, 1.0, np.where(mask & (weight < trace), trace, 0.0))
+    centre += damping
     target = np.where(mask, target, 0.0)
-    return DepthSystem(stencil, (weight + hold) * target, target, mask, lonely)
+    return DepthSystem(stencil, (weight + damping) * target, target, mask, lonely)

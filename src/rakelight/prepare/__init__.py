@@ -125,9 +125,9 @@ def prepare(capture: Capture, scale: Scale = "auto") -> Prepared:
     if not measured.any():
         raise CaptureError("no depth on the object", source=capture.source)
     carried = within_reach(measured, sensor_mask)
-    seen = mask & grid.spread(carried)
-    seen &= ~unseen(photographs, seen & ~grid.spread(measured), round(grid.factor))
-    findings = hole_findings(mask, seen, grid.spread(measured)) + thin_finding(seen)
+    seen = mask & grid.nearest_upsample(carried)
+    seen &= ~unseen(photographs, seen & ~grid.nearest_upsample(measured), round(grid.factor))
+    findings = hole_findings(mask, seen, grid.nearest_upsample(measured)) + thin_finding(seen)
 
     filled = inpaint(np.where(measured, average, np.nan), carried)
     typical_m, typical_sigma_m = (
@@ -142,8 +142,8 @@ def prepare(capture: Capture, scale: Scale = "auto") -> Prepared:
         encoding=capture.encoding,
         mask=seen[rows, columns],
         depth_m=upsample(smooth, camera.shape, links, (rows, columns)),
-        sigma_m=grid.spread(everywhere_m)[rows, columns],
-        measured=grid.spread(measured)[rows, columns],
+        sigma_m=grid.nearest_upsample(everywhere_m)[rows, columns],
+        measured=grid.nearest_upsample(measured)[rows, columns],
         sensor=grid.window(average, sigma, measured, rows, columns),
         factor=grid.factor,
         camera=camera.cropped(rows, columns),

@@ -63,11 +63,11 @@ def accumulate(values, u, v, saturated, weights, total):
 
 
 @kernel
-def resample(first_row, last_row, values, place, spread, saturated, black, weights, total, out):
+def resample(first_row, last_row, values, place, jacobian, saturated, black, weights, total, out):
     """Fill out (h, w, C) with an image (H, W, C) seen through a map: 0 where it shows nothing.
 
     place : (h, w, 2) u and v in the image, NaN = nowhere
-    spread : (h, w, 2, 2) derivatives of u, v (last axis) with the output's column and row
+    jacobian : (h, w, 2, 2) derivatives of u, v (last axis) with the output's column and row
     saturated, black : from and up to which values count as such.  What mixes saturated ones is 1;
         what is nearest to a black one is that
     weights : (n + 1, 6) of the pixels around a fraction 0, 1/n, ... 1 of a pixel
@@ -82,7 +82,7 @@ def resample(first_row, last_row, values, place, spread, saturated, black, weigh
                 for channel in range(channels):
                     out[row, column, channel] = 0.0
                 continue
-            across, down = spread[row, column, 0], spread[row, column, 1]
+            across, down = jacobian[row, column, 0], jacobian[row, column, 1]
             count_u, step_u = steps_along(sqrt(across[0] ** 2 + across[1] ** 2))
             count_v, step_v = steps_along(sqrt(down[0] ** 2 + down[1] ** 2))
             for channel in range(channels):

@@ -93,7 +93,7 @@ def hole_findings(mask: Mask, seen: Mask, measured: Mask) -> tuple[Finding, ...]
 
 
 def _places(mask: Mask) -> str:
-    """Where the parts of a mask (h, w) lie, the largest of many, column and row.
+    """Where the components of a mask (h, w) lie, the largest of many, column and row.
 
     >>> _places(np.array([[1, 1, 0, 0, 1]], bool))
     '2 pixels at (0, 0), 1 at (4, 0)'

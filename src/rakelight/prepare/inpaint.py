@@ -23,11 +23,11 @@ def inpaint(depth_m: Floats, mask: Mask) -> Floats:
     >>> round(float(inpaint(depth, np.ones((5, 5), bool))[2, 2]), 6)
     2.0
     """
-    known = mask & np.isfinite(depth_m)
-    holes = mask & ~known
+    measured = mask & np.isfinite(depth_m)
+    holes = mask & ~measured
     if not holes.any():
         return np.where(mask, depth_m, np.nan)
-    log_depth = np.log(nearest_fill(depth_m, known))
+    log_depth = np.log(nearest_fill(depth_m, measured))
     # Only the holes and their rims move: the rim (two pixels) is held by a heavy weight.
     window = dilate(holes, 2) & mask
     tensor = np.zeros((*mask.shape, 3))
@@ -46,11 +46,11 @@ def inpaint(depth_m: Floats, mask: Mask) -> Floats:
     return np.where(holes, filled, np.where(mask, depth_m, np.nan))
 
 
-def nearest_fill(values: Floats, known: Mask) -> Floats:
-    """`values` (h, w) with every unknown pixel given the value of the known one nearest to it."""
+def nearest_fill(values: Floats, measured: Mask) -> Floats:
+    """`values` (h, w) with every other pixel given the value of the nearest measured one."""
     from scipy.ndimage import distance_transform_edt
 
-    index = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    index = distance_transform_edt(~measured, return_distances=False, return_indices=True)
     return np.asarray(values[tuple(index)], dtype=np.float64)
 
 

@@ -28,7 +28,7 @@ PLANES, TRIALS, SAMPLE = 4, 300, 3000
 # Least fraction of the image's pixels of an object; exponent of nearness against size.
 SMALLEST, NEARNESS = 0.002, 6
 # Largest gap, pixels, between parts of one object; largest jump between them, over the object's
-# width; or the object's fraction of the surroundings of a part.
+# width; or the object's fraction of the surroundings of a component.
 GAP_PX, PART_JUMP, PART_WITHIN = 4, 0.05, 0.5
 # Distance, depth pixels, from the outline by depth, within which colour decides.
 COLOUR_PX = 4
@@ -53,23 +53,23 @@ def cut_out(capture: Capture) -> tuple[Mask, tuple[Finding, ...]]:
     depth, sigma = sensed(capture)
     grid = SensorGrid(depth.shape, capture.camera.shape)
     camera = capture.camera.resized(*depth.shape[::-1])
-    known = np.isfinite(depth)
+    measured = np.isfinite(depth)
     found = nearest_object(depth, sigma, camera)
     if found is None:
-        mask = grid.spread(known)
+        mask = grid.nearest_upsample(measured)
         message = (
             "no mask, and nothing stands out from what is around it: every pixel with depth "
             f"counts as object ({mask.mean():.0%} of the image)"
         )
         return mask, (Finding("warning", "no-mask", message, REMEDY),)
-    mask, agreement = outlined(found.mask, known, _picture(capture), grid)
+    mask, agreement = outlined(found.mask, measured, _picture(capture), grid)
     reasons = list(found.reasons)
     if agreement < AGREEMENT:
-        mask = grid.spread(found.mask)
+        mask = grid.nearest_upsample(found.mask)
         reasons.append("its colours are those of what is around it")
     if mask.mean() < TINY:
         reasons.append("it is very small")
-    low_m, high_m = np.quantile(depth[found.mask & known], [0.02, 0.98])
+    low_m, high_m = np.quantile(depth[found.mask & measured], [0.02, 0.98])
     message = (
         f"no mask: the nearest object was cut out, {mask.mean():.1%} of the image, "
         f"{low_m:.2f} to {high_m:.2f} m away"
@@ -92,27 +92,27 @@ def nearest_object(depth_m: Floats, sigma_m: Floats, camera: Camera) -> Found | 
 
     depth_m, sigma_m : metres, NaN = no measurement; camera : of the depth map
     """
-    known = np.isfinite(depth_m)
-    if not known.any():
+    measured = np.isfinite(depth_m)
+    if not measured.any():
         return None
-    frame = _frame(known.shape)
-    before = known & ~behind_planes(depth_m, sigma_m, camera, frame)
+    frame = _frame(measured.shape)
+    before = measured & ~behind_planes(depth_m, sigma_m, camera, frame)
     components, count = surfaces(np.where(before, depth_m, np.nan), camera)
     if count == 0:
         return None
     area = np.bincount(components[before], minlength=count)
     at_frame = np.bincount(components[before & frame], minlength=count) / np.count_nonzero(frame)
     middle_m = np.array(
-        [np.median(part) for part in np.split(*_sorted(depth_m[before], components[before], area))]
+        [np.median(each) for each in np.split(*_sorted(depth_m[before], components[before], area))]
     )
-    large = area >= SMALLEST * known.size
+    large = area >= SMALLEST * measured.size
     if not large.any():
         return None
     closeness = (middle_m[large].min() / middle_m) ** NEARNESS
     score = np.where(large, area * closeness * np.clip(1 - 4 * at_frame, 0, 1), 0.0)
     best = int(np.argmax(score))
     # What is all there is stands out from nothing, unless nothing is all around it.
-    if score[best] == 0 or (at_frame[best] > AT_FRAME and area[best] > 0.9 * known.sum()):
+    if score[best] == 0 or (at_frame[best] > AT_FRAME and area[best] > 0.9 * measured.sum()):
         return None
     chosen = _with_its_parts(best, components, area, at_frame, depth_m, camera)
     others = np.setdiff1d(np.flatnonzero(large), chosen)
@@ -122,7 +122,7 @@ def nearest_object(depth_m: Floats, sigma_m: Floats, camera: Camera) -> Found | 
         reasons.append(f"another one is {middle_m[rival]:.2f} m away")
     if at_frame[chosen].sum() > AT_FRAME:
         reasons.append("it reaches the edge of the image")
-    return Found(_closed(np.isin(components, chosen) & before, known), tuple(reasons))
+    return Found(_closed(np.isin(components, chosen) & before, measured), tuple(reasons))
 
 
 def behind_planes(depth_m: Floats, sigma_m: Floats, camera: Camera, frame: Mask) -> Mask:
@@ -131,12 +131,14 @@ def behind_planes(depth_m: Floats, sigma_m: Floats, camera: Camera, frame: Mask)
     Inverse depth is linear in the image on a plane; planes are found by RANSAC.
     """
     x, y = np.broadcast_arrays(*pixel_rays(camera))
-    known = np.isfinite(depth_m)
-    rows = np.stack([x[known] / camera.fx, y[known] / camera.fy, np.ones(known.sum())], axis=-1)
-    inverse = 1 / depth_m[known]
+    measured = np.isfinite(depth_m)
+    rows = np.stack(
+        [x[measured] / camera.fx, y[measured] / camera.fy, np.ones(measured.sum())], axis=-1
+    )
+    inverse = 1 / depth_m[measured]
     # What a deviation in depth is in inverse depth.
-    allowed = (3 * sigma_m[known] + FLAT_M) * inverse**2
-    at_frame = frame[known]
+    allowed = (3 * sigma_m[measured] + FLAT_M) * inverse**2
+    at_frame = frame[measured]
     random = np.random.default_rng(0)
     left = np.ones(len(rows), dtype=bool)
     behind = np.zeros(len(rows), dtype=bool)
@@ -154,8 +156,8 @@ def behind_planes(depth_m: Floats, sigma_m: Floats, camera: Camera, frame: Mask)
         if (on & at_frame).sum() >= PLANE_FRAME * np.count_nonzero(frame):
             behind |= height <= allowed
             left &= ~behind
-    image = np.zeros(known.shape, dtype=bool)
-    image[known] = behind
+    image = np.zeros(measured.shape, dtype=bool)
+    image[measured] = behind
     return image
 
 
@@ -194,11 +196,11 @@ def _with_its_parts(
         for other in np.setdiff1d(np.unique(components[around]), chosen):
             if area[other] > area[best] or at_frame[other] > AT_FRAME:
                 continue
-            part = components == other
-            beside = dilate(part, GAP_PX) & ~part
+            component = components == other
+            beside = dilate(component, GAP_PX) & ~component
             within = np.count_nonzero(beside & mask) / np.count_nonzero(beside)
             near_m, far_m = (
-                float(np.median(depth_m[side])) for side in (around & part, beside & mask)
+                float(np.median(depth_m[side])) for side in (around & component, beside & mask)
             )
             if within >= PART_WITHIN or abs(near_m - far_m) <= PART_JUMP * width_m:
                 fresh.append(int(other))
@@ -208,11 +210,11 @@ def _with_its_parts(
         mask |= np.isin(components, fresh)
 
 
-def _closed(mask: Mask, known: Mask) -> Mask:
+def _closed(mask: Mask, measured: Mask) -> Mask:
     """The mask with its holes, but for those in which depth shows something else."""
     from scipy.ndimage import binary_fill_holes
 
-    return np.asarray(mask | (binary_fill_holes(mask) & ~known))
+    return np.asarray(mask | (binary_fill_holes(mask) & ~measured))
 
 
 def _frame(shape: tuple[int, int]) -> Mask:
@@ -231,10 +233,10 @@ def _picture(capture: Capture) -> Array:
     return np.asarray(255 * np.sqrt(np.clip(mean / brightest, 0, 1)), np.uint8)[..., ::-1]
 
 
-def outlined(mask: Mask, known: Mask, picture: Array, grid: SensorGrid) -> tuple[Mask, float]:
+def outlined(mask: Mask, measured: Mask, picture: Array, grid: SensorGrid) -> tuple[Mask, float]:
     """The mask (hs, ws) at the picture's resolution with the outline where colours change.
 
-    known : (hs, ws) where there is depth; picture : (H, W, 3) uint8
+    measured : (hs, ws) where there is depth; picture : (H, W, 3) uint8
 
     Also how much of both masks agrees: their intersection over their union.
     """
@@ -244,13 +246,13 @@ def outlined(mask: Mask, known: Mask, picture: Array, grid: SensorGrid) -> tuple
     inner = binary_erosion(mask, square, iterations=2, border_value=1)
     # Narrow parts have no interior; there the depth decides.
     thin = mask & ~dilate(inner, 4)
-    elsewhere = binary_erosion(known & ~mask, square, iterations=1, border_value=1)
+    elsewhere = binary_erosion(measured & ~mask, square, iterations=1, border_value=1)
     elsewhere |= distance_transform_edt(~mask) > COLOUR_PX
-    window = bounding_window(grid.spread(dilate(mask, 3 * COLOUR_PX)))
-    coarse = grid.spread(mask)[window]
+    window = bounding_window(grid.nearest_upsample(dilate(mask, 3 * COLOUR_PX)))
+    coarse = grid.nearest_upsample(mask)[window]
     trimap = np.where(coarse, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
-    trimap[grid.spread(inner | thin)[window]] = cv2.GC_FGD
-    trimap[grid.spread(elsewhere & ~mask)[window]] = cv2.GC_BGD
+    trimap[grid.nearest_upsample(inner | thin)[window]] = cv2.GC_FGD
+    trimap[grid.nearest_upsample(elsewhere & ~mask)[window]] = cv2.GC_BGD
     if min(np.count_nonzero(trimap == side) for side in (cv2.GC_FGD, cv2.GC_BGD)) >= FEWEST_COLOURS:
         colours = np.zeros((1, 65)), np.zeros((1, 65))
         cv2.setRNGSeed(0)
@@ -264,7 +266,7 @@ def outlined(mask: Mask, known: Mask, picture: Array, grid: SensorGrid) -> tuple
 
 
 def _tidy(fine: Mask, coarse: Mask) -> Mask:
-    """Without specks and pinholes: no part or hole smaller than a hundredth of the object."""
+    """Without specks and pinholes: no component or hole smaller than a hundredth of the object."""
     from scipy.ndimage import label
 
     fine = fine.copy()

@@ -108,10 +108,10 @@ class SensorGrid:
         rows, columns = (overlaps(self.edges(axis), self.shape[axis]) for axis in (0, 1))
         return np.asarray(rows @ mask.astype(float) @ columns.T)
 
-    def spread(self, image: Array) -> Array:
+    def nearest_upsample(self, image: Array) -> Array:
         """(h, w) the value of the sensor pixel (hs, ws) that holds each pixel's centre.
 
-        >>> SensorGrid((1, 2), (1, 3)).spread(np.array([[5, 6]])).tolist()
+        >>> SensorGrid((1, 2), (1, 3)).nearest_upsample(np.array([[5, 6]])).tolist()
         [[5, 6, 6]]
         """
         return at_centres(image, (self.edges(0), self.edges(1)), self.shape)

@@ -183,10 +183,10 @@ def _resampled(capture: Capture, place: Floats) -> Array:
     table = linear_table(dtype, capture.encoding)
     saturated = table[ceil(SATURATED * capture.white)]
     black = table[int(BLACK * capture.white)]
-    spread = np.broadcast_to(np.eye(2), (*place.shape[:2], 2, 2))
+    jacobian = np.broadcast_to(np.eye(2), (*place.shape[:2], 2, 2))
     if min(place.shape[:2]) > 1:
         derivatives = np.stack([np.gradient(place, axis=axis) for axis in (1, 0)], axis=-2)
-        spread = np.where(np.isfinite(derivatives), derivatives, spread)
+        jacobian = np.where(np.isfinite(derivatives), derivatives, jacobian)
     weights = _lanczos()
     images = np.empty((len(capture.photographs), *place.shape[:2], 3), dtype=np.uint16)
 
@@ -194,7 +194,7 @@ def _resampled(capture: Capture, place: Floats) -> Array:
         linear = table.take(capture.photographs[i])
         out = np.empty((*place.shape[:2], 3), dtype=np.float32)
         total = np.empty(3)
-        resample(0, len(out), linear, place, spread, saturated, black, weights, total, out)
+        resample(0, len(out), linear, place, jacobian, saturated, black, weights, total, out)
         code = srgb(out) if capture.encoding == "srgb" else out
         images[i] = np.rint(WHITE_16_BIT * code)
 

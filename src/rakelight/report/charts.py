@@ -54,7 +54,7 @@ def drawn_lights(lights: Lights, names: tuple[str, ...]) -> list[DrawnLight]:
     drawn = []
     for i in range(len(lights)):
         for c, channel in enumerate(channels):
-            x, y, z = (float(part) for part in lights.direction[i, c])
+            x, y, z = (float(number) for number in lights.direction[i, c])
             strength = float(lights.intensity[i, c]) / strongest
             if not isfinite(x + y + z) or strength <= 0:
                 continue
@@ -106,10 +106,10 @@ def energy_curve(energy: tuple[float, ...]) -> Curve | None:
     >>> curve.dots[0][1] < curve.dots[2][1], [label for _, label in curve.lines]
     (True, ['4', '6', '8'])
     """
-    known = [(i, value) for i, value in enumerate(energy) if isfinite(value)]
-    if len(known) < 2:
+    points = [(i, value) for i, value in enumerate(energy) if isfinite(value)]
+    if len(points) < 2:
         return None
-    low, high = min(v for _, v in known), max(v for _, v in known)
+    low, high = min(v for _, v in points), max(v for _, v in points)
     logarithmic = low > 0 and high > 20 * low
 
     def height(value: float) -> float:
@@ -117,14 +117,14 @@ def energy_curve(energy: tuple[float, ...]) -> Curve | None:
 
     bottom, top = height(low), height(high)
     span = (top - bottom) or max(abs(top), 1e-12)
-    last = max(known[-1][0], 1)
+    last = max(points[-1][0], 1)
 
     def place(i: int, value: float) -> tuple[float, float]:
         x = LEFT + (WIDTH - LEFT - RIGHT) * i / last
         share = (height(value) - bottom) / span
         return round(x, 1), round(HEIGHT - BOTTOM - 8 - share * (HEIGHT - BOTTOM - TOP - 8), 1)
 
-    dots = tuple((*place(i, value), i, value) for i, value in known)
+    dots = tuple((*place(i, value), i, value) for i, value in points)
     ticks = _powers(low, high) if logarithmic else _ticks(low, high)
     return Curve(
         path="M" + "L".join(f"{x} {y}" for x, y, *_ in dots),

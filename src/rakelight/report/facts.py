@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rakelight.errors import printable
-from rakelight.export.pictures import known_before
+from rakelight.export.pictures import prepared_mask
 from rakelight.export.plain import plain
 from rakelight.model import Result
 
@@ -56,9 +56,9 @@ def method_rows(result: Result) -> Rows:
     """What was computed, and how it ended."""
     ended = "came to rest" if result.converged else "stopped before it came to rest"
     rows = [("Method", result.method), ("Iterations", f"{result.iterations}; {ended}")]
-    known = known_before(result)
-    if known.any():
-        moved = 1000 * np.abs(result.depth - result.prepared_depth)[known]
+    prepared = prepared_mask(result)
+    if prepared.any():
+        moved = 1000 * np.abs(result.depth - result.prepared_depth)[prepared]
         rows.append(
             ("Depth moved by", f"{np.median(moved):.2f} mm, the median; 95 % by less than "
              f"{np.quantile(moved, 0.95):.2f} mm")

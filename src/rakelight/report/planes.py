@@ -17,7 +17,7 @@ from markupsafe import Markup
 
 from rakelight.export.confidence import confidence_values
 from rakelight.export.finite import all_finite
-from rakelight.export.pictures import known_before, object_window
+from rakelight.export.pictures import object_window, prepared_mask
 from rakelight.geometry.grid import STEEPEST, area_mean
 from rakelight.geometry.normals import surface_normals
 from rakelight.model import Array, Camera, Floats, Mask, Result
@@ -81,13 +81,13 @@ def viewer_maps(result: Result) -> Maps:
     """The maps of a result in the object's window, with a resolution that a page can hold."""
     window = object_window(result.mask)
     camera = result.camera.cropped(*window)
-    known = known_before(result)[window]
-    before_m = np.where(known, result.prepared_depth[window], np.nan)
+    prepared = prepared_mask(result)[window]
+    before_m = np.where(prepared, result.prepared_depth[window], np.nan)
     maps = Maps(
         camera,
         before_m,
         np.where(result.mask[window], result.depth[window], np.nan),
-        surface_normals(before_m, known, camera),
+        surface_normals(before_m, prepared, camera),
         result.normals[window],
         result.albedo[window],
         result.confidence[window],

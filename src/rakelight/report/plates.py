@@ -48,10 +48,10 @@ class Plate:
 
 def result_plates(maps: Maps) -> list[Plate]:
     """Before, after, albedo, normals and confidence."""
-    known, mask = np.isfinite(maps.before_m), np.isfinite(maps.after_m)
+    prepared, mask = np.isfinite(maps.before_m), np.isfinite(maps.after_m)
     return [
         _plate("Before", "The prepared depth as clay, lamp low at the upper left",
-               shaded(maps.before, known)),
+               shaded(maps.before, prepared)),
         _plate("After", "The refined depth as clay, under the same lamp",
                shaded(maps.after, mask)),
         _plate("Albedo", "The paint: what is left when light and shade are taken away",

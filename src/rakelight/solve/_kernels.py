@@ -106,7 +106,7 @@ def _assemble_pixel(r, c, mask, tensor, vector, pairs, A, rhs):
 
 
 @helper
-def reach(A, floor, reached, stack):
+def mark_connected(A, floor, reached, stack):
     """Spread `reached` over couplings larger than `floor` times the smaller diagonal.
 
     stack : (unknowns, 2) room for the reached points whose neighbours are still to be seen.
@@ -193,7 +193,7 @@ def step(first, last, alpha, direction, image, x, residual, rows):
 
 
 @kernel
-def turn(first, last, beta, z, direction):
+def update_direction(first, last, beta, z, direction):
     """direction = z + beta direction."""
     for r in range(first, last):
         for c in range(z.shape[1]):
@@ -347,10 +347,10 @@ def relax_columns(first, last, A, pivots, b, x, parity):
         east, north = A[1, r, left:right], A[2, r - 1, left:right]
         south_east, north_west = A[3, r, left:right], A[3, r - 1, left:right]
         south_west, north_east = A[4, r, left:right], A[4, r - 1, left:right]
-        pivot, known = pivots[r - 1, left:right], b[r, left:right]
+        pivot, rhs = pivots[r - 1, left:right], b[r, left:right]
         # Short loops: the compiler vectorises them only while few arrays may overlap.
         for c in range(n):
-            y[c] = known[c + 1] - (east[c + 1] * own[c + 2] + east[c] * own[c])
+            y[c] = rhs[c + 1] - (east[c + 1] * own[c + 2] + east[c] * own[c])
         for c in range(n):
             y[c] -= south_east[c + 1] * below[c + 2] + north_west[c] * above[c]
         for c in range(n):
@@ -526,10 +526,10 @@ def _residual(A, b, x, r, out):
     south, north = A[2, r], A[2, r - 1]
     south_east, north_west = A[3, r], A[3, r - 1]
     south_west, north_east = A[4, r], A[4, r - 1]
-    above, own, below, known = x[r - 1], x[r], x[r + 1], b[r]
+    above, own, below, rhs = x[r - 1], x[r], x[r + 1], b[r]
     for c in range(1, w - 1):
         out[c] = (
-            (known[c] - centre[c] * own[c])
+            (rhs[c] - centre[c] * own[c])
             - (east[c] * own[c + 1] + east[c - 1] * own[c - 1])
             - (south[c] * below[c] + north[c] * above[c])
             - (south_east[c] * below[c + 1] + north_west[c - 1] * above[c - 1])

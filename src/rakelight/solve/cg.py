@@ -53,7 +53,7 @@ def conjugate_gradients(
             z = precondition(residual, norm)
             slope, before = dot(residual, z), slope
             beta = slope / before if before else 0.0
-            in_parts(_kernels.turn, *whole, beta, z, direction)
+            in_parts(_kernels.update_direction, *whole, beta, z, direction)
             apply(direction, image)
             curvature = dot(direction, image)
             if not (slope > 0 and curvature > 0 and np.isfinite(slope / curvature)):

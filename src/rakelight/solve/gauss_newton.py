@@ -53,14 +53,14 @@ def damped_solution(matrix: Floats, right: Floats, diagonal: Floats, damping: fl
     from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
     # Rounding must not move what nothing depends on.
-    known = diagonal > 1e-12 * float(diagonal.max(initial=0.0))
+    determined = diagonal > 1e-12 * float(diagonal.max(initial=0.0))
     ridge = damping * diagonal + 1e-9 * float(diagonal.mean())
-    damped, wanted = (matrix + np.diag(ridge))[np.ix_(known, known)], right[known]
-    solution = np.zeros(known.size)
+    damped, wanted = (matrix + np.diag(ridge))[np.ix_(determined, determined)], right[determined]
+    solution = np.zeros(determined.size)
     try:
-        solution[known] = cho_solve(cho_factor(damped), wanted)
+        solution[determined] = cho_solve(cho_factor(damped), wanted)
     except LinAlgError:  # by rounding
-        solution[known] = np.linalg.lstsq(damped, wanted, rcond=1e-12)[0]
+        solution[determined] = np.linalg.lstsq(damped, wanted, rcond=1e-12)[0]
     return solution
 
 

@@ -75,5 +75,5 @@ def reached(stencil: Floats, anchors: Mask, negligible: float) -> Mask:
         columns.append(number[r + down, c + right][joined])
     i, j = np.concatenate(rows), np.concatenate(columns)
     graph = sparse.coo_array((np.ones(len(i), bool), (i, j)), shape=(centre.size, centre.size))
-    part = connected_components(graph, directed=False)[1].reshape(centre.shape)
-    return np.isin(part, part[anchors])
+    component = connected_components(graph, directed=False)[1].reshape(centre.shape)
+    return np.isin(component, component[anchors])

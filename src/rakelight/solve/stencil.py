@@ -267,7 +267,7 @@ def _reached(stencil: Floats, anchors: Mask) -> Mask:
     out = np.pad(anchors, 1)
     if not anchors.all():
         stack = np.empty((int(np.count_nonzero((stencil[0] > 0) | out)), 2), np.int32)
-        _kernels.reach(stencil, NEGLIGIBLE, out, stack)
+        _kernels.mark_connected(stencil, NEGLIGIBLE, out, stack)
     return out[1:-1, 1:-1]
 
 

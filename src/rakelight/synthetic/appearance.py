@@ -166,23 +166,23 @@ class _Screen:
 
     def __init__(self, depth: Floats, near: Mask, camera: Camera, rays: int) -> None:
         self.near, self.camera = near, camera.scaled(1 / rays)
-        known = np.isfinite(depth)
-        count = area_mean(known, rays)
-        total = area_mean(np.where(known, depth, 0.0), rays)
+        finite = np.isfinite(depth)
+        count = area_mean(finite, rays)
+        total = area_mean(np.where(finite, depth, 0.0), rays)
         self.depth = np.where(count > 0, total / np.maximum(count, 1e-9), np.nan)
         self.inside = np.isfinite(self.depth)
         self.points = back_project(self.depth, self.camera)[self.inside]
 
     def seen(self, lights: LightSources, photograph: int, lamp: int) -> Floats:
-        """(M,) 0 to 1: the part of a lamp that each near sample sees; edges are a pixel wide."""
+        """(M,) 0 to 1: the fraction of a lamp that each near sample sees; edges are 1 px wide."""
         import cv2
 
         free = np.ones(self.inside.shape, np.float32)
         way = lights.way(self.points, photograph, lamp)
         free[self.inside] = in_sight(self.depth, self.camera, self.points, way)
         size = self.near.shape[::-1]
-        spread = cv2.resize(free, size, interpolation=cv2.INTER_LINEAR)
-        return np.asarray(spread[self.near])
+        finer = cv2.resize(free, size, interpolation=cv2.INTER_LINEAR)
+        return np.asarray(finer[self.near])
 
 
 class _Exchange:

@@ -112,20 +112,20 @@ def _log_depth_spline(depth_m: Floats, mask: Mask) -> Spline:
     return RectBivariateSpline(rows, columns, log_depth)
 
 
-def _continued(values: Floats, known: Mask, reach_px: float = 6.0) -> Floats:
+def _continued(values: Floats, measured: Mask, reach_px: float = 6.0) -> Floats:
     """`values` carried on beyond their rim with its slope, so that splines do not ring there.
 
     A pixel takes the value that mirrors, through the rim pixel nearest to it, one inside.
     """
     from scipy.ndimage import distance_transform_edt
 
-    distance, rim = distance_transform_edt(~known, return_indices=True)
-    here = np.indices(known.shape)
-    sides = np.reshape(known.shape, (2, 1, 1))
+    distance, rim = distance_transform_edt(~measured, return_indices=True)
+    here = np.indices(measured.shape)
+    sides = np.reshape(measured.shape, (2, 1, 1))
     inner = tuple(np.clip(2 * rim - here, 0, sides - 1))
     rim = tuple(rim)
     mirrored = 2 * values[rim] - values[inner]
-    return np.asarray(np.where(known[inner] & (distance < reach_px), mirrored, values[rim]))
+    return np.asarray(np.where(measured[inner] & (distance < reach_px), mirrored, values[rim]))
 
 
 def _render_depth(spline: Spline, mask: Mask, seen_by: Camera, camera: Camera) -> Surface:

@@ -134,10 +134,10 @@ def _march_tiles(solid: Solid, camera: Camera) -> Floats:
     tiles = replace(
         camera.scaled(1 / TILE), width=-(-camera.width // TILE), height=-(-camera.height // TILE)
     )
-    spread = float(np.hypot(0.5 / tiles.fx, 0.5 / tiles.fy))
+    slope = float(np.hypot(0.5 / tiles.fx, 0.5 / tiles.fy))
     x, y = (np.ravel(ray) for ray in _rays(tiles))
     z = np.full(x.size, solid.distance_m - solid.radius_m)
-    z, met = _march(solid, x, y, z, NEAR_M, spread=spread)
+    z, met = _march(solid, x, y, z, NEAR_M, slope=slope)
     z[~met] = np.nan
     grown = z.reshape(tiles.shape).repeat(TILE, axis=0).repeat(TILE, axis=1)
     return grown[: camera.height, : camera.width]
@@ -163,12 +163,12 @@ def _march(
     z: Floats,
     near_m: float,
     *,
-    spread: float = 0.0,
+    slope: float = 0.0,
     least_step_m: float = 0.0,
 ) -> tuple[Floats, Mask]:
     """Sphere tracing from depth z until the field is below `near_m`, and whether it came to be.
 
-    With `spread` a whole cone of that slope about the ray stays outside.
+    With `slope` a whole cone of that slope about the ray stays outside.
     """
     z = z.copy()
     met = np.zeros(z.size, bool)
@@ -176,7 +176,7 @@ def _march(
     active = np.arange(z.size)
     for _ in range(MARCH_STEPS):
         at = z[active]
-        clear = solid.along(x[active], y[active], at) / solid.steepness - spread * at
+        clear = solid.along(x[active], y[active], at) / solid.steepness - slope * at
         met[active] = arrived = clear < near_m
         z[active] += np.where(arrived, 0, np.maximum(clear / length[active], least_step_m))
         active = active[~arrived & (z[active] < solid.distance_m + solid.radius_m)]

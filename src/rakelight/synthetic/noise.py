@@ -185,12 +185,12 @@ def flying_pixels(depth_m: Floats, jump_m: float, share: float, rng: np.random.G
     """
     from scipy.ndimage import maximum_filter, minimum_filter
 
-    known = np.isfinite(depth_m)
-    near = minimum_filter(np.where(known, depth_m, np.inf), 3)
-    far = maximum_filter(np.where(known, depth_m, -np.inf), 3)
+    finite = np.isfinite(depth_m)
+    near = minimum_filter(np.where(finite, depth_m, np.inf), 3)
+    far = maximum_filter(np.where(finite, depth_m, -np.inf), 3)
     step = np.maximum(far - near, 0)  # minus infinity where nothing is measured
     between = near + rng.random(depth_m.shape) * step
-    chosen = known & (rng.random(depth_m.shape) < share) & (step > jump_m)
+    chosen = finite & (rng.random(depth_m.shape) < share) & (step > jump_m)
     return np.where(chosen, between, depth_m)
 
 

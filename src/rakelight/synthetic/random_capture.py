@@ -56,7 +56,7 @@ from rakelight.synthetic.shapes import SHAPES, Shape, make_shape
 File = str | os.PathLike[str]
 
 SCANNED = 0.25
-"""The part of the draws that show a scan, where there are scans; of photographs as paint alike."""
+"""The fraction of draws that show a scan, where there are scans; of photographs as paint alike."""
 PICTURED = 3
 """The view shows the middle third of a photograph that is paint: its sides are often black."""
 MOST_RMS_PX = 12.0
@@ -110,7 +110,7 @@ class Draw:
     The colour camera
         peak : the brightness, 1 being white, that 0.5 % of the object's values exceed
         image_noise : standard deviation at white, fraction of white
-        photon_share : the part of its variance that is proportional to the light
+        photon_share : the fraction of its variance that is proportional to the light
         corner : brightness left by the lens in the image's corners
         blur_px : standard deviation
         gamma : the exponent of light before it is encoded as stated
@@ -120,7 +120,7 @@ class Draw:
         depth_maps : how many
         depth_rms_mm : of the correlated error, at most 12 pixel sizes
         depth_length_px : distance, in colour pixels, at which its correlation is 1/e
-        depth_common : the part of its variance that all maps share
+        depth_common : the fraction of its variance that all maps share
         depth_white_mm : rms of the white noise of each map
         depth_step_mm : of quantisation
         depth_bend_mm : rms of a smooth distortion of the field, a polynomial of third degree
@@ -231,10 +231,10 @@ def draw(
     >>> other.lights, other.photographs == one.photographs
     ('one-side', True)
     """
-    known = {item.name for item in fields(Draw)} - {"seed", "size"}
-    if unknown := sorted(set(overrides) - known):
+    names = {item.name for item in fields(Draw)} - {"seed", "size"}
+    if unknown := sorted(set(overrides) - names):
         raise InputError(
-            "not drawn for a capture", source="overrides", seen=unknown[0], needed=", ".join(known)
+            "not drawn for a capture", source="overrides", seen=unknown[0], needed=", ".join(names)
         )
     if seed < 0 or not 0.1 <= size <= 10:
         raise InputError(
@@ -540,8 +540,8 @@ def _lights(drawn: Draw, points_m: Floats) -> LightSources:
     distance_m = None
     if drawn.near_radii and drawn.lighting != "ambient":
         radius_m = float(np.linalg.norm(points_m - middle, axis=1).max())
-        spread = np.exp(drawn.near_spread * rng.standard_normal(toward.shape[:2]))
-        distance_m = radius_m * np.maximum(drawn.near_radii * spread, 2)
+        factor = np.exp(drawn.near_spread * rng.standard_normal(toward.shape[:2]))
+        distance_m = radius_m * np.maximum(drawn.near_radii * factor, 2)
     ambient = np.full((count, 3), 0.5 if drawn.lighting == "ambient" else drawn.ambient)
     return LightSources(toward, gain, ambient, middle, distance_m)
 

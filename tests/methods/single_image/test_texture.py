@@ -39,7 +39,7 @@ def test_yarn_is_relief_though_its_folds_are_of_another_colour(colour):
     photograph = loops(colour)
     relief = texture_likelihood(photograph, LINKS)
     assert relief.min() > 0.9
-    assert shading_weight(photograph, relief, LINKS, doubt=26.0).min() > 0.9
+    assert shading_weight(photograph, relief, LINKS, colour_weight=26.0).min() > 0.9
 
 
 def test_noise_of_a_channel_that_the_paint_hardly_reflects_is_no_second_paint():
@@ -52,7 +52,7 @@ def test_leaves_of_paint_are_not():
     photograph = leaves([[0.6, 0.5, 0.6], [1.3, 1.3, 1.0], [0.9, 1.1, 1.4]])
     relief = texture_likelihood(photograph, LINKS)
     assert relief.max() < 0.01
-    assert shading_weight(photograph, relief, LINKS, doubt=26.0).mean() < 0.6
+    assert shading_weight(photograph, relief, LINKS, colour_weight=26.0).mean() < 0.6
 
 
 def test_threads_of_three_paints_are_not():
@@ -99,7 +99,9 @@ def test_from_afar_each_paint_keeps_its_brightness():
 
 
 def test_doubt_0_believes_everything():
-    assert (shading_weight(leaves([[0.6, 0.5, 0.6]]), np.zeros(SHAPE), LINKS, doubt=0.0) == 1).all()
+    assert (
+        shading_weight(leaves([[0.6, 0.5, 0.6]]), np.zeros(SHAPE), LINKS, colour_weight=0.0) == 1
+    ).all()
 
 
 def test_only_relief_is_taken_from_an_intensity():

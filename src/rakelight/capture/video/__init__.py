@@ -21,7 +21,7 @@ from rakelight.capture.video.merging import merged, same_light, still_depth
 from rakelight.capture.video.positions import positions
 from rakelight.capture.video.report import (
     findings_of,
-    light_spread,
+    light_variation,
     require_changing_light,
     require_enough,
 )
@@ -65,7 +65,7 @@ def take(recording: Recording, wanted: tuple[int, ...] | None, progress: Progres
     require_enough(recording.source, frames, reasons)
     bad = np.any(list(reasons.values()), axis=0)
     duration_s = float(frames.times_s[-1])
-    require_changing_light(recording.source, light_spread(light, ~bad), duration_s)
+    require_changing_light(recording.source, light_variation(light, ~bad), duration_s)
     # 4. those whose light differs most, with the others of the same light
     usable = np.flatnonzero(~bad)
     chosen = usable[most_different(light.coefficients[usable], PHOTOGRAPHS)].tolist()

@@ -108,8 +108,8 @@ def _off_light(values: Floats, darkest: Floats, fit: Floats, brightness: Floats)
         dark = np.minimum(darkest / brightness[k], np.maximum(lit, 0))
         way = lit - dark
         length2 = np.maximum(np.einsum("pc,pc->p", way, way), 1e-6)
-        part = np.clip(np.einsum("pc,pc->p", value - dark, way) / length2, 0, 1)
-        in_shadow = np.linalg.norm(value - dark - part[:, None] * way, axis=-1)
+        fraction = np.clip(np.einsum("pc,pc->p", value - dark, way) / length2, 0, 1)
+        in_shadow = np.linalg.norm(value - dark - fraction[:, None] * way, axis=-1)
         shine = np.maximum((value - lit).mean(axis=-1), 0)
         in_highlight = np.linalg.norm(value - lit - shine[:, None], axis=-1)
         off[k] = np.minimum(in_shadow, in_highlight)
@@ -150,17 +150,17 @@ def _robust_basis(values: Floats, usable: Floats, rank: int) -> tuple[Floats, Fl
     turn.  usable : (N, P) 1 or 0
     """
     some = evenly(len(values), BASIS_FRAMES)
-    part, use = values[some], usable[some]
-    _, vectors = np.linalg.eigh((part * use) @ (part * use).T)
-    basis = vectors[:, ::-1][:, :rank].T @ (part * use) / np.sqrt(np.float32(len(part)))
+    sample, use = values[some], usable[some]
+    _, vectors = np.linalg.eigh((sample * use) @ (sample * use).T)
+    basis = vectors[:, ::-1][:, :rank].T @ (sample * use) / np.sqrt(np.float32(len(sample)))
     weight, scale = use, 1.0
     for _ in range(ROUNDS):
-        coefficients = _fitted(part, basis, weight)
-        off = np.abs(part - coefficients @ basis)
+        coefficients = _fitted(sample, basis, weight)
+        off = np.abs(sample - coefficients @ basis)
         typical = float(np.median(off[use > 0])) if use.any() else 0.0
         scale = max(2 * MAD_TO_SIGMA * typical, NARROWEST, 0.6 * scale)
         weight = use / (1 + (off / scale) ** 2) ** 2
-        basis = _fitted(part.T, coefficients.T, weight.T).T
+        basis = _fitted(sample.T, coefficients.T, weight.T).T
     weight = usable
     for _ in range(ROUNDS):
         coefficients = _fitted(values, basis, weight)

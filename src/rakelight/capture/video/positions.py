@@ -56,8 +56,8 @@ def positions(frames: Frames, coefficients: Floats, progress: ProgressCallback) 
     if not edges:
         return np.full((count, 2), np.nan)
     solved = solve_positions(count, np.array(edges), np.array(shifts), np.array(weights))
-    known = np.isfinite(solved)
-    return np.where(known, solved - most_agreed(solved), solved)
+    finite = np.isfinite(solved)
+    return np.where(finite, solved - most_agreed(solved), solved)
 
 
 def pairs_alike(coefficients: Floats) -> Array:
@@ -111,7 +111,7 @@ def solve_positions(count: int, edges: Array, shifts: Floats, weights: Floats) -
 
 def most_agreed(at: Floats) -> Floats:
     """(2,) the middle of the positions (N, 2) that most frames are at."""
-    known = at[np.isfinite(at[:, 0])]
-    near = np.linalg.norm(known[:, None] - known, axis=-1) < STILL_PX
+    finite = at[np.isfinite(at[:, 0])]
+    near = np.linalg.norm(finite[:, None] - finite, axis=-1) < STILL_PX
     group = near[np.argmax(near.sum(axis=1))]
-    return np.asarray(np.median(known[group], axis=0))
+    return np.asarray(np.median(finite[group], axis=0))

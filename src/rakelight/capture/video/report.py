@@ -48,22 +48,22 @@ def require_enough(source: str, frames: Frames, reasons: Reasons, needed: int = 
     )
 
 
-def require_changing_light(source: str, spread: float, duration_s: float) -> None:
+def require_changing_light(source: str, variation: float, duration_s: float) -> None:
     """Raise CaptureError where all frames show one light.
 
-    spread : from `light_spread`
+    variation : from `light_variation`
     """
-    if spread < UNCHANGED:
+    if variation < UNCHANGED:
         raise CaptureError(
             "the light never changes",
             source=source,
-            seen=f"changes of {spread:.1%} in {duration_s:.1f} s",
+            seen=f"changes of {variation:.1%} in {duration_s:.1f} s",
             needed="a lamp that is moved round the object",
             remedy="record while the lamp is moved, the other lights off",
         )
 
 
-def light_spread(light: Explained, kept: Mask) -> float:
+def light_variation(light: Explained, kept: Mask) -> float:
     """Root mean square of the changes of the kept frames' light, over the mean light."""
     lights = light.coefficients[kept]
     middle = lights.mean(axis=0)
@@ -88,9 +88,9 @@ def findings_of(
             code = "frames-" + name.replace(" ", "-")
             found.append(Finding("warning" if many else "note", code, text, REMEDIES[name]))
     kept = ~np.any(list(reasons.values()), axis=0)
-    spread = light_spread(light, kept)
-    if spread < HARDLY:
-        text = f"the lamp hardly moved: its light changes by {spread:.1%}"
+    variation = light_variation(light, kept)
+    if variation < HARDLY:
+        text = f"the lamp hardly moved: its light changes by {variation:.1%}"
         remedy = "move the lamp round the object, on all sides of it"
         found.append(Finding("warning", "lamp-hardly-moved", text, remedy))
     flicker = exposure_changes(light.brightness, light.coefficients, kept)

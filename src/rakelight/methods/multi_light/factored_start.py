@@ -75,7 +75,7 @@ class Problem:
 
     @classmethod
     def of(cls, level: Level, normals: Floats, determined: Mask) -> Problem:
-        """Of scaled normals (h, w, 3) on a level; known : (h, w) where there is one."""
+        """Of scaled normals (h, w, 3) on a level; determined : (h, w) where there is one."""
         mask, camera = level.mask, level.photographs.camera
         length = np.linalg.norm(normals, axis=-1, keepdims=True)
         unit = normals / np.maximum(length, np.finfo(float).tiny)

@@ -41,7 +41,7 @@ LEAST_AMBIENT = 0.02
 def occlusion_height(
     contrast: Floats, light: Floats, normals: Floats, mask: Mask
 ) -> tuple[Floats, Floats]:
-    """The height (h, w) from ambient occlusion, and the part of `contrast` that it explains.
+    """The height (h, w) from ambient occlusion, and the fraction of `contrast` that it explains.
 
     contrast : (h, w) of the intensity with its surroundings, relative; 0 without information
     light : (4,) l_x, l_y, l_z, phi; normals : (h, w, 3), camera frame

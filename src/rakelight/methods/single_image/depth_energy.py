@@ -125,9 +125,9 @@ class View:
         usual = MAD_TO_SIGMA * float(np.median(np.abs(found[sure])))
         return np.asarray(self.texture * np.minimum(found, BRIGHTEST * usual))
 
-    def shading_weight(self, doubt: float) -> Floats:
+    def shading_weight(self, colour_weight: float) -> Floats:
         """(h, w) 0..1, the weight c of the shading: see `texture.shading_weight`."""
-        return shading_weight(self.colour, self.texture, self.links, doubt)
+        return shading_weight(self.colour, self.texture, self.links, colour_weight)
 
 
 def surrounded(links: Links) -> Mask:

@@ -15,9 +15,10 @@ by fixed point, |m| of the normals lagged.  dz = z - z0, the change of the prepa
 units of the pixel's footprint z / f on the surface, so that the weights have no unit; in log
 depth p that makes it f (p - p0).  The published energy has laplace z; but the prepared depth is
 smooth already, and to flatten its rims and noses costs more than any weight of it gains.  Beyond
-the paper, c = 1 / (1 + (doubt * change of colour)^2): where the colour changes, the albedo does,
-unless it is the shading of fine relief, such as yarn (`texture_likelihood`); its ambient occlusion,
-which l . n + phi leaves out, is the change that the smoothness expects (`occlusion_height`).
+the paper, c = 1 / (1 + (colour_weight * change of colour)^2): where the colour changes, so does the
+albedo, unless it is the shading of fine relief, such as yarn (`texture_likelihood`); its ambient
+occlusion, which l . n + phi leaves out, is the change that the smoothness expects
+(`occlusion_height`).
 
 From one photograph albedo and relief are ambiguous: this is a baseline to compare with.
 """
@@ -67,12 +68,14 @@ class FusionLike:
         lowered, it follows the shading, errors of the light included.
     lambda_z2 : smoothness of the depth, of its change, per pixel footprint.  Raised, fine relief
         goes; lowered, paint and noise are carved into the surface.
-    doubt : not of the paper.  Where the colour changes by 1 / doubt (relative) per pixel, shading
-        counts half, for paint changes there too, unless it is fine relief.  Raised, the depth
-        stays wherever it is painted; 0 weighs the shading the same everywhere.
-    smooth : False leaves out lambda_z2, doubt and ambient occlusion: the paper's "not smooth".
+    colour_weight : not of the paper.  Where the colour changes by 1 / colour_weight (relative) per
+        pixel, shading has half its weight, for the albedo changes there too, unless it is fine
+        relief.  Raised, the depth stays wherever the albedo varies; 0 weighs the shading the same
+        everywhere.
+    smooth : False leaves out lambda_z2, colour_weight and ambient occlusion, as the paper's "not
+        smooth" does.
     max_iterations : rounds of the fixed point; more than it needs do no harm.
-    tolerance : the rounds end when the energy falls by less than this part of it in one.
+    tolerance : the rounds end when the energy falls by less than this fraction of it in one.
     """
 
     lambda_rho: float = 30.0
@@ -80,7 +83,7 @@ class FusionLike:
     sigma_d: float = 0.01
     lambda_z1: float = 7e-4
     lambda_z2: float = 0.05
-    doubt: float = 26.0
+    colour_weight: float = 26.0
     smooth: bool = True
     max_iterations: int = 10
     tolerance: float = 1e-2
@@ -88,7 +91,7 @@ class FusionLike:
     def __post_init__(self) -> None:
         require_ranges(
             self,
-            from_0=("lambda_rho", "lambda_z2", "doubt", "max_iterations", "tolerance"),
+            from_0=("lambda_rho", "lambda_z2", "colour_weight", "max_iterations", "tolerance"),
             above_0=("sigma_c", "sigma_d", "lambda_z1"),
         )
 
@@ -107,9 +110,11 @@ def fusion_like(prepared: Prepared, options: FusionLike, progress: ProgressCallb
 def depth_energy(
     view: View, light: Floats, rho: Floats, target: Floats, options: FusionLike, accuracy: float
 ) -> Depth:
-    """The energy of the depth; without smoothness, as published: no doubt, no occlusion."""
-    smoothness, doubt = (options.lambda_z2, options.doubt) if options.smooth else (0.0, 0.0)
-    shading_weight = view.shading_weight(doubt)
+    """The energy of the depth; without smoothness, as published: no colour_weight, no occlusion."""
+    smoothness, colour_weight = (
+        (options.lambda_z2, options.colour_weight) if options.smooth else (0.0, 0.0)
+    )
+    shading_weight = view.shading_weight(colour_weight)
     expected: Floats = np.zeros(view.mask.shape)
     if smoothness:
         normals, _ = view.normals(view.prior)

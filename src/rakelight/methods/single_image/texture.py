@@ -80,18 +80,19 @@ def within(links: Links, region: Mask) -> Links:
     return Links(inside.mask, links.right & inside.right, links.down & inside.down)
 
 
-def shading_weight(colour: Floats, texture: Floats, links: Links, doubt: float) -> Floats:
+def shading_weight(colour: Floats, texture: Floats, links: Links, colour_weight: float) -> Floats:
     """(h, w) 0..1, the weight of the shading: less where colour, and so albedo, changes.
 
     texture : (h, w) `texture_likelihood` of `colour` (h, w, 3), which raises the weight
-    doubt : inverse of the relative change per pixel that halves it; 0 for a weight of 1 everywhere
+    colour_weight : inverse of the relative change per pixel that halves it; 0 for a weight of 1
+        everywhere
     """
-    if not doubt:
+    if not colour_weight:
         return np.ones(links.mask.shape)
     near = blurred(colour, NEAR_PX, links.mask)
     hue = logarithm(near) - logarithm(near.mean(axis=-1, keepdims=True))
     colour_change = blurred(change(hue, links), ALIKE_PX, links.mask)
-    return np.asarray(1 - (1 - texture) * (1 - 1 / (1 + doubt**2 * colour_change)))
+    return np.asarray(1 - (1 - texture) * (1 - 1 / (1 + colour_weight**2 * colour_change)))
 
 
 def without_texture(intensity: Floats, texture: Floats, regions: Sequence[Mask]) -> Floats:
