@@ -9,7 +9,8 @@ from scipy.ndimage import gaussian_filter
 
 from rakelight.errors import InputError
 from rakelight.geometry.normals import surface_normals
-from rakelight.methods.rgb_ratio import RgbRatio, estimate_depth_weight, observed, rgb_ratio
+from rakelight.methods.one_photograph import OnePhotograph
+from rakelight.methods.rgb_ratio import RgbRatio, estimate_depth_weight, rgb_ratio
 from rakelight.methods.rgb_ratio.ratios import Ratios
 from rakelight.metrics import evaluate_maps
 from rakelight.model import silent
@@ -82,8 +83,8 @@ def test_the_truth_meets_the_ratio_equations():
     prepared = prepare(capture)
     window = np.s_[prepared.rows, prepared.columns]
     light = np.concatenate([truth.lights.vector[0], truth.lights.ambient[0][:, None]], axis=1)
-    seen = observed(prepared)
-    ratios = Ratios(seen.image, seen.usable, 1.0, truth.albedo[window].astype(float), light)
+    given = OnePhotograph.of(prepared)
+    ratios = Ratios(given.image, given.shaded, 1.0, truth.albedo[window].astype(float), light)
     normals = np.nan_to_num(truth.normals[window].astype(float))
     squares = ratios.squares(normals)[prepared.mask]
     assert np.isfinite(squares).mean() > 0.5
@@ -98,7 +99,7 @@ def test_no_round_leaves_the_prepared_depth_alone():
     assert len(estimate.energy) == 1
 
 
-def test_much_trust_keeps_the_prepared_depth():
+def test_a_large_depth_weight_keeps_the_prepared_depth():
     prepared = prepare(scene()[0])
     estimate = rgb_ratio(prepared, RgbRatio(depth_weight=1e9, max_iterations=1), silent)
     moved = np.exp(estimate.log_depth) - prepared.depth_m
@@ -118,13 +119,13 @@ def test_a_few_colours_on_a_small_sphere_do_the_depth_no_harm():
 def change(length_px, drift=0.0):
     """A scene without depth noise, and its log depth with errors of that length, and a drift."""
     capture, _ = scene("white", depth_noise=DepthNoise(rms_mm=0.0))
-    seen = observed(prepare(capture))
-    errors = gaussian_filter(np.random.default_rng(0).normal(size=seen.prior.shape), length_px)
+    given = OnePhotograph.of(prepare(capture))
+    errors = gaussian_filter(np.random.default_rng(0).normal(size=given.prior.shape), length_px)
     column = np.linspace(-1, 1, errors.shape[1])
-    return seen, seen.prior + 1e-3 * (errors / errors.std() + drift * column)
+    return given, given.prior + 1e-3 * (errors / errors.std() + drift * column)
 
 
-def test_the_sensor_is_trusted_the_more_the_less_its_errors_hang_together():
+def test_the_depth_weight_falls_with_the_errors_correlation_length():
     fine, middle, coarse = (
         estimate_depth_weight(*change(length), 0.0) for length in (0.7, 2.0, 5.0)
     )

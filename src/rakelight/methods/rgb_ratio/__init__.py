@@ -20,9 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rakelight.geometry.averaging import Averaging, data_terms
-from rakelight.geometry.grid import Links, has_gradient, mean_gradient, surface_links
-from rakelight.geometry.normals import normals_from_gradient
+from rakelight.geometry.averaging import data_terms
+from rakelight.geometry.grid import has_gradient, mean_gradient
 from rakelight.methods.base import (
     Estimate,
     Method,
@@ -33,7 +32,7 @@ from rakelight.methods.base import (
     require_ranges,
     scatter,
 )
-from rakelight.methods.levels import NEARLY_ONE, depth_precision
+from rakelight.methods.one_photograph import OnePhotograph
 from rakelight.methods.rgb_ratio.findings import dark_channels, rgb_findings
 from rakelight.methods.rgb_ratio.ratios import Ratios
 from rakelight.model import MAD_TO_SIGMA, Floats, Lights, Mask, Progress, ProgressCallback
@@ -105,109 +104,72 @@ class RgbRatio:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Scene:
-    """What is given: the photograph and the prepared depth.
-
-    image : (h, w, 3) linear light; noise : standard deviation of its values
-    usable : (h, w, 3) which values depend on a normal
-    links : which neighbours are on one surface; pairs : their weights, None without a jump
-    prior : (h, w) log of the prepared depth, prior_weight : (h, w) its precision
-    averaging : K, means over the sensor's pixels; None where those are about as small
-    """
-
-    prepared: Prepared
-    image: Floats
-    usable: Mask
-    noise: float
-    links: Links
-    pairs: Floats | None
-    prior: Floats
-    prior_weight: Floats
-    averaging: Averaging | None
-
-    def surface(self, log_depth: Floats) -> tuple[Floats, Floats]:
-        """Normals (h, w, 3) and |m| (h, w) of a log depth (h, w)."""
-        return normals_from_gradient(*mean_gradient(log_depth, self.links), self.prepared.camera)
-
-
 def rgb_ratio(prepared: Prepared, options: RgbRatio, progress: ProgressCallback) -> Estimate:
     """Refine the prepared depth by the RGB ratio model (3.3), from the first photograph."""
-    scene = observed(prepared)
+    given = OnePhotograph.of(prepared)
+    noise = noise_sigma(given.image, given.mask)
     depth_weight = options.depth_weight or LEAST_WEIGHT
     most = options.depth_weight or MOST_WEIGHT
     mask = prepared.mask
-    log_depth = scene.prior
+    log_depth = given.prior
     albedo: Floats = np.ones((*mask.shape, 3))
     light: Floats = np.tile([0.0, 0.0, -1.0, 0.0], (3, 1))
     tensor: Floats = np.zeros((*mask.shape, 3))
     moved = np.inf
     energies: list[float] = []
     # Two channels make one equation, which nothing can contradict: then the depth is kept.
-    rounds = 0 if dark_channels(scene.image[mask]) else options.max_iterations
+    rounds = 0 if dark_channels(given.image[mask]) else options.max_iterations
     for done in range(rounds + 1):
-        normals, length = scene.surface(log_depth)
+        normals, length = given.normals(log_depth)
         depth_m = np.exp(log_depth)
         for again in range(1 if done else FIRST_ROUNDS):
-            light = lights_step(scene, normals, albedo, light)
+            light = lights_step(given, normals, albedo, light)
             first = done == again == 0
-            albedo, light = albedo_step(scene, normals, depth_m, albedo, light, options, first)
-        equations = Ratios(scene.image, scene.usable, scene.noise, albedo, light)
+            albedo, light = albedo_step(given, normals, depth_m, albedo, light, options, first)
+        equations = Ratios(given.image, given.shaded, noise, albedo, light)
         energies.append(equations.energy(normals))
         if done == rounds or moved <= options.tolerance:
             break
         progress(Progress("refine", done + 1, rounds, energies[-1]))
-        found = weighed_depth(scene, equations, depth_weight, most, log_depth, options.laplacian)
+        found = weighed_depth(given, equations, depth_weight, most, log_depth, options.laplacian)
         if found is None:
             break  # refused: the depth stays, and has not come to rest
         before = log_depth
         log_depth, tensor, depth_weight = found
         step = (log_depth - before) * prepared.depth_m / prepared.sigma_m
         moved = float(np.sqrt(np.mean(step[mask] ** 2)))
-    _, length = scene.surface(log_depth)
+    _, length = given.normals(log_depth)
     confidence = photometric_confidence(tensor, 1.0, length, prepared.camera, mask)
     return Estimate(
         log_depth=log_depth,
         albedo=np.where(mask[..., None], albedo, 0.0),
-        confidence=np.where(has_gradient(scene.links), confidence, 0.0),
+        confidence=np.where(has_gradient(given.links), confidence, 0.0),
         lights=Lights(light[None, :, :3], light[None, :, 3]),
         energy=tuple(energies),
         converged=rounds == 0 or moved <= options.tolerance,
         findings=(
             *first_only(prepared, "rgb-ratio"),
-            *rgb_findings(prepared, scene.image[mask], light),
+            *rgb_findings(prepared, given.image[mask], light),
         ),
     )
 
 
-def observed(prepared: Prepared) -> Scene:
-    """The first photograph, and the prepared depth with its precision."""
-    mask = prepared.mask
-    values, usable = prepared.pixels(0)
-    image = scatter(values.astype(np.float64), mask)
-    # Neither slopes nor straight edges along an axis are in the mixed second difference.
+def noise_sigma(image: Floats, mask: Mask) -> float:
+    """Standard deviation of a value of `image` (h, w, 3), at least `SMALLEST_NOISE`.
+
+    Of mixed second differences, in which neither slopes nor straight edges along an axis are.
+    """
     mixed = np.diff(np.diff(np.where(mask[..., None], image, np.nan), axis=0), axis=1) / 2
     mixed = np.abs(mixed[np.isfinite(mixed)])
     noise = MAD_TO_SIGMA * float(np.median(mixed)) if mixed.size else 0.0
-    links = surface_links(prepared.depth_m, mask, prepared.camera)
-    return Scene(
-        prepared,
-        image,
-        (scatter(usable.astype(np.float64), mask) > 0) & has_gradient(links)[..., None],
-        max(noise, SMALLEST_NOISE),
-        links,
-        links.pairs,
-        np.log(prepared.depth_m),
-        depth_precision(prepared),
-        prepared.sensor.averaging(mask) if prepared.factor > NEARLY_ONE else None,
-    )
+    return max(noise, SMALLEST_NOISE)
 
 
-def lights_step(scene: Scene, normals: Floats, albedo: Floats, before: Floats) -> Floats:
+def lights_step(given: OnePhotograph, normals: Floats, albedo: Floats, before: Floats) -> Floats:
     """1. Each channel's light (3, 4), rho and n fixed."""
-    seen = has_gradient(scene.links)
-    normals, image, rho = normals[seen], scene.image[seen], albedo[seen]
-    weight = scene.usable[seen].astype(np.float64)
+    seen = has_gradient(given.links)
+    normals, image, rho = normals[seen], given.image[seen], albedo[seen]
+    weight = given.shaded[seen].astype(np.float64)
     return np.array(
         [
             estimate_light(
@@ -219,7 +181,7 @@ def lights_step(scene: Scene, normals: Floats, albedo: Floats, before: Floats) -
 
 
 def albedo_step(
-    scene: Scene, normals: Floats, depth_m: Floats, albedo: Floats, light: Floats,
+    given: OnePhotograph, normals: Floats, depth_m: Floats, albedo: Floats, light: Floats,
     options: RgbRatio, first: bool,
 ) -> tuple[Floats, Floats]:  # fmt: skip
     """2. The albedo (h, w, 3), light and n fixed; scaled so that every 99th percentile is 1.
@@ -228,10 +190,10 @@ def albedo_step(
     """
     from scipy.ndimage import gaussian_filter
 
-    mask = scene.prepared.mask
+    mask = given.mask
     shading = np.maximum(np.maximum(normals @ light[:, :3].T, 0) + light[:, 3], LEAST_SHADING)
-    weight = np.where(scene.usable, shading**2, 0.0)
-    target = scene.image / shading
+    weight = np.where(given.shaded, shading**2, 0.0)
+    target = given.image / shading
 
     def smoothed(like: Floats, target: Floats, weight: Floats) -> Floats:
         edges = edge_weights(like, depth_m, mask, sigma_c=options.sigma_c, sigma_d=options.sigma_d)
@@ -239,7 +201,7 @@ def albedo_step(
         return np.maximum(smooth, LEAST_ALBEDO)
 
     if first:
-        albedo = gaussian_filter(scene.image, 1.0, axes=(0, 1)) / shading
+        albedo = gaussian_filter(given.image, 1.0, axes=(0, 1)) / shading
     albedo = smoothed(albedo, target, weight)
     if options.lambda_palette > 0:
         color, alike = nearest_colors(np.log(albedo[mask]))
@@ -255,7 +217,7 @@ def albedo_step(
 
 
 def weighed_depth(
-    scene: Scene,
+    given: OnePhotograph,
     equations: Ratios,
     depth_weight: float,
     most: float,
@@ -268,15 +230,15 @@ def weighed_depth(
     """
     # First least squares, then a robust loss about that surface.
     for robust in (False, True):
-        solution, tensor = depth_step(scene, equations, depth_weight, log_depth, robust, laplacian)
+        solution, tensor = depth_step(given, equations, depth_weight, log_depth, robust, laplacian)
         if not solution.converged:
             return None
         log_depth = solution.value
     while (
-        estimated := min(estimate_depth_weight(scene, log_depth, depth_weight), most)
+        estimated := min(estimate_depth_weight(given, log_depth, depth_weight), most)
     ) > LEAST_INCREASE * depth_weight:
         depth_weight = estimated
-        solution, tensor = depth_step(scene, equations, depth_weight, log_depth, True, laplacian)
+        solution, tensor = depth_step(given, equations, depth_weight, log_depth, True, laplacian)
         if not solution.converged:
             return None
         log_depth = solution.value
@@ -284,7 +246,7 @@ def weighed_depth(
 
 
 def depth_step(
-    scene: Scene,
+    given: OnePhotograph,
     equations: Ratios,
     depth_weight: float,
     log_depth: Floats,
@@ -295,26 +257,26 @@ def depth_step(
 
     robust : whether equations have less weight where their residual at `log_depth` is large
     """
-    camera, mask = scene.prepared.camera, scene.prepared.mask
-    ratios, rhs = equations.terms(*scene.surface(log_depth), camera, robust)
+    camera, mask = given.camera, given.mask
+    ratios, rhs = equations.terms(*given.normals(log_depth), camera, robust)
     tensor = ratios
     if robust:  # where the equations have little weight, the sensor's slopes stay
         slopes, changed = (
-            np.stack(mean_gradient(image, scene.links), axis=-1)
-            for image in (scene.prior, log_depth - scene.prior)
+            np.stack(mean_gradient(image, given.links), axis=-1)
+            for image in (given.prior, log_depth - given.prior)
         )
         weight = SLOPE_WEIGHT / max(float(np.median(changed[mask] ** 2)), 1e-12)
         tensor, rhs = ratios + weight * np.array([1.0, 0.0, 1.0]), rhs + weight * slopes
-    weighted = depth_weight * scene.prior_weight
+    weighted = depth_weight * given.prior_weight
     smooth = laplacian * float(np.median(weighted[mask])) or None
-    sensor = data_terms(scene.averaging, weighted, scene.prior)
+    sensor = data_terms(given.averaging, weighted, given.prior)
     system = assemble(
-        mask, tensor, rhs, pair_weights=scene.pairs, laplacian_weight=smooth, **sensor
+        mask, tensor, rhs, pair_weights=given.links.pairs, laplacian_weight=smooth, **sensor
     )
     return solve(system, start=log_depth, tolerance=1e-3), ratios
 
 
-def estimate_depth_weight(scene: Scene, log_depth: Floats, depth_weight: float) -> float:
+def estimate_depth_weight(given: OnePhotograph, log_depth: Floats, depth_weight: float) -> float:
     """The weight of the sensor's depth, from the depth's change under `depth_weight`.
 
     Errors e of the sensor that are correlated over l pixels count l^2 times less than independent
@@ -323,7 +285,7 @@ def estimate_depth_weight(scene: Scene, log_depth: Floats, depth_weight: float) 
     White noise, l = 1/2 after preparation, has hardly an error in the shape as a whole: hence the
     second term.  (Medians, so that jumps do not count.)
     """
-    change = np.where(scene.prepared.mask, log_depth - scene.prior, np.nan)
+    change = np.where(given.mask, log_depth - given.prior, np.nan)
     steps = [np.diff(change, axis=axis) for axis in (0, 1)]
     bends = [np.diff(step, axis=axis) for axis, step in enumerate(steps)]
     whole, steep, bent = (

@@ -15,17 +15,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rakelight.geometry.averaging import Averaging, data_sum_of_squares, data_terms
+from rakelight.geometry.averaging import data_sum_of_squares, data_terms
 from rakelight.geometry.grid import (
     Links,
     differences,
-    mean_gradient,
     neighbours,
-    surface_links,
 )
-from rakelight.geometry.normals import gradient_directions, normals_from_gradient
-from rakelight.methods.base import scatter
-from rakelight.methods.levels import NEARLY_ONE
+from rakelight.geometry.normals import gradient_directions
+from rakelight.methods.one_photograph import OnePhotograph
 from rakelight.methods.single_image.reflectance_regions import brightness, reflectance_regions
 from rakelight.methods.single_image.texture import (
     DARKEST,
@@ -34,7 +31,7 @@ from rakelight.methods.single_image.texture import (
     texture_likelihood,
     without_texture,
 )
-from rakelight.model import MAD_TO_SIGMA, Camera, Floats, Mask, Progress, ProgressCallback
+from rakelight.model import MAD_TO_SIGMA, Floats, Mask, Progress, ProgressCallback
 from rakelight.photometry.piecewise_albedo import EdgeWeights, edge_weights
 from rakelight.prepare import Prepared
 from rakelight.solve import Solution, assemble, solve
@@ -47,68 +44,53 @@ BRIGHTEST = 1.5
 
 @dataclass(frozen=True)
 class View:
-    """The first photograph on the prepared window, (h, w) each.
+    """How the first photograph looks: colour, brightness, regions of one albedo, texture.
 
+    given : the photograph and the prepared depth
     exposure : linear light of the object's median pixel, the unit of colour and intensity
     colour : (h, w, 3), clipped values as they are; intensity : its `brightness`
     regions : (h, w) each, the `reflectance_regions`
-    usable : (h, w, 3); seen : whether any channel is usable and all neighbours are on the surface
+    seen : whether any channel is usable and all neighbours are on the surface
     texture : likelihood that changes are shading of fine relief, not of the albedo, 0..1
-    averaging : K, means over the sensor's pixels; None where those are about as small
-    prior : prepared log depth; links : which neighbours are on one surface
     """
 
+    given: OnePhotograph
     exposure: float
-
     colour: Floats
-    usable: Mask
     intensity: Floats
     regions: tuple[Mask, ...]
     seen: Mask
     texture: Floats
-    prior: Floats
-    averaging: Averaging | None
-    links: Links
-    camera: Camera
 
     @property
     def mask(self) -> Mask:
         """(h, w) the object."""
-        return self.links.mask
+        return self.given.mask
 
     @classmethod
     def of(cls, prepared: Prepared) -> View:
-        """The view that the methods for one photograph take of `prepared`."""
-        values, good = prepared.pixels(0)
-        links = surface_links(prepared.depth_m, prepared.mask, prepared.camera)
-        usable = scatter(1.0 * good, prepared.mask) > 0
+        """The view of the first photograph of `prepared`."""
+        given = OnePhotograph.of(prepared)
+        mask, links, usable = given.mask, given.links, given.usable
         seen = usable.any(axis=-1) & surrounded(links)
-        observed = values.mean(axis=-1)[seen[prepared.mask]]
+        observed = given.image.mean(axis=-1)[seen]
         exposure = max(float(np.median(observed)), np.finfo(float).tiny) if observed.size else 1.0
-        colour = scatter(values / exposure, prepared.mask)
-        regions = tuple(reflectance_regions(colour, prepared.mask))
+        colour = given.image / exposure
+        regions = tuple(reflectance_regions(colour, mask))
         return cls(
+            given,
             exposure,
             colour,
-            usable,
-            brightness(colour, usable, prepared.mask),
+            brightness(colour, usable, mask),
             regions,
             seen,
             texture_likelihood(colour, links, regions),
-            np.log(np.where(prepared.mask, prepared.depth_m, 1.0)),
-            prepared.sensor.averaging(prepared.mask) if prepared.factor > NEARLY_ONE else None,
-            links,
-            prepared.camera,
         )
-
-    def normals(self, log_depth: Floats) -> tuple[Floats, Floats]:
-        """Normals (h, w, 3) and |m| (h, w)."""
-        return normals_from_gradient(*mean_gradient(log_depth, self.links), self.camera)
 
     def edges(self, sigma_c: float, sigma_d: float, tau: float) -> EdgeWeights:
         """Weights of the links between neighbours: small where the albedo may change."""
         color = without_texture(self.intensity, self.texture, self.regions)[..., None]
-        depth_m = np.exp(self.prior)
+        depth_m = np.exp(self.given.prior)
         return edge_weights(color, depth_m, self.mask, sigma_c=sigma_c, sigma_d=sigma_d, tau=tau)
 
     def contrast(self) -> Floats:
@@ -127,7 +109,7 @@ class View:
 
     def shading_weight(self, colour_weight: float) -> Floats:
         """(h, w) 0..1, the weight c of the shading: see `texture.shading_weight`."""
-        return shading_weight(self.colour, self.texture, self.links, colour_weight)
+        return shading_weight(self.colour, self.texture, self.given.links, colour_weight)
 
 
 def surrounded(links: Links) -> Mask:
@@ -168,28 +150,28 @@ class Depth:
     @property
     def prior_weight(self) -> Floats:
         """(h, w) the weight of the prepared depth, lambda_z1 f^2."""
-        weight = self.lambda_z1 * self.view.camera.fx * self.view.camera.fy
+        weight = self.lambda_z1 * self.view.given.camera.fx * self.view.given.camera.fy
         return np.full(self.view.mask.shape, weight)
 
     def linear(self, length: Floats) -> tuple[Floats, Floats, Floats]:
         """a_u, a_v and c, (h, w) each, of the residual  a . grad p + c  with |m| = `length`."""
         weight = np.where(self.view.seen, np.sqrt(self.shading_weight), 0.0)
         scale = weight * self.albedo
-        u, v = (d @ self.light[:3] for d in gradient_directions(self.view.camera))
+        u, v = (d @ self.light[:3] for d in gradient_directions(self.view.given.camera))
         constant = scale * (self.light[3] - self.light[2] / length) - weight * self.target
         return scale * u / length, scale * v / length, constant
 
     def step(self, log_depth: Floats) -> Solution:
         """The minimiser with |m| of `log_depth`: linear."""
-        u, v, constant = self.linear(self.view.normals(log_depth)[1])
-        squared = self.view.camera.fx * self.view.camera.fy
-        links, prior = self.view.links, self.view.prior
+        u, v, constant = self.linear(self.view.given.normals(log_depth)[1])
+        squared = self.view.given.camera.fx * self.view.given.camera.fy
+        links, prior = self.view.given.links, self.view.given.prior
         system = assemble(
             links.mask,
             np.stack([u * u, u * v, v * v], axis=-1),
             -np.stack([u * constant, v * constant], axis=-1),
             pair_weights=links.pairs,
-            **data_terms(self.view.averaging, self.prior_weight, prior),
+            **data_terms(self.view.given.averaging, self.prior_weight, prior),
             laplacian_weight=self.lambda_z2 * squared if self.lambda_z2 else None,
             laplacian_target=laplacian(prior + self.expected, links.mask),
         )
@@ -201,18 +183,18 @@ class Depth:
     def energy(self, log_depth: Floats) -> float:
         """The energy, photometry being the mean over the one-sided differences (see `solve`)."""
         view = self.view
-        slopes = self.linear(view.normals(log_depth)[1])
+        slopes = self.linear(view.given.normals(log_depth)[1])
         residual, second_order = slopes[2], np.zeros(view.mask.shape)
         for axis, slope in ((1, slopes[0]), (0, slopes[1])):
-            forward, backward = differences(log_depth, view.links, axis)
-            ahead, behind = neighbours(view.links, axis)
+            forward, backward = differences(log_depth, view.given.links, axis)
+            ahead, behind = neighbours(view.given.links, axis)
             both = np.where(ahead & behind, forward - backward, 0.0)
             residual = residual + slope * (forward + backward) / np.maximum(1.0 * ahead + behind, 1)
             second_order += (slope * both) ** 2 / 4
-        moved = log_depth - view.prior
+        moved = log_depth - view.given.prior
         curved = laplacian(moved - self.expected, view.mask)
-        prior_term = data_sum_of_squares(view.averaging, self.prior_weight, moved, view.mask)
-        smooth = self.lambda_z2 * view.camera.fx * view.camera.fy * curved**2
+        prior_term = data_sum_of_squares(view.given.averaging, self.prior_weight, moved, view.mask)
+        smooth = self.lambda_z2 * view.given.camera.fx * view.given.camera.fy * curved**2
         return prior_term + float((residual**2 + second_order + smooth)[view.mask].sum())
 
     def fixed_point(self, rounds: int, tolerance: float, progress: ProgressCallback) -> Fit:
@@ -220,7 +202,7 @@ class Depth:
 
         A step that the solver does not find is refused, and the fit has not converged.
         """
-        now: Floats = self.view.prior
+        now: Floats = self.view.given.prior
         solve_s = 0.0
         energies, gain = [self.energy(now)], np.inf
         while len(energies) <= rounds and gain > tolerance * energies[-1]:
