@@ -35,8 +35,8 @@ ROUNDS = 5
 def full_frame(width: int, height: int, images: int) -> Any:
     """A capture whose wavy, painted object fills the image."""
     from rakelight.geometry.normals import normals_from_depth
-    from rakelight.model import Camera, Capture, Lights
-    from rakelight.photometry.forward import render
+    from rakelight.model import Camera, Capture
+    from rakelight.photometry.forward import shading
 
     camera = Camera(width, height, 1.2 * width, 1.2 * width, (width - 1) / 2, (height - 1) / 2)
     v, u = np.mgrid[:height, :width].astype(float)
@@ -50,10 +50,9 @@ def full_frame(width: int, height: int, images: int) -> Any:
     vector = 0.8 * np.stack(
         [0.6 * np.cos(turn), 0.6 * np.sin(turn), np.full(images, -0.8)], axis=-1
     )
-    lights = Lights(vector[:, None], np.full((images, 1), 0.08))
     photographs = np.empty((images, height, width, 3), dtype=np.uint8)
     for i in range(images):
-        light = render(normals, paint, lights, i)
+        light = paint * shading(normals, vector[i], 0.08)[..., None]
         light += rng.normal(scale=0.005, size=light.shape)
         photographs[i] = np.clip(255 * light, 0, 255)
     sensor = depth[::2, ::2] + rng.normal(scale=0.002, size=depth[::2, ::2].shape)

@@ -17,7 +17,7 @@ from rakelight.methods.multi_light_alternating import (
 )
 from rakelight.metrics import evaluate_depth, evaluate_maps
 from rakelight.model import Camera, silent
-from rakelight.photometry.harmonics import lit, shading
+from rakelight.photometry.forward import lit, shading
 from rakelight.photometry.images import LightParameters
 from rakelight.pipeline import refine
 from rakelight.prepare import prepare

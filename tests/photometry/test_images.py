@@ -10,8 +10,8 @@ from rakelight.geometry.grid import has_gradient
 from rakelight.jit import limited_threads
 from rakelight.model import MAD_TO_SIGMA, Camera
 from rakelight.photometry import _kernels
+from rakelight.photometry.forward import arriving
 from rakelight.photometry.images import LightParameters, Photographs, Surface
-from rakelight.photometry.lighting import arriving
 from rakelight.prepare.linear import linear_table, usable
 from tests.photometry import plain_photographs as plain
 

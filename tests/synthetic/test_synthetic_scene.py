@@ -9,7 +9,7 @@ from rakelight.errors import InputError
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.grid import area_mean
 from rakelight.model import Camera, RigidTransform
-from rakelight.photometry.lighting import arriving
+from rakelight.photometry.forward import arriving
 from rakelight.prepare.linear import to_linear
 from rakelight.synthetic import (
     Albedo,

@@ -37,6 +37,7 @@ from rakelight.methods.base import (
     scatter,
 )
 from rakelight.model import Array, Camera, Finding, Floats, Lights, Mask, Progress, ProgressCallback
+from rakelight.photometry.forward import least_squares_albedo
 from rakelight.prepare import Prepared
 from rakelight.prepare.inpaint import nearest_fill
 from rakelight.solve import assemble, solve
@@ -387,13 +388,11 @@ def estimated_albedo(
 ) -> tuple[Floats, float]:
     """Albedo (P, 3), its 99th percentile 1, and the factor of the lights that goes with it."""
     shading = np.maximum(factors.lights @ normals.T, 0.0)
-    total, weight = np.zeros((len(normals), 3)), np.zeros((len(normals), 3))
-    for i, (shade, seen) in enumerate(zip(shading, lit, strict=True)):
-        light, usable = prepared.pixels(i)
-        use = usable & seen[:, None]
-        total += use * light * shade[:, None]
-        weight += use * (shade**2)[:, None]
-    albedo = total / np.maximum(weight, 1e-12)
+    photographs = (prepared.pixels(i) for i in range(len(lit)))
+    albedo, _ = least_squares_albedo(
+        (light, usable & seen[:, None], shade[:, None])
+        for (light, usable), seen, shade in zip(photographs, lit, shading, strict=True)
+    )
     gain = max(float(np.percentile(albedo, 99)), 1e-12)
     return albedo / gain, gain
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight.model import Floats, Lights, Mask
-from rakelight.photometry.harmonics import lit
+from rakelight.photometry.forward import lit
 
 # Rounds of least squares: the set of lit pixels depends on the light.
 HORIZON_ROUNDS = 3
@@ -20,26 +20,6 @@ def frontal_lights(count: int) -> Lights:
     vector = np.zeros((count, 1, 3))
     vector[..., 2] = -1.0
     return Lights(vector=vector, ambient=np.zeros((count, 1)))
-
-
-def arriving(lights: Lights, points_m: Floats) -> Floats:
-    """(N, P, C, 3) light vectors s at P points; near lights fall off from their positions.
-
-    points_m : (P, 3) camera frame
-
-    >>> points = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 2.0]])
-    >>> toward, none, place = np.array([[[0.0, 0.0, -1.0]]]), np.zeros((1, 1)), np.zeros((1, 1, 3))
-    >>> arriving(Lights(toward, none, place, middle_m=points[0]), points)[0, :, 0].tolist()
-    [[0.0, 0.0, -1.0], [0.0, 0.0, -0.25]]
-    """
-    if lights.position_m is None or lights.middle_m is None:
-        shape = (len(lights), len(points_m), *lights.vector.shape[1:])
-        return np.broadcast_to(lights.vector[:, None], shape)
-    away = lights.position_m[:, None] - points_m[:, None]
-    distance = np.linalg.norm(away, axis=-1)
-    lamp_distance = np.linalg.norm(lights.position_m - lights.middle_m, axis=-1)
-    strength = lights.intensity[:, None] * (lamp_distance[:, None] / distance) ** 2
-    return np.asarray(away * (strength / distance)[..., None])
 
 
 def estimate_light(

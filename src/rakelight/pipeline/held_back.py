@@ -31,8 +31,8 @@ from rakelight.geometry.normals import (
 )
 from rakelight.methods.base import Estimate, brightest
 from rakelight.model import MAD_TO_SIGMA, Array, Camera, Finding, Floats, Lights, Mask
-from rakelight.photometry.lighting import arriving, estimate_light
-from rakelight.pipeline.prediction import shadings
+from rakelight.photometry.forward import arriving, least_squares_albedo, shadings
+from rakelight.photometry.lighting import estimate_light
 from rakelight.prepare import Prepared
 
 # Largest ratio of the error of held-back photographs by the refined surface to that by the prepared
@@ -146,15 +146,11 @@ def kept(prepared: Prepared, lights: Lights) -> Estimate:
     """
     normals = surface_normals(prepared.depth_m, prepared.mask, prepared.camera)[prepared.mask]
     points = back_project(prepared.depth_m, prepared.camera)[prepared.mask]
-    squares = np.zeros((len(points), 3))
-    products = np.zeros_like(squares)
-    for i in range(len(prepared)):
-        light, good = prepared.pixels(i)
-        shading = shadings(normals, points, lights.of(i))[0]
-        squares += good * shading**2
-        products += good * shading * light
     albedo = np.zeros((*prepared.mask.shape, 3))
-    albedo[prepared.mask] = products / np.maximum(squares, 1e-12)
+    albedo[prepared.mask], _ = least_squares_albedo(
+        (*prepared.pixels(i), shadings(normals, points, lights.of(i))[0])
+        for i in range(len(prepared))
+    )
     gain = brightest(albedo[prepared.mask])
     return Estimate(
         log_depth=np.log(prepared.depth_m),
@@ -172,8 +168,8 @@ def _sample(prepared: Prepared, finite: Mask) -> _Sample:
     chosen = chosen[:: max(1, -(-len(chosen) // SAMPLE_PIXELS))]
     sampled = np.zeros_like(prepared.mask)
     sampled.flat[chosen] = True
-    part = replace(prepared, mask=sampled)
-    images, good = zip(*(part.pixels(i) for i in range(len(prepared))), strict=True)
+    sample = replace(prepared, mask=sampled)
+    images, good = zip(*(sample.pixels(i) for i in range(len(prepared))), strict=True)
     return _Sample(np.stack(images).astype(np.float64), np.stack(good), chosen)
 
 
@@ -212,7 +208,7 @@ def _left_out(
         normal over that change
     """
     images, good = sample.images, sample.good
-    albedo, squares = _albedo(sample, shading)
+    albedo, squares = least_squares_albedo(zip(images, good, shading, strict=True))
     error = good * (images - albedo * shading)
     own = good * shading**2 / squares
     if slopes is None or change is None or dn_dg2 is None:
@@ -237,15 +233,6 @@ def _left_out(
     return np.abs(np.linalg.solve((1 + 1e-6) * np.eye(3) - hat, error[..., None])[..., 0])
 
 
-def _albedo(sample: _Sample, shading: Floats) -> tuple[Floats, Floats]:
-    """(P, 3) albedo of equation (3) by least squares, and the sum of squared shadings it rests on.
-
-    shading : (N, P, 3), or (N, P, 1) of white lights
-    """
-    squares = np.maximum((sample.good * shading**2).sum(axis=0), 1e-12)
-    return (sample.good * shading * sample.images).sum(axis=0) / squares, squares
-
-
 def _lights_of(sample: _Sample, normals: Floats) -> Lights:
     """White distant lights (N, 1) that explain a sample best by normals (P, 3)."""
     images, good = sample.images, sample.good
@@ -259,7 +246,7 @@ def _lights_of(sample: _Sample, normals: Floats) -> Lights:
             ]
         )
         shading = (np.maximum(lights[:, :3] @ normals.T, 0) + lights[:, 3:])[..., None]
-        albedo, _ = _albedo(sample, shading)
+        albedo, _ = least_squares_albedo(zip(images, good, shading, strict=True))
     return Lights(lights[:, None, :3], lights[:, 3:])
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from rakelight.geometry.camera import back_project
 from rakelight.model import Floats, Lights, Mask
-from rakelight.photometry.lighting import arriving
+from rakelight.photometry.forward import shadings
 from rakelight.prepare import Prepared
 
 # Pixels in the sample: its medians are good to a few per cent.
@@ -47,19 +47,6 @@ def prediction_errors(
     seen = [sample.pixels(i) for i in range(len(prepared))]
     images, good = (np.stack(part) for part in zip(*seen, strict=True))
     return leave_one_out(images, good, shading)
-
-
-def shadings(normals: Floats, points_m: Floats, lights: Lights) -> Floats:
-    """Shading (N, P, C) of P points under every light; near lights fall off from their positions.
-
-    >>> near, far = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 2.0])
-    >>> toward, none, place = np.array([[[0.0, 0.0, -1.0]]]), np.zeros((1, 1)), np.zeros((1, 1, 3))
-    >>> facing, lights = np.array([[0.0, 0.0, -1.0]] * 2), Lights(toward, none, place, near)
-    >>> shadings(facing, np.stack([near, far]), lights)[0, :, 0].tolist()
-    [1.0, 0.25]
-    """
-    cosine = np.einsum("npck,pk->npc", arriving(lights, points_m), normals)
-    return np.asarray(np.maximum(cosine, 0) + lights.ambient[:, None])
 
 
 def leave_one_out(images: Floats, good: Mask, shading: Floats) -> tuple[float, ...]:

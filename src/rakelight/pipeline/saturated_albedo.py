@@ -7,7 +7,7 @@ import numpy as np
 from rakelight.geometry.camera import back_project
 from rakelight.methods.base import Estimate
 from rakelight.model import SATURATED, Finding, Floats
-from rakelight.pipeline.prediction import shadings
+from rakelight.photometry.forward import shadings
 from rakelight.prepare import Prepared
 from rakelight.prepare.linear import linear_table, usable
 

@@ -16,8 +16,8 @@ from rakelight.geometry.normals import normals_from_gradient
 from rakelight.methods.levels import Level
 from rakelight.model import Floats, Lights, Mask
 from rakelight.photometry.cast_shadows import in_sight
+from rakelight.photometry.forward import arriving
 from rakelight.photometry.images import LightParameters
-from rakelight.photometry.lighting import arriving
 from rakelight.photometry.specular import lobe_coefficients, lobes
 from rakelight.prepare.inpaint import nearest_fill
 
