@@ -137,7 +137,7 @@ def write_mkv(path: Path, take: Take | None = None) -> Path:
     sides = ((WIDTH, HEIGHT), *[(len(take.depth[0][0]), len(take.depth[0]))] * 2)
     if len(take.color):
         sides = ((take.color[0].shape[1], take.color[0].shape[0]), *sides[1:])
-    options = {"allow_raw_vfw": "1", "write_crc32": "0"}
+    options = {"allow_raw_vfw": "1", "write_crc32": "0", "fflags": "bitexact"}
     with av.open(str(path), "w", format="matroska", options=options) as container:
         streams = []
         for title, (width, height) in zip(take.titles, sides, strict=False):
@@ -151,7 +151,7 @@ def write_mkv(path: Path, take: Take | None = None) -> Path:
         for number in range(max(len(take.color), len(take.depth))):
             image = [encode(each) for each in take.color[number : number + 1]]
             values = [each.astype(">u2").tobytes() for each in take.depth[number : number + 1]]
-            tracks = zip(streams, (image, values, values), strict=True)
+            tracks = zip(streams, (image, values, values), strict=False)
             for stream, data in ((stream, data) for stream, some in tracks for data in some):
                 packet = av.Packet(data)
                 packet.stream, packet.time_base = stream, Fraction(1, FPS)
