@@ -66,7 +66,7 @@ def textured():
 
 
 def exact_rgb(planes, height, width):
-    """BT.709 of studio range, in doubles, chroma interpolated from left of every other pixel."""
+    """BT.709 of studio range as 8 bits have it, chroma from left of every other pixel."""
     y = planes[:height].astype(np.float32)
     chroma = planes[height:].reshape(2, height // 2, width // 2).astype(np.float32)
     columns, rows = np.meshgrid(np.arange(width) / 2, (np.arange(height) - 0.5) / 2)
@@ -89,10 +89,25 @@ def test_nothing_but_rounding_is_lost_in_the_conversion(tmp_path):
     assert np.abs(off.mean(axis=(0, 1))).max() < 0.03
 
 
-def test_ten_bits_become_sixteen(tmp_path):
-    path = write_video(tmp_path / "a.mp4", [patches()] * 2, pixels="yuv420p10le")
+def test_ten_bits_become_sixteen_and_lose_nothing(tmp_path):
+    path = write_video(tmp_path / "a.mp4", [textured()] * 2, pixels="yuv420p10le")
+    with av.open(str(path)) as container:
+        frame = next(container.decode(video=0))
+    sizes = ((96, 128), (48, 64), (48, 64))
+    planes = [np.frombuffer(bytes(plane), "<u2") for plane in frame.planes]
+    planes = [p.reshape(h, -1)[:, :w].ravel() for p, (h, w) in zip(planes, sizes, strict=True)]
+    luma_and_chroma = np.concatenate(planes).reshape(-1, 128) / 4
     ((_, image),) = video_stream(path, "a.mp4").walk([0])
     assert image.dtype == np.uint16
+    assert np.abs(image / 257 - exact_rgb(luma_and_chroma, 96, 128)).max() < 0.01
+
+
+@pytest.mark.parametrize(("matrix", "limits"), [(BT601, LIMITED), (BT709, FULL), (BT601, FULL)])
+def test_ten_bits_of_every_matrix_and_range(tmp_path, matrix, limits):
+    path = write_video(
+        tmp_path / "a.mp4", [patches()] * 2, pixels="yuv420p10le", matrix=matrix, limits=limits
+    )
+    ((_, image),) = video_stream(path, "a.mp4").walk([0])
     assert np.abs(image[16::32, 16::32].reshape(-1, 3) / 257 - COLOURS).max() <= 2
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from rakelight.capture.readers.containers import (
@@ -29,6 +30,8 @@ from rakelight.model import Array
 
 # Codes of ITU-T H.273: matrix, range, transfer, primaries.
 _BT709, _BT601, _SMPTE240 = 1, (5, 6), 7
+# Weights of red and blue in the luma, by the names of PyAV.
+_WEIGHTS = {"ITU709": (0.2126, 0.0722), "ITU601": (0.299, 0.114), "SMPTE240M": (0.212, 0.087)}
 _FULL_RANGE = 2
 _HDR_TRANSFERS = {16: "PQ", 18: "HLG"}
 _BT2020 = 9
@@ -149,24 +152,56 @@ def _rgb(av: Any, frame: Any, shape: tuple[int, int], source: str) -> Array:
     ranges = reformatter.ColorRange
     how = reformatter.Interpolation
     exact = how.BILINEAR | how.ACCURATE_RND | how.FULL_CHR_H_INT
+    stated, matrix = ranges.JPEG if full else ranges.MPEG, _matrix(frame)
     with parsing(source, DAMAGED, CaptureError):
-        deep = max(component.bits for component in frame.format.components) > 8
+        bits = max(component.bits for component in frame.format.components)
+        if bits > 8 and not frame.format.is_rgb:
+            # FFmpeg 8.1 makes RGB of it that is wrong by 6 of 255; by 180 if it is to be exact.
+            yuv = frame.to_ndarray(
+                format="yuv444p16le",
+                src_color_range=stated,
+                dst_color_range=stated,
+                interpolation=exact,
+            )
+            return _deep_rgb(yuv, bits, full, _WEIGHTS[matrix])
         pixels = frame.to_ndarray(
-            format="rgb48" if deep else "rgb24",
-            src_colorspace=_matrix(reformatter.Colorspace, frame),
-            src_color_range=ranges.JPEG if full else ranges.MPEG,
+            format="rgb48" if bits > 8 else "rgb24",
+            src_colorspace=getattr(reformatter.Colorspace, matrix),
+            src_color_range=stated,
             dst_color_range=ranges.JPEG,
-            # To rgb48 the exact way sets colours wrong by 180 of 255 (FFmpeg 8.1).
-            interpolation=how.BILINEAR if deep else exact,
+            interpolation=how.BILINEAR if bits > 8 else exact,
         )
     return np.ascontiguousarray(pixels)
 
 
-def _matrix(spaces: Any, frame: Any) -> Any:
+def _deep_rgb(yuv: Array, bits: int, full: bool, weights: tuple[float, float]) -> Array:
+    """(H, W, 3) uint16 RGB of values with `bits` bits, which are the upper ones of 16.
+
+    weights : of red and blue in the luma
+    """
+    top = (2**bits - 1) << (16 - bits)
+    black, luma, chroma = (0, top, top) if full else (16 << 8, 219 << 8, 224 << 8)
+    of_red, of_blue = weights
+    of_green = 1 - of_red - of_blue
+    blue, red = 2 * (1 - of_blue) / chroma, 2 * (1 - of_red) / chroma
+    to_rgb = np.array(
+        [
+            [1 / luma, 0, red],
+            [1 / luma, -blue * of_blue / of_green, -red * of_red / of_green],
+            [1 / luma, blue, 0],
+        ]
+    )
+    zero = to_rgb @ [black, 1 << 15, 1 << 15]
+    # Rounded and clipped to 16 bits by OpenCV, in one pass.
+    return np.asarray(cv2.transform(yuv, 65535 * np.column_stack([to_rgb, -zero])))
+
+
+def _matrix(frame: Any) -> str:
+    """Its name, as PyAV has it."""
     if frame.colorspace == _BT709:
-        return spaces.ITU709
+        return "ITU709"
     if frame.colorspace in _BT601:
-        return spaces.ITU601
+        return "ITU601"
     if frame.colorspace == _SMPTE240:
-        return spaces.SMPTE240M
-    return spaces.ITU709 if frame.height >= _HD_HEIGHT else spaces.ITU601
+        return "SMPTE240M"
+    return "ITU709" if frame.height >= _HD_HEIGHT else "ITU601"
