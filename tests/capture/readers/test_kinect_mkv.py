@@ -1,6 +1,7 @@
 """Recordings of an Azure Kinect: cameras as its SDK has them, frames as they were, one clock."""
 
 import json
+import re
 
 import cv2
 import numpy as np
@@ -137,15 +138,29 @@ def test_depth_is_metres_on_the_clock_of_colour(sound):
         assert np.allclose(stream.times_s, np.arange(3) / FPS, atol=1e-3)
 
 
-def test_far_frames_are_those_that_are_asked_for(tmp_path):
-    """Beyond where the file is sought in."""
+# How the entries of the index, with their tracks from 1, are changed.
+INDICES = {
+    "of every track": {},
+    "of colour, as k4arecorder writes it": {2: 9, 3: 9},
+    "of nothing": {1: 9, 2: 9, 3: 9},
+    "of the wrong tracks": {1: 2, 2: 1},
+}
+
+
+@pytest.mark.parametrize("index", INDICES)
+def test_far_frames_are_those_that_are_asked_for(tmp_path, index):
     depth = some_depth(50)
-    made = kinect_mkv.recording(
-        write_mkv(tmp_path / "a.mkv", Take(color=some_color(1), depth=depth))
-    )
+    path = write_mkv(tmp_path / "a.mkv", Take(color=[*some_color(1)] * 50, depth=depth))
+    data = path.read_bytes()
+    start = data.rindex(b"\x1c\x53\xbb\x6b")
+    tracks = {b"\xf7\x81" + bytes([a]): b"\xf7\x81" + bytes([b]) for a, b in INDICES[index].items()}
+    changed = re.sub(rb"\xf7\x81.", lambda each: tracks.get(each[0], each[0]), data[start:])
+    path.write_bytes(data[:start] + changed)
+    made = kinect_mkv.recording(path)
     for wanted in ([49], [0, 20, 21, 48], range(0, 50, 17)):
         seen = [(i, round(1000 * float(metres[200, 10]))) for i, metres in made.depth.walk(wanted)]
         assert seen == [(i, int(depth[i, 200, 10])) for i in wanted]
+        assert [i for i, _ in made.color.walk(wanted)] == list(wanted)
 
 
 def test_the_depth_camera_stands_where_the_file_says(tmp_path):

@@ -44,8 +44,8 @@ _RAW = {
     "BGRA": (1.0, 4, cv2.COLOR_BGRA2RGB),
 }
 _MILLIMETRES = 1000.0
-# Frames left out from which it is sought rather than read on: half a second at 30 a second.  A
-# cluster, from whose start is read on again, has one frame of each track.
+# Frames left out from which the file's index is used: half a second at 30 a second.  The index has
+# an entry every second or so, of the first track.
 _SEEK = 15
 
 
@@ -180,35 +180,44 @@ def _stream(
     path: Path, track: _Track, start_s: float, pixels: Callable[[bytes, _Track, str], Array]
 ) -> Stream:
     def walk(wanted: Sequence[int]) -> Iterator[tuple[int, Array]]:
-        with opened_container(path, str(path), "matroska") as container:
-            for number, data in _packets(container, track, wanted, str(path)):
-                yield number, pixels(data, track, f"{path}, frame {number} of {track.name}")
+        left = list(wanted)
+        for seeking in (True, False):  # a damaged index leads elsewhere
+            with opened_container(path, str(path), "matroska") as container:
+                for data in _packets(container, track, left, seeking, str(path)):
+                    yield left[0], pixels(data, track, f"{path}, frame {left[0]} of {track.name}")
+                    left = left[1:]
+            if not left:
+                return
+        seen = f"frame {left[0]} of {track.name} cannot be found"
+        raise CaptureError(DAMAGED, source=str(path), seen=seen)
 
     return Stream(np.array(track.pts) * track.unit_s - start_s, track.shape, walk)
 
 
 def _packets(
-    container: Any, track: _Track, wanted: Sequence[int], source: str
-) -> Iterator[tuple[int, bytes]]:
-    """The bytes of the wanted frames."""
-    with demuxing(source):
-        stream = container.streams[track.number]
-        packets = container.demux(stream)
-    before = -1
+    container: Any, track: _Track, wanted: Sequence[int], seeking: bool, source: str
+) -> Iterator[bytes]:
+    """The bytes of the wanted frames, up to the first that is not found.
+
+    seeking : whether to go to far frames by the file's index
+    """
+    stream, before = container.streams[track.number], -1
+    packets = container.demux(stream)
     for number in wanted:
         with demuxing(source):
-            if number - before > _SEEK:
-                container.seek(track.pts[number], stream=stream)
+            if seeking and number - before > _SEEK:
+                try:
+                    container.seek(track.pts[number], stream=stream)
+                except (OSError, ValueError):  # as FFmpeg says that the index is of no use
+                    return
                 packets = container.demux(stream)
             later = (p for p in packets if p.pts is not None and p.pts >= track.pts[number])
             packet = next(later, None)
             data = bytes(packet) if packet is not None and packet.pts == track.pts[number] else b""
         if not data:
-            raise CaptureError(
-                DAMAGED, source=source, seen=f"frame {number} of {track.name} cannot be found"
-            )
+            return
         before = number
-        yield number, data
+        yield data
 
 
 def _color(data: bytes, track: _Track, source: str) -> Array:
