@@ -12,6 +12,7 @@ import pytest
 
 from rakelight.errors import InputError, MachineError, OutputExistsError
 from rakelight.export import load_result, read_summary, write_result
+from rakelight.export.lights import lights_json, parse_lights
 from rakelight.model import Finding, Lights
 from rakelight.photometry.images import LightParameters
 from rakelight.report import save_result
@@ -139,6 +140,13 @@ def test_options_of_any_type_are_written_as_json(sphere, tmp_path):
             "3": [1, 2],
         },
     }
+
+
+def test_a_direction_that_is_none_is_refused():
+    lights = Lights(np.array([[[0.0, 0.0, -2.0]]]), np.array([[0.1]]))
+    data = lights_json(lights).replace(b"-1.0", b"-1e308")
+    with pytest.raises(InputError, match=r"a direction is no unit vector.*1e\+308"):
+        parse_lights(data, source="lights.json")
 
 
 def test_lights_json(sphere, tmp_path):

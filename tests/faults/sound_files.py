@@ -17,6 +17,7 @@ from rakelight.export import load_result, write_result
 from rakelight.model import Camera, Capture, Lights, Result, Truth
 from rakelight.synthetic.depth_file import shape_from_file
 from tests.faults.sound_recordings import recording_kinds
+from tests.faults.sound_sources import source_kinds
 
 WIDTH, HEIGHT = 32, 24
 CAMERA = Camera(WIDTH, HEIGHT, 40.0, 40.5, 15.25, 11.75)
@@ -158,6 +159,7 @@ def make_kinds(folder: Path) -> list[Kind]:
     for name in ("stored.npz", "deflated.npz", "shape.tiff"):
         kinds.append(Kind(name, folder / name, lambda path=folder / name: shape_from_file(path)))
     kinds += [Kind(*kind) for kind in recording_kinds(folder / "recordings")]
+    kinds += [Kind(*kind) for kind in source_kinds(folder / "sources")]
     return kinds
 
 

@@ -50,7 +50,7 @@ def parse_lights(data: bytes, *, source: str) -> Lights:
     """The lights in the bytes of a lights.json; `source` names the file in messages.
 
     A distant lamp among near ones stands at `FARTHEST_M`.  Raises InputError when it is not one, is
-    of another version, or its photographs have different channels.
+    of another version, its photographs have different channels, or a direction is too long.
 
     >>> lights = Lights(vector=np.array([[[0.0, 0.0, -2.0]]]), ambient=np.array([[0.1]]))
     >>> parse_lights(lights_json(lights), source="lights.json").vector.tolist()
@@ -72,6 +72,11 @@ def parse_lights(data: bytes, *, source: str) -> Lights:
         )
     lights = [list(photograph.channels.values()) for photograph in stored.photographs]
     direction = np.array([[lamp.direction for lamp in row] for row in lights], float)
+    longest = float(np.nanmax(np.abs(direction), initial=0.0))
+    if longest > _LONGEST:
+        raise InputError(
+            "a direction is no unit vector", source=source, seen=f"a component of {longest:g}"
+        )
     intensity = np.array([[lamp.intensity for lamp in row] for row in lights], float)
     ambient = np.array([[lamp.ambient for lamp in row] for row in lights], float)
     vector = intensity[..., None] * direction
@@ -86,6 +91,7 @@ def parse_lights(data: bytes, *, source: str) -> Lights:
     return Lights(vector, ambient, position_m, middle_m)
 
 
+_LONGEST = 1.001  # of a component of a unit vector, rounded
 _CHANNELS = (("white",), ("red", "green", "blue"))
 # null is a number that was not finite.
 _Vector = tuple[float | None, float | None, float | None]

@@ -157,7 +157,7 @@ def matrix_text(camera=CAMERA):
     return f"{camera.fx}, 0.0, {camera.cx}\n0.0, {camera.fy}, {camera.cy}\n0.0, 0.0, 1.0"
 
 
-def write_stray(path, images=None, depth_m=None, *, text=None, start=0, **video):
+def write_stray(path, images=None, depth_m=None, *, text=None, start=0, camera=CAMERA, **video):
     """A folder of Stray Scanner; returns it."""
     images = frames() if images is None else images
     depth_m = depth_maps() if depth_m is None else depth_m
@@ -168,7 +168,7 @@ def write_stray(path, images=None, depth_m=None, *, text=None, start=0, **video)
         values = np.rint(np.nan_to_num(metres) * 1000).astype(np.uint16)
         (path / f"depth/{i:06d}.png").write_bytes(png(values))
         (path / f"confidence/{i:06d}.png").write_bytes(png(sure))
-    (path / "camera_matrix.csv").write_text(matrix_text())
+    (path / "camera_matrix.csv").write_text(matrix_text(camera))
     (path / "odometry.csv").write_text(text or odometry(len(images), start))
     (path / "imu.csv").write_text("timestamp, a_x, a_y, a_z, alpha_x, alpha_y, alpha_z\n")
     return path

@@ -12,10 +12,12 @@ import pyrealsense2 as rs
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
+from rakelight.capture.images import encode_jpeg
 from rakelight.model import Camera, RigidTransform
 
 CHANNELS = {"rgb8": 3, "bgr8": 3, "rgba8": 4, "bgra8": 4, "y8": 1, "yuyv": 2, "uyvy": 2}
-BAG_ENCODINGS = {"y8": "8UC1", "yuyv": "YUYV", "uyvy": "yuv422"}
+JPEG_BYTES = 4  # per pixel of a frame into which a JPEG is put, zeros after it
+BAG_ENCODINGS = {"mjpeg": "MJPEG", "y8": "8UC1", "yuyv": "YUYV", "uyvy": "yuv422"}
 TURN = np.array([[0.96, -0.28, 0.0], [0.28, 0.96, 0.0], [0.0, 0.0, 1.0]])
 TILT = np.array([[1.0, 0.0, 0.0], [0.0, 0.8, -0.6], [0.0, 0.6, 0.8]])
 
@@ -27,6 +29,14 @@ PLACE = RigidTransform(TURN @ TILT, np.array([0.015, -0.002, 0.001]))
 def some_color(count: int = 4, channels: int = 3) -> list[np.ndarray]:
     random = np.random.default_rng(3)
     return list(random.integers(16, 240, (count, 24, 32, channels), np.uint8))
+
+
+def jpegs(color: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Frames of the format "mjpeg" that hold images."""
+    files = [np.frombuffer(encode_jpeg(image, 97), np.uint8) for image in color]
+    height, width = color[0].shape[:2]
+    size = height * width * JPEG_BYTES
+    return [np.pad(each, (0, size - each.size)).reshape(height, width, -1) for each in files]
 
 
 def some_depth(count: int = 4) -> list[np.ndarray]:
@@ -61,7 +71,9 @@ def write_db3(path: Path, take: Take) -> rs.extrinsics | None:
     sensors = device.add_sensor("Stereo Module"), device.add_sensor("RGB Camera")
     of_depth = _profile(take, take.depth_camera, rs.stream.depth, rs.format.z16, 2, 0)
     form = getattr(rs.format, take.format)
-    of_color = _profile(take, take.camera, rs.stream.color, form, CHANNELS[take.format], 1)
+    of_color = _profile(
+        take, take.camera, rs.stream.color, form, CHANNELS.get(take.format, JPEG_BYTES), 1
+    )
     profiles = [s.add_video_stream(p) for s, p in zip(sensors, (of_depth, of_color), strict=True)]
     if take.unit_m is not None:
         sensors[0].add_read_only_option(rs.option.depth_units, take.unit_m)

@@ -7,9 +7,12 @@ import cv2
 import numpy as np
 import pyrealsense2 as rs
 import pytest
+from rosbags.typesys import Stores, get_typestore
 
+from rakelight.capture.images import encode_jpeg, encode_png
 from rakelight.capture.readers import find_reader, realsense
 from rakelight.capture.readers.ros_bag import opened
+from rakelight.capture.readers.ros_pixels import color_of, depth_of
 from rakelight.errors import CaptureError
 from rakelight.geometry.distortion import to_pixels
 from rakelight.model import Camera, RigidTransform
@@ -18,7 +21,9 @@ from tests.capture.readers.realsense_files import (
     TILT,
     TURN,
     Take,
+    jpegs,
     some_color,
+    some_depth,
     write_bag,
     write_db3,
 )
@@ -69,6 +74,37 @@ def test_frames_come_back_bit_by_bit(tmp_path, name, form, compressed):
     values = np.stack(take.depth)
     assert np.array_equal(np.isnan(depth_m), values == 0)
     assert np.array_equal(np.nan_to_num(depth_m), (values * 0.001).astype(np.float32))
+
+
+@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("compressed", [True, False])
+def test_colour_as_jpeg(tmp_path, name, compressed):
+    smooth = [cv2.GaussianBlur(image, (0, 0), 4) for image in some_color(3)]
+    take = Take(color=jpegs(smooth), format="mjpeg", compressed=compressed)
+    WRITERS[name](tmp_path / name, take)
+    _, color, _ = recording_of(tmp_path / name)
+    assert np.abs(color.astype(int) - np.stack(smooth)).mean() < 2
+
+
+def test_pictures_that_other_programs_packed():
+    """JPEG and PNG as they are; depth with and without the 12 bytes of ROS before it."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    time = store.types["builtin_interfaces/msg/Time"](0, 0)
+    header = store.types["std_msgs/msg/Header"](time, "0")
+
+    def message(form, data):
+        kind = store.types["sensor_msgs/msg/CompressedImage"]
+        return kind(header, form, np.frombuffer(data, np.uint8))
+
+    image = cv2.GaussianBlur(some_color(1)[0], (0, 0), 4)
+    jpeg = message("rgb8; jpeg compressed bgr8", encode_jpeg(image, 97))
+    assert np.abs(color_of(jpeg, "rec.db3").astype(int) - image).mean() < 2
+    (values,) = some_depth(1)
+    for form, before in (("mono16;png", b""), ("16UC1; compressedDepth png", bytes(12))):
+        packed = message(form, before + encode_png(values))
+        assert np.array_equal(depth_of(packed, "rec.db3"), values)
+    with pytest.raises(CaptureError, match="this kind of picture is not read"):
+        color_of(message("h264", b"abcd"), "rec.db3")
 
 
 @pytest.mark.parametrize("name", WRITERS)

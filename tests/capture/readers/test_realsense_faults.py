@@ -10,14 +10,16 @@ import pytest
 from rakelight import load_capture
 from rakelight.errors import CaptureError
 from rakelight.model import RigidTransform
-from tests.capture.readers.realsense_files import Take, some_color, write_bag, write_db3
+from tests.capture.readers.realsense_files import Take, jpegs, some_color, write_bag, write_db3
 from tests.faults.fuzz import tried
 from tests.faults.mutations import mutated
 
 BESIDE = RigidTransform(np.eye(3), np.array([0.015, 0.0, 0.0]))
 YUYV = Take(depth_to_color=BESIDE, color=[each // 2 for each in some_color(4, 2)], format="yuyv")
+MJPEG = Take(depth_to_color=BESIDE, color=jpegs(some_color()), format="mjpeg")
 PLAIN = Take(depth_to_color=BESIDE, compressed=False)
 FILES = {
+    "mjpeg.db3": lambda path: write_db3(path, MJPEG),
     "yuyv.db3": lambda path: write_db3(path, YUYV),
     "plain.db3": lambda path: write_db3(path, PLAIN),
     "png.db3": lambda path: write_db3(path, Take(depth_to_color=BESIDE)),

@@ -1,6 +1,7 @@
 """Videos: colours by the matrix and range they name, every frame by its number, damage refused."""
 
 import av
+import cv2
 import numpy as np
 import pytest
 
@@ -56,10 +57,57 @@ def test_colours_are_those_that_were_filmed(tmp_path, codec, matrix, limits):
     assert stream.shape == (64, 128)
 
 
-def test_ten_bits_become_sixteen(tmp_path):
-    path = write_video(tmp_path / "a.mp4", [patches()] * 2, pixels="yuv420p10le")
+def textured():
+    """(96, 128, 3) smooth random colours, none of which clips."""
+    noise = np.random.default_rng(4).uniform(0, 1, (96, 128, 3))
+    blurred = cv2.GaussianBlur(noise, (0, 0), 3)
+    scaled = (blurred - blurred.min()) / (blurred.max() - blurred.min())
+    return np.rint(80 + 80 * scaled).astype(np.uint8)
+
+
+def exact_rgb(planes, height, width):
+    """BT.709 of studio range as 8 bits have it, chroma from left of every other pixel."""
+    y = planes[:height].astype(np.float32)
+    chroma = planes[height:].reshape(2, height // 2, width // 2).astype(np.float32)
+    columns, rows = np.meshgrid(np.arange(width) / 2, (np.arange(height) - 0.5) / 2)
+    maps = columns.astype(np.float32), rows.astype(np.float32)
+    blue, red = (cv2.remap(c, *maps, cv2.INTER_LINEAR, borderMode=1) / 224 for c in chroma - 128)
+    y = (y - 16) / 219
+    return 255 * np.stack(
+        [y + 1.5748 * red, y - 0.18732 * blue - 0.46812 * red, y + 1.8556 * blue], -1
+    )
+
+
+def test_nothing_but_rounding_is_lost_in_the_conversion(tmp_path):
+    """So what a video costs, its compression does."""
+    path = write_video(tmp_path / "a.mp4", [textured()] * 2)
+    with av.open(str(path)) as container:
+        planes = next(container.decode(video=0)).to_ndarray()
+    ((_, image),) = video_stream(path, "a.mp4").walk([0])
+    off = image - exact_rgb(planes, 96, 128)
+    assert np.abs(off).max() < 0.6
+    assert np.abs(off.mean(axis=(0, 1))).max() < 0.03
+
+
+def test_ten_bits_become_sixteen_and_lose_nothing(tmp_path):
+    path = write_video(tmp_path / "a.mp4", [textured()] * 2, pixels="yuv420p10le")
+    with av.open(str(path)) as container:
+        frame = next(container.decode(video=0))
+    sizes = ((96, 128), (48, 64), (48, 64))
+    planes = [np.frombuffer(bytes(plane), "<u2") for plane in frame.planes]
+    planes = [p.reshape(h, -1)[:, :w].ravel() for p, (h, w) in zip(planes, sizes, strict=True)]
+    luma_and_chroma = np.concatenate(planes).reshape(-1, 128) / 4
     ((_, image),) = video_stream(path, "a.mp4").walk([0])
     assert image.dtype == np.uint16
+    assert np.abs(image / 257 - exact_rgb(luma_and_chroma, 96, 128)).max() < 0.01
+
+
+@pytest.mark.parametrize(("matrix", "limits"), [(BT601, LIMITED), (BT709, FULL), (BT601, FULL)])
+def test_ten_bits_of_every_matrix_and_range(tmp_path, matrix, limits):
+    path = write_video(
+        tmp_path / "a.mp4", [patches()] * 2, pixels="yuv420p10le", matrix=matrix, limits=limits
+    )
+    ((_, image),) = video_stream(path, "a.mp4").walk([0])
     assert np.abs(image[16::32, 16::32].reshape(-1, 3) / 257 - COLOURS).max() <= 2
 
 

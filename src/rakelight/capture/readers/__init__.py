@@ -17,6 +17,7 @@ __all__ = ["Reader", "Reading", "Wanted", "find_reader", "readers"]
 _MODULES = (
     "rakelight_folder",
     "realsense",
+    "kinect_mkv",
     "record3d",
     "stray_scanner",
     "tum_rgbd",

@@ -18,6 +18,7 @@ from rakelight.model import Array, Finding, Floats
 
 # What a sensor writes into 16 bit that is too far.
 _TOO_FAR = 65535
+JPEG_FINDING = Finding("note", "compressed", "frames are JPEG; its compression looks like relief")
 
 
 def read_within(root: Path, name: str, max_bytes: int = MAX_BYTES) -> bytes:
@@ -148,7 +149,7 @@ def compressed_finding(names: Sequence[str]) -> tuple[Finding, ...]:
     """A note where the colour frames are JPEG."""
     if not names[0].lower().endswith((".jpg", ".jpeg")):
         return ()
-    return (Finding("note", "compressed", "frames are JPEG; its compression looks like relief"),)
+    return (JPEG_FINDING,)
 
 
 def _header(root: Path, name: str) -> Header:

@@ -9,7 +9,10 @@ import numpy as np
 
 from rakelight.capture import validate
 from rakelight.errors import CaptureError, InputError, parsing
-from rakelight.model import Camera, Floats
+from rakelight.model import Camera, Floats, RigidTransform
+
+# By how much R Rᵀ may differ from the identity: RealSense's .db3 has rotations with six decimals.
+_ROTATION = 1e-4
 
 
 def json_table(data: bytes, source: str) -> dict[str, Any]:
@@ -90,3 +93,35 @@ def camera_of(matrix: object, shape: tuple[int, int], source: str, what: str) ->
         ) from error
     validate.check_camera(camera, shape, source, what)
     return camera
+
+
+def rigid_transform(
+    rotation: Floats, translation_m: Floats, source: str, what: str
+) -> RigidTransform:
+    """The transformation of a stated rotation (3, 3) and translation (3,), metres.
+
+    The rotation is the nearest to the one stated, which is rounded.  Raises CaptureError where it
+    is none.
+
+    >>> rigid_transform(np.eye(3), np.zeros(3), "rec.db3", "tf").translation_m.tolist()
+    [0.0, 0.0, 0.0]
+    """
+    finite = np.isfinite(rotation).all() and np.isfinite(translation_m).all()
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = np.abs(rotation @ rotation.T - np.eye(3)).max()
+    if not (finite and off <= _ROTATION):
+        seen = f"{rotation.tolist()}, {translation_m.tolist()}"
+        raise CaptureError(f"{what} is no rigid motion", source=source, seen=seen)
+    u, _, vt = np.linalg.svd(rotation)
+    return RigidTransform(u @ vt, translation_m)
+
+
+def between(of_depth: RigidTransform, of_color: RigidTransform) -> RigidTransform:
+    """Depth camera to colour camera, of the transformations of one reference to each.
+
+    >>> shifted = RigidTransform(np.eye(3), np.array([0.05, 0.0, 0.0]))
+    >>> between(shifted, RigidTransform(np.eye(3), np.zeros(3))).translation_m.tolist()
+    [-0.05, 0.0, 0.0]
+    """
+    rotation = of_color.rotation @ of_depth.rotation.T
+    return RigidTransform(rotation, of_color.translation_m - rotation @ of_depth.translation_m)

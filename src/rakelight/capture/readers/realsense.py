@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from rakelight.capture.readers.base import Reader, Reading, Wanted
+from rakelight.capture.readers.numbers import between, rigid_transform
 from rakelight.capture.readers.ros_bag import Bag, Topic, is_bag, opened
 from rakelight.capture.readers.ros_pixels import IMAGES, color_of, depth_of
 from rakelight.capture.recording import Recording, Stream, capture_of
@@ -37,8 +38,6 @@ _AGAIN = "record colour and depth with librealsense's recorder or the RealSense 
 # Metres per value of depth: the finest and coarsest that librealsense's cameras have is 1e-6 to
 # 0.01; a damaged file has anything.
 _UNITS_M = (1e-7, 0.1)
-# By how much R Rᵀ may differ from the identity: .db3 has rotations with six decimals.
-_ROTATION = 1e-4
 
 
 @dataclass(frozen=True)
@@ -238,8 +237,7 @@ def _depth_to_color(bag: Bag, depth: _Recorded, color: _Recorded) -> RigidTransf
         )
     of_depth = _transform(bag, from_depth[common[0]])
     of_color = _transform(bag, from_color[common[0]])
-    rotation = of_color.rotation @ of_depth.rotation.T
-    return RigidTransform(rotation, of_color.translation_m - rotation @ of_depth.translation_m)
+    return between(of_depth, of_color)
 
 
 def _places(bag: Bag, stream: _Recorded) -> dict[int, str]:
@@ -261,12 +259,7 @@ def _transform(bag: Bag, name: str) -> RigidTransform:
         with parsing(bag.source, f"{name} is damaged", CaptureError):
             rotation = np.array(_numbers(facts["rotation"], 9)).reshape(3, 3).T  # by columns
             translation_m = np.array(_numbers(facts["translation"], 3))
-    finite = np.isfinite(rotation).all() and np.isfinite(translation_m).all()
-    if not finite or np.abs(rotation @ rotation.T - np.eye(3)).max() > _ROTATION:
-        seen = f"{rotation.tolist()}, {translation_m.tolist()}"
-        raise CaptureError(f"{name} is no rigid motion", source=bag.source, seen=seen)
-    u, _, vt = np.linalg.svd(rotation)  # the nearest rotation to what was rounded
-    return RigidTransform(u @ vt, translation_m)
+    return rigid_transform(rotation, translation_m, bag.source, name)
 
 
 def _of_quaternion(q: Floats) -> Floats:

@@ -281,14 +281,17 @@ def _lz4(data: bytes) -> bytes:
     return _whole(LZ4FrameDecompressor(), data)
 
 
-def unpacked_zstd(data: bytes, size: int) -> bytes:
-    """`size` bytes packed by Zstandard; raises ValueError where they are fewer or more."""
+def unpacked_zstd(data: bytes, size: int, fewer: bool = False) -> bytes:
+    """`size` bytes packed by Zstandard; raises ValueError where they are more, or not to be fewer.
+
+    fewer : whether they may be
+    """
     try:
         from compression.zstd import ZstdDecompressor  # type: ignore[import-not-found]
     except ModuleNotFoundError:  # before Python 3.14
         from backports.zstd import ZstdDecompressor
     unpacked: bytes = ZstdDecompressor().decompress(data, max_length=size + 1)
-    if len(unpacked) != size:
+    if len(unpacked) > size or (len(unpacked) < size and not fewer):
         raise ValueError(f"not {size} bytes when unpacked")
     return unpacked
 

@@ -33,8 +33,10 @@ _COLOURS: dict[str, tuple[int, str | int]] = {
 _DEPTHS = ("16uc1", "mono16", "z16")
 # What librealsense writes of pictures that PNG cannot hold: "YUYV; zstd; 640x480 step=1280".
 _ZSTD = re.compile(r"(\w+); zstd; ([0-9]{1,6})x([0-9]{1,6}) step=([0-9]{1,8})")
-# Bytes before the PNG of a depth map: a quantisation of ROS that 16 bit depth does not use.
-_DEPTH_HEADER = 12
+# Bytes before the PNG of a depth map: a quantisation of ROS that 16 bit depth does not use, and
+# that some writers leave out.
+_DEPTH_HEADERS = (0, 12)
+_JPEG, _JPEG_MAGIC = "mjpeg", b"\xff\xd8\xff"
 
 
 def color_of(message: Any, source: str) -> Array:
@@ -42,7 +44,10 @@ def color_of(message: Any, source: str) -> Array:
 
     source : names the frame in messages
     """
-    packed = _png(message, source, before=0)
+    jpeg = _jpeg(message, source)
+    if jpeg is not None:
+        return as_rgb(decode_image(jpeg, source))
+    packed = _png(message, source, befores=(0,))
     if packed is not None:
         if packed.dtype != np.uint8:
             raise _not_read(f"{packed.dtype} PNG", "colour with 8 bits", source)
@@ -66,7 +71,7 @@ def depth_of(message: Any, source: str) -> Array:
 
     source : names the frame in messages
     """
-    packed = _png(message, source, before=_DEPTH_HEADER)
+    packed = _png(message, source, _DEPTH_HEADERS)
     if packed is not None:
         if packed.dtype != np.uint16 or packed.ndim != 2:
             raise _not_read(f"{packed.dtype} PNG {packed.shape}", "depth with 16 bits", source)
@@ -79,12 +84,29 @@ def depth_of(message: Any, source: str) -> Array:
     return pixels.view(order)[..., 0].astype(np.uint16)
 
 
-def _png(message: Any, source: str, before: int) -> Array | None:
-    """The pixels of a CompressedImage that holds a PNG after some bytes; None of others."""
+def _png(message: Any, source: str, befores: tuple[int, ...]) -> Array | None:
+    """The pixels of a CompressedImage that holds a PNG after so many bytes; None of others."""
     if not hasattr(message, "format"):
         return None
-    data = message.data[before:].tobytes()
-    return decode_image(data, source) if data.startswith(PNG_MAGIC) else None
+    for before in befores:
+        data = message.data[before:].tobytes()
+        if data.startswith(PNG_MAGIC):
+            return decode_image(data, source)
+    return None
+
+
+def _jpeg(message: Any, source: str) -> bytes | None:
+    """The JPEG that a message holds: as it is, or packed as librealsense does; None of others."""
+    if not hasattr(message, "format"):
+        return message.data.tobytes() if message.encoding.lower() == _JPEG else None
+    data: bytes = message.data.tobytes()
+    if data.startswith(_JPEG_MAGIC):
+        return data
+    stated = _ZSTD.fullmatch(message.format)
+    if stated is None or stated[1].lower() != _JPEG:
+        return None
+    with parsing(source, "its JPEG cannot be unpacked", CaptureError):
+        return unpacked_zstd(data, LONGEST, fewer=True)
 
 
 def _raw(message: Any, source: str) -> tuple[str, Array, tuple[int, int]]:
@@ -92,7 +114,7 @@ def _raw(message: Any, source: str) -> tuple[str, Array, tuple[int, int]]:
     if hasattr(message, "format"):
         stated = _ZSTD.fullmatch(message.format)
         if stated is None:
-            raise _not_read(message.format, "PNG, or raw pixels packed by Zstandard", source)
+            raise _not_read(message.format, "PNG, JPEG, or raw pixels packed by Zstandard", source)
         encoding = stated[1]
         width, height, step = (int(number) for number in stated.groups()[1:])
         _check_size(height, width, step, source)
@@ -127,7 +149,7 @@ def _not_read(seen: str, needed: str, source: str) -> CaptureError:
         source=source,
         seen=seen,
         needed=needed,
-        remedy="record colour as RGB8, BGR8, Y8 or YUYV and depth as Z16",
+        remedy="record colour as RGB8, BGR8, Y8, YUYV or MJPEG and depth as Z16",
     )
 
 

@@ -13,26 +13,30 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
+from rakelight.capture.readers.containers import (
+    DAMAGED,
+    check_count,
+    check_frame_size,
+    demuxing,
+    opened_container,
+)
 from rakelight.capture.readers.extras import needs
 from rakelight.capture.recording import Stream
 from rakelight.errors import CaptureError, parsing
-from rakelight.files import clear_errors, open_regular
 from rakelight.model import Array
 
-# Frames of a video, at most: 9 hours at 30 a second.
-_MOST_FRAMES = 1_000_000
-# Pixels of a frame, at most: 8K.  A decoder keeps 17 frames of what a damaged header states.
-_MOST_PIXELS = 36_000_000
 # Codes of ITU-T H.273: matrix, range, transfer, primaries.
 _BT709, _BT601, _SMPTE240 = 1, (5, 6), 7
+# Weights of red and blue in the luma, by the names of PyAV.
+_WEIGHTS = {"ITU709": (0.2126, 0.0722), "ITU601": (0.299, 0.114), "SMPTE240M": (0.212, 0.087)}
 _FULL_RANGE = 2
 _HDR_TRANSFERS = {16: "PQ", 18: "HLG"}
 _BT2020 = 9
 # Height from which a video that does not name its matrix is BT.709, as players have it.
 _HD_HEIGHT = 720
-_DAMAGED = "the video is damaged"
 
 
 @dataclass(frozen=True)
@@ -58,11 +62,11 @@ def video_stream(path: Path, source: str) -> Stream:
     BT.2020), whose values are no plain sRGB; InputError where PyAV is missing.
     """
     av = needs("av", "recordings", source)
-    with _opened(av, path, source) as (container, stream):
+    with _opened(path, source) as (container, stream):
         index = _indexed(container, stream, source)
 
     def walk(wanted: Sequence[int]) -> Iterator[tuple[int, Array]]:
-        with _opened(av, path, source) as (container, stream):
+        with _opened(path, source) as (container, stream):
             yield from _decoded(av, container, stream, index, wanted, source)
 
     times_s = (np.array(index.pts) - index.pts[0]) * index.unit_s
@@ -70,46 +74,24 @@ def video_stream(path: Path, source: str) -> Stream:
 
 
 @contextmanager
-def _opened(av: Any, path: Path, source: str) -> Iterator[tuple[Any, Any]]:
-    """The container and its video, read through our own file: nothing else is opened by it."""
-    with clear_errors(source, "cannot be read"):
-        file = open_regular(path, source)
-    with file:
-        with _reading(source):
-            container = av.open(
-                file,
-                format="mov",
-                metadata_errors="replace",
-                options={"enable_drefs": "0"},
-                stream_options=[{"max_pixels": str(_MOST_PIXELS)}] * 8,
-            )
-        with container:
-            if not container.streams.video:
-                raise CaptureError("no video in it", source=source)
-            stream = container.streams.video[0]
-            if stream.codec_context is None:
-                raise CaptureError(_DAMAGED, source=source, seen="an unknown codec")
-            stream.thread_type = "AUTO"
-            yield container, stream
-
-
-@contextmanager
-def _reading(source: str) -> Iterator[None]:
-    """Turn FFmpeg's errors about a container into ours."""
-    with parsing(source, _DAMAGED, CaptureError):
-        try:
-            yield
-        except MemoryError as error:  # FFmpeg's word for what states an impossible length
-            raise CaptureError(_DAMAGED, source=source, seen="an impossible length") from error
+def _opened(path: Path, source: str) -> Iterator[tuple[Any, Any]]:
+    """The container and its video."""
+    with opened_container(path, source, "mov", {"enable_drefs": "0"}) as container:
+        if not container.streams.video:
+            raise CaptureError("no video in it", source=source)
+        stream = container.streams.video[0]
+        if stream.codec_context is None:
+            raise CaptureError(DAMAGED, source=source, seen="an unknown codec")
+        stream.thread_type = "AUTO"
+        yield container, stream
 
 
 def _indexed(container: Any, stream: Any, source: str) -> _Index:
     width, height = stream.codec_context.width, stream.codec_context.height
-    if not (0 < width * height <= _MOST_PIXELS):
-        raise CaptureError(_DAMAGED, source=source, seen=f"a size of {width}x{height}")
+    check_frame_size(width, height, source)
     pts: set[int] = set()
     keys: set[int] = set()
-    with _reading(source):
+    with demuxing(source):
         unit_s = float(stream.time_base)
         for packet in container.demux(stream):
             unshown = packet.pts is None or packet.is_corrupt or packet.is_discard
@@ -118,10 +100,9 @@ def _indexed(container: Any, stream: Any, source: str) -> _Index:
             pts.add(packet.pts)
             if packet.is_keyframe:
                 keys.add(packet.pts)
-            if len(pts) > _MOST_FRAMES:
-                raise CaptureError("the video is too long", source=source, seen=f"{len(pts)}+")
+            check_count(len(pts), source)
     if not pts or not unit_s > 0:
-        raise CaptureError(_DAMAGED, source=source, seen="no frames")
+        raise CaptureError(DAMAGED, source=source, seen="no frames")
     return _Index(sorted(pts), sorted(keys), unit_s, (height, width))
 
 
@@ -134,19 +115,19 @@ def _decoded(
         target = index.pts[number]
         key = bisect_right(index.keys, target) - 1
         if number > before + 1 and key >= 0 and index.keys[key] > at:
-            with parsing(source, _DAMAGED, CaptureError):
+            with parsing(source, DAMAGED, CaptureError):
                 container.seek(index.keys[key], stream=stream, backward=True)
                 frames = container.decode(stream)
         before = number
         frame = None
         while at < target:
-            with parsing(source, f"{_DAMAGED}: frame {number} cannot be decoded", CaptureError):
+            with parsing(source, f"{DAMAGED}: frame {number} cannot be decoded", CaptureError):
                 frame = next(frames, None)
             if frame is None:
                 break
             at = frame.pts if frame.pts is not None else at
         if frame is None or at != target or frame.is_corrupt:
-            raise CaptureError(_DAMAGED, source=source, seen=f"frame {number} cannot be decoded")
+            raise CaptureError(DAMAGED, source=source, seen=f"frame {number} cannot be decoded")
         yield number, _rgb(av, frame, index.shape, f"{source} frame {number}")
 
 
@@ -171,24 +152,56 @@ def _rgb(av: Any, frame: Any, shape: tuple[int, int], source: str) -> Array:
     ranges = reformatter.ColorRange
     how = reformatter.Interpolation
     exact = how.BILINEAR | how.ACCURATE_RND | how.FULL_CHR_H_INT
-    with parsing(source, _DAMAGED, CaptureError):
-        deep = max(component.bits for component in frame.format.components) > 8
+    stated, matrix = ranges.JPEG if full else ranges.MPEG, _matrix(frame)
+    with parsing(source, DAMAGED, CaptureError):
+        bits = max(component.bits for component in frame.format.components)
+        if bits > 8 and not frame.format.is_rgb:
+            # FFmpeg 8.1 makes RGB of it that is wrong by 6 of 255; by 180 if it is to be exact.
+            yuv = frame.to_ndarray(
+                format="yuv444p16le",
+                src_color_range=stated,
+                dst_color_range=stated,
+                interpolation=exact,
+            )
+            return _deep_rgb(yuv, bits, full, _WEIGHTS[matrix])
         pixels = frame.to_ndarray(
-            format="rgb48" if deep else "rgb24",
-            src_colorspace=_matrix(reformatter.Colorspace, frame),
-            src_color_range=ranges.JPEG if full else ranges.MPEG,
+            format="rgb48" if bits > 8 else "rgb24",
+            src_colorspace=getattr(reformatter.Colorspace, matrix),
+            src_color_range=stated,
             dst_color_range=ranges.JPEG,
-            # To rgb48 the exact way sets colours wrong by 180 of 255 (FFmpeg 8.1).
-            interpolation=how.BILINEAR if deep else exact,
+            interpolation=how.BILINEAR if bits > 8 else exact,
         )
     return np.ascontiguousarray(pixels)
 
 
-def _matrix(spaces: Any, frame: Any) -> Any:
+def _deep_rgb(yuv: Array, bits: int, full: bool, weights: tuple[float, float]) -> Array:
+    """(H, W, 3) uint16 RGB of values with `bits` bits, which are the upper ones of 16.
+
+    weights : of red and blue in the luma
+    """
+    top = (2**bits - 1) << (16 - bits)
+    black, luma, chroma = (0, top, top) if full else (16 << 8, 219 << 8, 224 << 8)
+    of_red, of_blue = weights
+    of_green = 1 - of_red - of_blue
+    blue, red = 2 * (1 - of_blue) / chroma, 2 * (1 - of_red) / chroma
+    to_rgb = np.array(
+        [
+            [1 / luma, 0, red],
+            [1 / luma, -blue * of_blue / of_green, -red * of_red / of_green],
+            [1 / luma, blue, 0],
+        ]
+    )
+    zero = to_rgb @ [black, 1 << 15, 1 << 15]
+    # Rounded and clipped to 16 bits by OpenCV, in one pass.
+    return np.asarray(cv2.transform(yuv, 65535 * np.column_stack([to_rgb, -zero])))
+
+
+def _matrix(frame: Any) -> str:
+    """Its name, as PyAV has it."""
     if frame.colorspace == _BT709:
-        return spaces.ITU709
+        return "ITU709"
     if frame.colorspace in _BT601:
-        return spaces.ITU601
+        return "ITU601"
     if frame.colorspace == _SMPTE240:
-        return spaces.SMPTE240M
-    return spaces.ITU709 if frame.height >= _HD_HEIGHT else spaces.ITU601
+        return "SMPTE240M"
+    return "ITU709" if frame.height >= _HD_HEIGHT else "ITU601"

@@ -1,0 +1,66 @@
+"""Small sound sources that are no capture folders: what is damaged of each, and what reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from rakelight.capture import load_capture
+from rakelight.capture.images import encode_jpeg
+from rakelight.capture.readers import kinect_mkv
+from tests.capture.photo_files import pfm
+from tests.capture.readers import test_known_lights as datasets
+from tests.capture.readers.kinect_files import Take, some_color, some_depth, write_mkv
+from tests.capture.readers.test_photographs import fill
+from tests.faults.sound_recordings import read_all
+
+# Of a .mat: text with the time at which it was written.
+_MAT_TEXT = 116
+
+
+def source_kinds(folder: Path) -> list[tuple[str, Path, Callable[[], object]]]:
+    """(name, file to damage, what reads the source) of each, written below the new `folder`."""
+    folder.mkdir()
+    kinect = Take(color=some_color(1), depth=some_depth(1), titles=("COLOR", "DEPTH"))
+    path = write_mkv(folder / "kinect.mkv", kinect)
+    kinds = [
+        ("kinect.mkv", path, partial(read_all, lambda p: (kinect_mkv.recording(p), None), path))
+    ]
+
+    path = datasets.mat(folder / "set.mat")
+    path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(_MAT_TEXT) + path.read_bytes()[_MAT_TEXT:])
+    kinds.append(("set.mat", path, partial(load_capture, path)))
+
+    folders = {
+        datasets.diligent(folder / "diligent"): (
+            *("filenames.txt", "light_directions.txt", "light_intensities.txt", "K.txt"),
+        ),
+        datasets.rti(folder / "rti"): ("dome.lp", "002.png"),
+        photographs(folder / "photographs-npy", ".npy"): (
+            "intrinsics.txt",
+            "depth.npy",
+            "img9.jpg",
+        ),
+        photographs(folder / "photographs-pfm", ".pfm"): ("depth.pfm",),
+    }
+    for place, names in folders.items():
+        read = partial(load_capture, place)
+        kinds += [(f"{place.name}/{name}", place / name, read) for name in names]
+    return kinds
+
+
+def photographs(folder: Path, suffix: str) -> Path:
+    """Loose JPEGs, with depth in another format than TIFF."""
+    made = fill(folder, depth=False)
+    for old, pixels in zip(sorted(folder.glob("*.png")), made.photographs, strict=True):
+        old.unlink()
+        old.with_suffix(".jpg").write_bytes(encode_jpeg(pixels, 95))
+    depth = folder / f"depth{suffix}"
+    if suffix == ".npy":
+        np.save(depth, made.depth_m[0])
+    else:
+        depth.write_bytes(pfm(made.depth_m[0]))
+    return folder
