@@ -12,8 +12,9 @@ from rakelight.model import Capture, Finding
 from rakelight.prepare.holes import hole_findings, within_reach
 from rakelight.prepare.sensor import SensorGrid, sensed
 
-# Share of the object without depth above which the photographs carry much of it.  Cautious: in
-# patches of 6 pixels, of 19 random draws 1 is worse by a tenth with 10 %, 2 with 30 % (ablation.md).
+# Share of the object without depth above which the photographs carry much of it.  Cautious: of 19
+# random draws 1 is worse by a tenth with patches of 6 pixels missing from 10 %, 2 from 30 %
+# (ablation.md).
 MANY_HOLES = 0.10
 # Distances, metres, at which depth cameras for objects measure; widths of an object that they can
 # resolve and see whole.  Beyond, the unit of the depth is the likelier mistake.  Taken from data
