@@ -22,6 +22,7 @@ from rakelight.errors import RakelightError, printable
 COMMANDS = {
     "demo": "make a synthetic capture, refine it, compare it with its truth",
     "refine": "refine the depth of a capture: a folder or a recording",
+    "batch": "refine many captures, on this machine or on a Dask cluster",
     "import": "make a capture folder of a recording or another format",
     "check": "say whether a capture is any good, and what to do better",
     "view": "open the report of a result in the browser",
