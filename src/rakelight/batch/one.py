@@ -83,15 +83,18 @@ def refine_source(
     overwrite: bool = False,
     progress: ProgressCallback = silent,
     extra_files: dict[str, bytes] | None = None,
+    named: str = "",
 ) -> Result:
     """Read, refine and write; the result, with what is to be said of the writing.
 
     source : a capture folder or whatever else a reader recognises; output : the result folder
     extra_files : more files for that folder, name -> content
+    named : what the result says of its source; as the reader has it when empty
     """
     began = perf_counter()
     progress(Progress("read"))
     capture = find_reader(source).read(source, Wanted(recipe.photographs, progress)).capture
+    capture = replace(capture, source=named or capture.source)
     truth = load_truth(source) if has_truth(source) else None
     read_s = perf_counter() - began
     method, options = recipe.method, None
@@ -164,6 +167,7 @@ def _done_once(
             source, target, recipe,
             overwrite=overwrite or stored == checksum,
             extra_files={STAMP: json_bytes(stamp)},
+            named=job.shown if job.remote else "",
         )  # fmt: skip
     except RakelightError as error:
         if job.remote:  # the copy's name says nothing to anybody

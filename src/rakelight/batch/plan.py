@@ -64,7 +64,7 @@ def make_jobs(named: Sequence[str], earlier: Mapping[str, str] | None = None) ->
     >>> [job.name for job in make_jobs(["/a/mitten", "/a/coin", "/a/mitten/"])]
     ['mitten', 'coin']
     >>> [job.name for job in make_jobs(["/a/mitten", "/b/mitten"])]
-    ['mitten-8ab2eec2', 'mitten-cbd4cb5f']
+    ['mitten-0c23201f', 'mitten-71a8f87b']
     """
     sources = list(dict.fromkeys(each for text in named for each in _sources(text)))
     kept = earlier or {}

@@ -73,29 +73,41 @@ def run_batch(
     require_free_page(out / INDEX, overwrite=True, kind="batch")
     if opened(out) is None and not out.exists():
         require_free(out, manifest=RESULT)
+    now = {job.name: Entry(source=job.shown, name=job.name) for job in jobs}
+    others: list[Entry] | None = None
     with only_writer(out):
-        with clear_errors(str(out), "cannot be written"):
-            out.mkdir(parents=True, exist_ok=True)
-        record = opened(out)  # once more, now that nobody else writes it
-        delete_remains(out)
-        now = {job.name: Entry(source=job.shown, name=job.name) for job in jobs}
-        before = [] if record is None else record.captures
-        others = [each for each in before if each.name not in now and each.state == "done"]
-        options = recipe.facts()
-        write_record(out, options, [*now.values(), *others])
         try:
             with place as client:
+                others = _begun(out, recipe, now)
                 task = (str(out.resolve()), recipe, overwrite, program_version())
-                for entry in _watched(_answers(client, jobs, task, deaths), client, jobs, watch):
+                for entry in _watched(_answers(client, jobs, task, deaths), len(jobs), watch):
                     now[entry.name] = entry
-        finally:
-            for name, entry in now.items():
-                if entry.state == "waiting":
-                    remove_unfinished(out / name, manifest=RESULT)
-            entries = [*now.values(), *others]
-            write_record(out, options, entries)
-            write_page(out / INDEX, index_html(out, entries), overwrite=True, kind="batch")
+        finally:  # the workers have ended
+            if others is not None:
+                _ended(out, recipe, now, others)
     return list(now.values())
+
+
+def _begun(out: Path, recipe: Recipe, now: dict[str, Entry]) -> list[Entry]:
+    """Make the folder and its record; what earlier runs did that is not asked for now."""
+    with clear_errors(str(out), "cannot be written"):
+        out.mkdir(parents=True, exist_ok=True)
+    record = opened(out)  # once more, now that nobody else writes it
+    delete_remains(out)
+    before = [] if record is None else record.captures
+    others = [each for each in before if each.name not in now and each.state == "done"]
+    write_record(out, recipe.facts(), [*now.values(), *others])
+    return others
+
+
+def _ended(out: Path, recipe: Recipe, now: dict[str, Entry], others: list[Entry]) -> None:
+    """Delete what is unfinished; bring the record and the page up to date."""
+    for name, entry in now.items():
+        if entry.state == "waiting":
+            remove_unfinished(out / name, manifest=RESULT)
+    entries = [*now.values(), *others]
+    write_record(out, recipe.facts(), entries)
+    write_page(out / INDEX, index_html(out, entries), overwrite=True, kind="batch")
 
 
 def _place(
@@ -153,19 +165,16 @@ def _entry_of(future: Any, job: Job, deaths: Deaths) -> Entry:
     return Entry(source=job.shown, name=job.name, state="failed", message=message, exit_code=code)
 
 
-def _watched(
-    entries: Iterator[Entry], client: Any, jobs: Sequence[Job], watch: Watcher
-) -> Iterator[Entry]:
+def _watched(entries: Iterator[Entry], total: int, watch: Watcher) -> Iterator[Entry]:
     """The same entries; `watch` is told of each."""
-    done, failed, computed, total = 0, 0, 0, len(jobs)
-    began = last = perf_counter()
+    done, failed, computed = 0, 0, 0
+    began = perf_counter()
     watch(Standing(0, 0, total, None))
     for entry in entries:
         done, failed = done + 1, failed + (entry.state == "failed")
         computed += entry.computed or entry.state == "failed"
         if not computed:  # those that were done before tell nothing
-            began = perf_counter() - entry.wall_s
-        last = perf_counter()
-        left_s = (last - began) / computed * (total - done) if computed else None
+            began = perf_counter()
+        left_s = (perf_counter() - began) / computed * (total - done) if computed else None
         watch(Standing(done, failed, total, left_s))
         yield entry

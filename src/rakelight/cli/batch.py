@@ -115,9 +115,9 @@ def show(entries: list[Entry], output: Path, *, quiet: bool) -> None:
         if entry.state == "failed":
             click.echo(printable(f"failed: {entry.name}: {entry.message}"), err=True)
     if not quiet:
-        number = counts(entries)
+        number, plural = counts(entries), "" if len(entries) == 1 else "s"
         click.echo(
-            f"{len(entries)} captures: {number['computed']} refined, {number['skipped']} were done "
-            f"before, {number['failed']} failed"
+            f"{len(entries)} capture{plural}: {number['computed']} refined, "
+            f"{number['skipped']} were done before, {number['failed']} failed"
         )
         click.echo(f"results: {printable(str(output))}  (index.html shows them all)")
