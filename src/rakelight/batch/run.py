@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, sleep
 from typing import Any, TypeAlias
 
 from rakelight.batch.cluster import Deaths, local_client, remote_client, worker_count
@@ -26,6 +26,9 @@ from rakelight.export.summary import program_version
 from rakelight.files import clear_errors
 from rakelight.folders import only_writer, remove_unfinished, require_free
 from rakelight.report.sealed import require_free_page, write_page
+
+# Seconds in which the system says how a process of ours ended; it takes milliseconds.
+DEATH_S = 2.0
 
 
 @dataclass(frozen=True)
@@ -154,8 +157,8 @@ def _entry_of(future: Any, job: Job, deaths: Deaths) -> Entry:
         raise MachineError("the Dask scheduler has gone", remedy="start it and the batch again")
     error = future.exception()
     if isinstance(error, KilledWorker):
-        signal = deaths.get(str(getattr(error.last_worker, "address", "")), 0)
-        how = f" (signal {signal})" if signal > 0 else ""
+        signal = _signal_of(str(getattr(error.last_worker, "address", "")), deaths)
+        how = f" (signal {signal})" if signal else ""
         code, message = MachineError.exit_code, (
             f"{job.shown}: the process was killed{how}, and once more when it was tried again, "
             "probably out of memory. Fix: fewer --workers, or --scale 1"
@@ -163,6 +166,17 @@ def _entry_of(future: Any, job: Job, deaths: Deaths) -> Entry:
     else:
         code, message = explained(error)
     return Entry(source=job.shown, name=job.name, state="failed", message=message, exit_code=code)
+
+
+def _signal_of(worker: str, deaths: Deaths) -> int:
+    """The signal that ended a worker of our own; 0 where that is not known.
+
+    Its connection ends a moment before it does.
+    """
+    end = perf_counter() + DEATH_S
+    while worker not in deaths and deaths and perf_counter() < end:
+        sleep(0.02)
+    return max(deaths.get(worker, 0), 0)
 
 
 def _watched(entries: Iterator[Entry], total: int, watch: Watcher) -> Iterator[Entry]:
