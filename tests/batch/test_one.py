@@ -53,6 +53,7 @@ def test_what_is_done_is_not_done_again(capture, done):
     before = (done / "coin").stat().st_ino
     entry = do(capture, done)
     assert (entry.state, entry.computed) == ("done", False)
+    assert 0 < entry.cpu_s < 60
     assert entry.figures.photographs == 4
     assert (done / "coin").stat().st_ino == before
 

@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Any
 
 from rakelight.batch.checksum import combined, content_checksum
@@ -121,7 +121,7 @@ def run_one(job: Job, out: str, recipe: Recipe, overwrite: bool, version: str) -
 
     out : the batch's folder; version : of rakelight where the batch was started
     """
-    began = perf_counter()
+    began, cpu_began = perf_counter(), process_time()
     entry = partial(Entry, source=job.shown, name=job.name)
     try:
         if program_version() != version:
@@ -135,15 +135,17 @@ def run_one(job: Job, out: str, recipe: Recipe, overwrite: bool, version: str) -
         target = Path(out) / job.name
         with local_copy(job) as source:
             checksum, computed = _done_once(job, source, target, recipe, overwrite)
-        figures = figures_of(read_summary(target))
-        seconds = perf_counter() - began
-        return entry(
-            state="done", computed=computed, checksum=checksum, figures=figures, wall_s=seconds
+        entry = partial(
+            entry,
+            state="done",
+            computed=computed,
+            checksum=checksum,
+            figures=figures_of(read_summary(target)),
         )
     except Exception as error:
         code, message = explained(error)
-        seconds = perf_counter() - began
-        return entry(state="failed", message=message, exit_code=code, wall_s=seconds)
+        entry = partial(entry, state="failed", message=message, exit_code=code)
+    return entry(wall_s=perf_counter() - began, cpu_s=process_time() - cpu_began)
 
 
 def _done_once(

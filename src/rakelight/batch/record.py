@@ -50,7 +50,8 @@ class Entry(msgspec.Struct, frozen=True, kw_only=True):
     state : "waiting" until it is "done" or "failed"
     computed : by this run; False where an earlier one had done it
     message, exit_code : of a failure, as `refine` would have ended
-    wall_s : that it took in this run, checksums and writing included
+    wall_s, cpu_s : that it took in this run, checksums and writing included: seconds of the clock,
+        and of all cores together
     """
 
     source: str
@@ -61,6 +62,7 @@ class Entry(msgspec.Struct, frozen=True, kw_only=True):
     exit_code: int = 0
     checksum: str = ""
     wall_s: float = 0.0
+    cpu_s: float = 0.0
     figures: Figures | None = None
 
 
