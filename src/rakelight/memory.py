@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import sys
 from contextlib import suppress
 from math import inf
 from pathlib import Path
@@ -74,6 +76,34 @@ def free_addresses(root: Path = Path("/")) -> float:
         if limit != RLIM_INFINITY:
             return limit - _of_this_process(root, 0)
     return inf
+
+
+def keep_freed_memory() -> None:
+    """Let the next array have what the last one leaves, where the C library is glibc.
+
+    Else it goes back to the system each time, which clears it anew.
+
+    >>> keep_freed_memory()
+    """
+    if sys.platform != "linux":
+        return
+    try:
+        set_option = ctypes.CDLL(None).mallopt
+    except (OSError, AttributeError):  # another C library
+        return
+    trim_threshold, mmap_threshold = -1, -3
+    set_option(trim_threshold, 1 << 30)
+    set_option(mmap_threshold, 1 << 25)
+
+
+def give_memory_back() -> None:
+    """Give the system what is free again, where the C library is glibc.
+
+    >>> give_memory_back()
+    """
+    if sys.platform == "linux":
+        with suppress(OSError, AttributeError):  # another C library
+            ctypes.CDLL(None).malloc_trim(0)
 
 
 def _of_this_process(root: Path, column: int) -> int:

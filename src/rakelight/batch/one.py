@@ -25,6 +25,7 @@ from rakelight.export.plain import json_bytes
 from rakelight.export.summary import MeshFormat, program_version
 from rakelight.files import MAX_TEXT_BYTES, read_bytes
 from rakelight.folders import remove_unfinished
+from rakelight.memory import give_memory_back
 from rakelight.methods import Method, choose_method, load_method
 from rakelight.model import Progress, ProgressCallback, Result, silent
 from rakelight.pipeline import refine
@@ -145,6 +146,7 @@ def run_one(job: Job, out: str, recipe: Recipe, overwrite: bool, version: str) -
     except Exception as error:
         code, message = explained(error)
         entry = partial(entry, state="failed", message=message, exit_code=code)
+    give_memory_back()  # the next capture may be small, and its neighbours large
     return entry(wall_s=perf_counter() - began, cpu_s=process_time() - cpu_began)
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 from typing import Any
 
-from rakelight.memory import limit_memory
+from rakelight.memory import keep_freed_memory, limit_memory
 
 
 def dask_setup(worker: Any) -> None:
@@ -21,6 +22,9 @@ def dask_setup(worker: Any) -> None:
     for stream in (1, 2):  # what libraries print would fill the terminal
         os.dup2(nowhere, stream)
     os.close(nowhere)
+    # As the program itself does; what a capture took is given back after it (`run_one`).
+    keep_freed_memory()
+    gc.set_threshold(100_000)
     share = worker.memory_manager.memory_limit
     if share:
         limit_memory(float(share))
