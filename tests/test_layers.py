@@ -28,7 +28,8 @@ LAYERS = (
     ("pipeline",),
     ("checkup",),
     ("synthetic", "metrics", "export"),
-    ("report", "paper", "batch"),
+    ("report", "paper"),
+    ("batch",),
     ("cli",),
     ("__main__",),
 )
@@ -41,8 +42,8 @@ ALLOWED = {
 
 # These names may be imported by these files only.
 RESERVED = {
-    "dask": ("batch.py",),
-    "distributed": ("batch.py",),
+    "dask": ("batch/",),
+    "distributed": ("batch/",),
     "click": ("cli/",),
     "rich": ("cli/",),
 }

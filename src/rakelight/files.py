@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import secrets
 import stat
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -102,6 +103,30 @@ def write_bytes(path: Path, data: bytes) -> None:
         except OSError:
             path.unlink(missing_ok=True)
             raise
+
+
+def replace_bytes(path: Path, data: bytes) -> None:
+    """Write `data` to `path`, in the place of an older file, whole or not at all.
+
+    What a killed run leaves is a file `.NAME.rakelight-XXXXXXXX.partial` beside it.  Raises as
+    `write_bytes` does.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as scratch:
+    ...     replace_bytes(Path(scratch) / "note.txt", b"1")
+    ...     replace_bytes(Path(scratch) / "note.txt", b"2")
+    ...     [path.read_bytes() for path in Path(scratch).iterdir()]
+    [b'2']
+    """
+    partial = path.with_name(f".{path.name}.rakelight-{secrets.token_hex(4)}.partial")
+    try:
+        write_bytes(partial, data)
+        with clear_errors(str(path), "cannot be written"):
+            with partial.open("rb+") as written:
+                os.fsync(written.fileno())
+            partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -198,6 +198,41 @@ def put_back(folder: Path) -> Path:
         return folder
 
 
+def remove_unfinished(target: Path, *, manifest: Manifest) -> None:
+    """Put the folder `target` back, and delete what killed runs left unfinished beside it.
+
+    What another run is writing, and what cannot be deleted, stays.
+
+    >>> remove_unfinished(Path("no/such/folder"), manifest=file_list("notes"))
+    """
+    with suppress(OSError, InputError, MachineError):
+        target = _resolved(target)
+        if target.parent.is_dir():
+            with _locked(target, str(target)) as locked:
+                if locked:
+                    _clean_up_after_dead_runs(target, manifest)
+
+
+@contextmanager
+def only_writer(folder: Path) -> Iterator[None]:
+    """Hold the lock of a folder that is written piece by piece.
+
+    Raises MachineError when another run holds it.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as scratch, only_writer(Path(scratch) / "out"):
+    ...     with only_writer(Path(scratch) / "out"):
+    ...         pass
+    Traceback (most recent call last):
+    rakelight.errors.MachineError: ...: another run is writing this folder. Fix: ...
+    """
+    target = _resolved(folder)
+    with clear_errors(str(folder), "cannot be written"):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with _locked(target, str(folder)):
+            yield
+
+
 def _resolved(target: Path) -> Path:
     """`target` through symbolic links: the link stays and the folder behind it is replaced."""
     try:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import atexit
-import ctypes
 import gc
 import os
 import re
-import sys
 import traceback
 from collections.abc import Iterator
 from importlib import import_module
@@ -17,11 +15,13 @@ import click
 
 from rakelight.cli import INTERRUPTED
 from rakelight.errors import RakelightError, printable
+from rakelight.memory import keep_freed_memory
 
 # Command -> module and function; `rakelight --help` shows them in this order.
 COMMANDS = {
     "demo": "make a synthetic capture, refine it, compare it with its truth",
     "refine": "refine the depth of a capture: a folder or a recording",
+    "batch": "refine many captures, on this machine or on a Dask cluster",
     "import": "make a capture folder of a recording or another format",
     "check": "say whether a capture is any good, and what to do better",
     "view": "open the report of a result in the browser",
@@ -82,22 +82,6 @@ def run(arguments: list[str]) -> int:
     gc.set_threshold(100_000)
     keep_freed_memory()
     return _run(arguments)
-
-
-def keep_freed_memory() -> None:
-    """Let the next array have what the last one leaves, where the C library is glibc.
-
-    Else it goes back to the system each time, which clears it anew.
-    """
-    if sys.platform != "linux":
-        return
-    try:
-        set_option = ctypes.CDLL(None).mallopt
-    except (OSError, AttributeError):  # another C library
-        return
-    trim_threshold, mmap_threshold = -1, -3
-    set_option(trim_threshold, 1 << 30)
-    set_option(mmap_threshold, 1 << 25)
 
 
 def _run(arguments: list[str]) -> int:

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import timedelta
+from typing import TYPE_CHECKING
 
 from rakelight.model import Progress, ProgressCallback, silent
+
+if TYPE_CHECKING:
+    from rakelight.batch.run import Standing
 
 
 @contextmanager
@@ -46,6 +51,35 @@ def shown_progress(quiet: bool = False) -> Iterator[ProgressCallback]:
         yield show
         for task in tasks.values():
             bars.update(task, total=1, completed=1)
+
+
+@contextmanager
+def shown_captures(quiet: bool = False) -> Iterator[Callable[[Standing], None]]:
+    """The same for the captures of a batch: how many are done, how many failed, the time left."""
+    if quiet or not sys.stderr.isatty():
+        yield lambda _: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bars
+
+    columns = (
+        TextColumn("{task.description:>8}"),
+        BarColumn(),
+        TextColumn("{task.fields[detail]}"),
+        TimeElapsedColumn(),
+        TextColumn("left {task.fields[left]}"),
+    )
+    with Bars(*columns, console=Console(stderr=True)) as bars:
+        task = bars.add_task("captures", total=None, detail="starting", left="-:--:--")
+
+        def show(now: Standing) -> None:
+            detail = f"{now.done}/{now.total}" + (f"  {now.failed} failed" if now.failed else "")
+            # rich's own estimate forgets what is older than half a minute.
+            left = "-:--:--" if now.left_s is None else str(timedelta(seconds=round(now.left_s)))
+            bars.update(task, total=now.total, completed=now.done, detail=detail, left=left)
+
+        yield show
 
 
 def _compiled() -> bool:

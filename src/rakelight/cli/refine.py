@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from time import perf_counter
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from rakelight.cli.options import (
+    F,
     count_photographs,
     findings_as_json,
     output_options,
@@ -23,7 +23,83 @@ from rakelight.cli.progress import shown_progress
 from rakelight.cli.view import view_command
 from rakelight.errors import printable
 from rakelight.methods import METHODS
-from rakelight.model import Progress, Result
+from rakelight.model import Result
+
+if TYPE_CHECKING:
+    from rakelight.batch.one import Recipe
+
+
+# How a capture is refined and written; `recipe_of` reads them.
+_RECIPE_OPTIONS = (
+    click.option(
+        "--method",
+        default="auto",
+        show_default=True,
+        help=f"{', '.join(METHODS)}; auto is the best one that fits.",
+    ),
+    click.option(
+        "--set",
+        "settings",
+        multiple=True,
+        metavar="NAME=VALUE",
+        help="An option of the method, as depth_weight=3 or lights=white; none for None; "
+        "repeatable.",
+    ),
+    click.option(
+        "--scale",
+        default="auto",
+        show_default=True,
+        help="Output resolution over the depth's, a whole number; auto is the colour camera's.",
+    ),
+    click.option(
+        "--photographs", metavar="LIST", help="Use only these, as 0-14,17; all if left away."
+    ),
+    click.option(
+        "--normal-map",
+        type=click.Choice(["opengl", "directx"]),
+        default="opengl",
+        show_default=True,
+        help="Axes of normals.png.",
+    ),
+    click.option(
+        "--mesh",
+        type=click.Choice(["ply", "glb", "none"]),
+        default="ply",
+        show_default=True,
+        help="Format of the mesh; ply has the camera's axes, glb those of glTF (y up).",
+    ),
+)
+
+
+def recipe_options(command: F) -> F:
+    """The options that `refine` and `batch` share."""
+    for option in reversed(_RECIPE_OPTIONS):
+        command = option(command)
+    return command
+
+
+def recipe_of(
+    method: str, settings: tuple[str, ...], scale: str, photographs: str | None, **written: Any
+) -> Recipe:
+    """The recipe that these options ask for; raises InputError for a wrong one.
+
+    written : `mesh` and `normal_map`
+    """
+    from rakelight.batch.one import Recipe
+    from rakelight.cli.settings import options_with, parse_settings
+
+    named = parse_settings(settings)
+    recipe = Recipe(
+        method=method,
+        settings=tuple(named.items()),
+        options_for=partial(options_with, settings=named) if named else None,
+        scale=parse_scale(scale),
+        photographs=None if photographs is None else tuple(parse_photographs(photographs)),
+        **written,
+    )
+    if named:  # wrong ones are refused before anything is read
+        recipe.check()
+    return recipe
 
 
 @click.command("refine")
@@ -36,90 +112,31 @@ from rakelight.model import Progress, Result
     metavar="OUT",
     help="The result folder; appears complete or not at all.",
 )
-@click.option(
-    "--method",
-    default="auto",
-    show_default=True,
-    help=f"{', '.join(METHODS)}; auto is the best one that fits.",
-)
-@click.option(
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="NAME=VALUE",
-    help="An option of the method, as depth_weight=3 or lights=white; none for None; repeatable.",
-)
-@click.option(
-    "--scale",
-    default="auto",
-    show_default=True,
-    help="Output resolution over the depth's, a whole number; auto is the colour camera's.",
-)
-@click.option("--photographs", metavar="LIST", help="Use only these, as 0-14,17; all if left away.")
+@recipe_options
 @click.option("--overwrite", is_flag=True, help="Replace an older result at OUT.")
-@click.option(
-    "--normal-map",
-    type=click.Choice(["opengl", "directx"]),
-    default="opengl",
-    show_default=True,
-    help="Axes of normals.png.",
-)
-@click.option(
-    "--mesh",
-    type=click.Choice(["ply", "glb", "none"]),
-    default="ply",
-    show_default=True,
-    help="Format of the mesh; ply has the camera's axes, glb those of glTF (y up).",
-)
 @output_options
 def command(
     capture: Path,
     output: Path,
-    method: str,
-    settings: tuple[str, ...],
-    scale: str,
-    photographs: str | None,
     overwrite: bool,
-    normal_map: Literal["opengl", "directx"],
-    mesh: Literal["ply", "glb", "none"],
     as_json: bool,
     quiet: bool,
     debug: bool,
+    **options: Any,
 ) -> None:
     """Refine the depth of CAPTURE by its photographs; write OUT.
 
     CAPTURE is a capture folder or whatever else `rakelight import --list` names.
     """
-    from rakelight.capture import has_truth, load_truth
-    from rakelight.capture.readers import Wanted, find_reader
-    from rakelight.cli.settings import options_with, parse_settings
+    from rakelight.batch.one import refine_source
     from rakelight.export import RESULT
     from rakelight.folders import require_free
-    from rakelight.methods import choose_method, load_method
-    from rakelight.pipeline import refine
-    from rakelight.report import save_result
 
-    wanted, named, options = parse_scale(scale), parse_settings(settings), None
-    if named and method != "auto":  # wrong ones are refused before anything is read
-        options = options_with(load_method(method), named)
-    chosen = None if photographs is None else tuple(parse_photographs(photographs))
+    recipe = recipe_of(**options)
     refuse_input_as_output(capture, output)
     require_free(output, manifest=RESULT, overwrite=overwrite)
-    began = perf_counter()
     with shown_progress(quiet or as_json) as progress:
-        progress(Progress("read"))
-        loaded = find_reader(capture).read(capture, Wanted(chosen, progress)).capture
-        truth = load_truth(capture) if has_truth(capture) else None
-        read_s = perf_counter() - began
-        if named and method == "auto":
-            options = options_with(load_method(choose_method(loaded)), named)
-        result = refine(loaded, method, scale=wanted, options=options, progress=progress)
-        progress(Progress("write"))
-        result = result.timed(read=read_s)
-        kept = save_result(
-            result, output, overwrite=overwrite, mesh=mesh, normal_map=normal_map, truth=truth
-        )
-        result = replace(result, findings=(*result.findings, *kept))
+        result = refine_source(capture, output, recipe, overwrite=overwrite, progress=progress)
     if as_json or not quiet:
         report_result(result, output, as_json)
 

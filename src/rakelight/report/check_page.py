@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import secrets
 from base64 import b64encode
 from hashlib import sha256
 from math import radians, sin
-from pathlib import Path, PurePath
+from pathlib import PurePath
 from typing import Any
 
 import cv2
@@ -17,19 +15,18 @@ from markupsafe import Markup
 
 from rakelight.capture.images import encode_jpeg
 from rakelight.checkup.report import CheckReport
-from rakelight.errors import OutputExistsError, check_is, printable
+from rakelight.errors import printable
 from rakelight.export.pictures import object_window
 from rakelight.export.summary import program_version
-from rakelight.files import clear_errors, write_bytes
 from rakelight.model import Array, Capture, Encoding
 from rakelight.prepare.linear import srgb, to_linear
 from rakelight.report.page import page_text, shown
+from rakelight.report.sealed import require_free_page, sealed, write_page
+
+__all__ = ["check_html", "require_free_page", "thumbnail", "write_page"]
 
 # Longest side of a photograph's picture, pixels.
 THUMBNAIL_PX = 320
-# The last line of a page of ours: the SHA-256 of all before it.
-SEAL = b"<!-- rakelight check, sha256 "
-SEAL_BYTES = len(SEAL) + 64 + len(b" -->\n")
 
 
 def check_html(report: CheckReport, capture: Capture) -> bytes:
@@ -65,8 +62,7 @@ def check_html(report: CheckReport, capture: Capture) -> bytes:
         ],
         rings=[(tilt, 100 * sin(radians(tilt))) for tilt in (30, 60, 90)],
     )  # fmt: skip
-    text = page.encode("utf-8", "backslashreplace")
-    return text + SEAL + sha256(text).hexdigest().encode() + b" -->\n"
+    return sealed(page, "check")
 
 
 def _photographs(report: CheckReport, capture: Capture) -> list[dict[str, Any]]:
@@ -115,55 +111,3 @@ def _dots(report: CheckReport) -> list[dict[str, Any]]:
         for each in report.photographs
         if each.light is not None
     ]
-
-
-def require_free_page(file: Path, *, overwrite: bool = False) -> None:
-    """Raise OutputExistsError where something stands at `file` that may not be replaced.
-
-    Replaced is, with `overwrite`, a page of a check that was not changed since; nothing else.
-    """
-    source = str(file)
-    with clear_errors(source, "cannot be written"):
-        if not (file.exists() or file.is_symlink()):
-            return
-        if not overwrite:
-            remedy = "choose another name, or --overwrite"
-            raise OutputExistsError("the file exists", source=source, remedy=remedy)
-        if file.is_symlink() or not file.is_file() or not _is_ours(file):
-            raise OutputExistsError(
-                "what was not written by rakelight, or was changed since, is not overwritten",
-                source=source,
-                needed="the page of an earlier check",
-                remedy="move your file away, or choose another name",
-            )
-
-
-def _is_ours(file: Path) -> bool:
-    content = file.read_bytes()
-    text, seal = content[:-SEAL_BYTES], content[-SEAL_BYTES:]
-    return seal == SEAL + sha256(text).hexdigest().encode() + b" -->\n"
-
-
-def write_page(file: Path, page: bytes, *, overwrite: bool = False) -> None:
-    """Write a page whole or not at all; see `require_free_page` for what may be replaced.
-
-    Raises MachineError where the disk is full or may not be written to.
-
-    >>> from tempfile import TemporaryDirectory
-    >>> with TemporaryDirectory() as scratch:
-    ...     write_page(Path(scratch) / "check.html", b"<p>good</p>")
-    ...     (Path(scratch) / "check.html").read_bytes()
-    b'<p>good</p>'
-    """
-    check_is(page, bytes, "page", "give what check_html returned")
-    require_free_page(file, overwrite=overwrite)
-    partial = file.with_name(f".{file.name}.rakelight-{secrets.token_hex(4)}.partial")
-    try:
-        write_bytes(partial, page)
-        with clear_errors(str(file), "cannot be written"):
-            with partial.open("rb+") as written:
-                os.fsync(written.fileno())
-            require_free_page(file, overwrite=overwrite)
-            partial.replace(file)
-    finally:
-        partial.unlink(missing_ok=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from os import PathLike
 
@@ -23,6 +24,7 @@ def save_result(
     mesh: MeshFormat = "ply",
     normal_map: NormalMap = "opengl",
     truth: Truth | None = None,
+    extra_files: Mapping[str, bytes] | None = None,
 ) -> tuple[Finding, ...]:
     """Write the result folder of docs/reference/files.md; it appears complete or not at all.
 
@@ -35,6 +37,7 @@ def save_result(
     normal_map : the axes of normals.png
     truth : of a synthetic capture, for the errors in report.html; left out where it has another
         size than the result
+    extra_files : more files for the folder: name -> content
 
     Returns
     -------
@@ -64,11 +67,17 @@ def save_result(
     check_is(result, Result, "result", "give what rakelight.refine returned")
     if truth is not None and truth.depth.shape != result.depth.shape:
         truth = None
+    more = {name: partial(_as_is, data) for name, data in (extra_files or {}).items()}
     return write_result(
         result,
         folder,
         overwrite=overwrite,
         mesh=mesh,
         normal_map=normal_map,
-        extra_files={REPORT: partial(report_html, truth=truth)},
+        extra_files={REPORT: partial(report_html, truth=truth), **more},
     )
+
+
+def _as_is(data: bytes, _: Result) -> bytes:
+    """The content of a file that does not depend on the result."""
+    return data

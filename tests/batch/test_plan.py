@@ -1,0 +1,108 @@
+"""From arguments to jobs: patterns, lists, URLs, and names that stay."""
+
+import os
+
+import pytest
+
+from rakelight.batch.plan import Job, clean_name, make_jobs
+from rakelight.errors import InputError
+
+
+def names(*sources, **options):
+    return [job.name for job in make_jobs([os.fspath(each) for each in sources], **options)]
+
+
+def test_a_pattern_is_expanded_in_order(tmp_path):
+    for name in ("b", "a", "c.bag", ".hidden"):
+        (tmp_path / name).mkdir()
+    jobs = make_jobs([f"{tmp_path}/*"])
+    assert [job.source for job in jobs] == [f"{tmp_path}/{name}" for name in ("a", "b", "c.bag")]
+    with pytest.raises(InputError, match=r"nothing matches .* Fix: "):
+        make_jobs([f"{tmp_path}/*.mat"])
+
+
+def test_a_name_with_brackets_is_no_pattern_where_it_exists(tmp_path):
+    (tmp_path / "coin [1]").mkdir()
+    assert names(tmp_path / "coin [1]") == ["coin [1]"]
+
+
+def test_a_list_names_captures_from_its_own_folder(tmp_path, monkeypatch):
+    for name in ("one", "two", "three"):
+        (tmp_path / "lists" / "in" / name).mkdir(parents=True)
+    text = "\ufeff# today\n\nin/one\n  in/t*\n/else/four\n"
+    (tmp_path / "lists" / "all.txt").write_text(text, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    jobs = make_jobs(["lists/all.txt"])
+    assert [job.name for job in jobs] == ["one", "three", "two", "four"]
+    assert jobs[0].source == f"{tmp_path}/lists/in/one"
+    assert jobs[-1].source == "/else/four"
+
+
+@pytest.mark.parametrize("text", ["", "# none\n\n"])
+def test_an_empty_list_is_refused(tmp_path, text):
+    (tmp_path / "all.txt").write_text(text)
+    with pytest.raises(InputError, match="a list without captures"):
+        make_jobs([f"{tmp_path}/all.txt"])
+
+
+def test_a_capture_is_done_once_however_it_is_named(tmp_path, monkeypatch):
+    (tmp_path / "coin").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "coin")
+    monkeypatch.chdir(tmp_path)
+    assert names("coin", "./coin/", tmp_path / "coin", "c*n", "link") == ["coin"]
+
+
+def test_captures_of_one_name_get_names_of_their_own(tmp_path):
+    apart = names("/a/coin", "/b/coin", "/b/head")
+    assert apart[2] == "head"
+    assert len(set(apart)) == 3
+    assert all(name.startswith("coin-") for name in apart[:2])
+    # whatever else is named, and in whichever order
+    assert names("/c/coin", "/b/coin", "/a/coin")[1:] == apart[1::-1]
+    assert names("/a/Coin", "/b/coin") == ["Coin-" + names("/a/Coin", "/b/coin")[0][5:], apart[1]]
+
+
+def test_a_capture_keeps_the_name_that_it_had():
+    first = make_jobs(["/a/coin"])
+    earlier = {job.shown: job.name for job in first}
+    later = make_jobs(["/b/coin", "/a/coin"], earlier)
+    assert later[1] == first[0] == Job("/a/coin", "coin")
+    assert later[0].name.startswith("coin-")
+
+
+@pytest.mark.parametrize(
+    ("source", "start"),
+    [
+        ("/a/index.html", "index.html-"),
+        ("/a/BATCH.json", "BATCH.json-"),
+        ("/a/x\ny", "x_y-"),
+        ("/a/caf\udce9", "caf_-"),
+        ("/a/-rf", "_rf-"),
+        ("/a/..coin", "_.coin-"),
+        ("/a/coin. ", "coin-"),
+        ("/a/" + "ü" * 120, "ü" * 75 + "-"),
+    ],
+)
+def test_names_that_would_not_do(source, start):
+    (name,) = names(source)
+    assert name.startswith(start)
+    assert len(name) == len(start) + 8
+    assert len(name.encode()) < 200
+
+
+def test_urls():
+    urls = ["s3://bucket/a/coin", "https://museum.example/b/oven%20mitten/?v=2"]
+    jobs = make_jobs(urls)
+    assert [job.name for job in jobs] == ["coin", "oven mitten"]
+    assert [job.source for job in jobs] == urls
+    assert all(job.remote for job in jobs)
+    assert not make_jobs(["coin"])[0].remote
+
+
+def test_a_path_with_a_zero_byte_is_refused():
+    with pytest.raises(InputError, match="not a usable path"):
+        make_jobs(["a\0b"])
+
+
+def test_the_same_name_cleaned_twice_stays():
+    assert clean_name("/a/" + clean_name("/b/x:y*")) == "x_y_"
