@@ -26,7 +26,7 @@ SIDE_PX = 384
 # Share of the window's pixels, those with the largest gradients, that count as edges; the quantile
 # of their widths that is the photograph's (the sharpest, without the luckiest).
 EDGES, SHARPEST = 0.02, 0.25
-# Least number of edge pixels; largest width that can be told.
+# Least number of edge pixels; largest width that can be measured.
 FEWEST, WIDEST_PX = 30, 8.0
 # Gradient over the largest value that is rounding of float32, not an edge.
 ROUNDING = 1e-4

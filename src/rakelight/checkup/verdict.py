@@ -8,7 +8,7 @@ from rakelight.checkup.report import Verdict
 from rakelight.errors import InputError
 from rakelight.model import Finding
 
-# The order in which findings are told.  First what makes the others meaningless; then the cause
+# The order in which findings are said.  First what makes the others meaningless; then the cause
 # before its effects: a photograph that moved does not fit the others either.
 ORDER = (
     "depth-turned",

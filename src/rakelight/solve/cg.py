@@ -45,11 +45,11 @@ def conjugate_gradients(
         apply(x, image)
         np.subtract(rhs, image[inner], out=residual[inner])
         norm = np.sqrt(dot(residual, residual))
-        aim = tolerance * (size or norm)
-        if iterations >= max_iterations or not aim < norm < 0.5 * last:
+        largest = tolerance * (size or norm)
+        if iterations >= max_iterations or not largest < norm < 0.5 * last:
             break
         last, slope = norm, 0.0
-        while norm > aim and iterations < max_iterations:
+        while norm > largest and iterations < max_iterations:
             z = precondition(residual, norm)
             slope, before = dot(residual, z), slope
             beta = slope / before if before else 0.0

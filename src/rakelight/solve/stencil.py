@@ -75,7 +75,7 @@ class Laplacian:
         in_parts(_kernels.second_differences_transposed, *rows, *where, top, left, y, out)
 
     def right_side(self, target: Floats) -> Floats:
-        """Lᵀ lambda l, (H, W), for the aim l (H, W)."""
+        """Lᵀ lambda l, (H, W), for the target l (H, W)."""
         from rakelight.solve import _kernels
 
         out = np.zeros_like(self.weight)
@@ -237,8 +237,8 @@ def assemble(
         strength = _checked("laplacian_weight", wide, mask, lowest=0.0)
         laplacian = Laplacian.on(mask, strength)
         if laplacian_target is not None:
-            aim = _checked("laplacian_target", laplacian_target, mask)
-            rhs += laplacian.right_side(np.where(mask, aim, 0.0))
+            wanted = _checked("laplacian_target", laplacian_target, mask)
+            rhs += laplacian.right_side(np.where(mask, wanted, 0.0))
     if extra_rhs is not None:
         rhs += np.where(mask, _checked("extra_rhs", extra_rhs, mask), 0.0)
     return DepthSystem(stencil, rhs, target, mask, pinned, laplacian, extra)

@@ -115,7 +115,7 @@ def photographed(
     count, kinds = lights.toward.shape[:2]
     images = np.empty((count, camera.height // rays, camera.width // rays, 3), np.float32)
     for i in range(count):
-        shading, shine = np.empty_like(materials.albedo), np.empty_like(materials.albedo)
+        shading, specular = np.empty_like(materials.albedo), np.empty_like(materials.albedo)
         for k in range(kinds):
             toward, strength = lights.reaching(points, i, k)
             lit, highlight = _reflected(normals, to_camera, toward, materials)
@@ -123,10 +123,10 @@ def photographed(
                 strength = strength * screen.seen(lights, i, k)
             channels = slice(None) if kinds == 1 else slice(k, k + 1)
             shading[:, channels] = (lit * strength)[:, None]
-            shine[:, channels] = (highlight * strength)[:, None]
+            specular[:, channels] = (highlight * strength)[:, None]
         gain, ambient = (np.float32(each[i]) for each in (lights.gain, lights.ambient))
         light = materials.albedo * (gain * shading + ambient)
-        light += gain * shine
+        light += gain * specular
         if exchange is not None:
             light += materials.albedo * exchange.received(light)
         full = np.zeros((near.size, 3), np.float32)
@@ -138,7 +138,7 @@ def photographed(
 def _reflected(
     normals: Floats, to_camera: Floats, toward: Floats, materials: Materials
 ) -> tuple[Floats, Floats]:
-    """(M,) what a sample of albedo 1 sends to the camera under a lamp of strength 1, and its shine.
+    """(M,) what a sample of albedo 1 sends to the camera under a lamp of strength 1, and the highlight.
 
     Oren and Nayar in the form of Fujii (2012): cos (A + B s / t), and of Blinn and Phong.
     """

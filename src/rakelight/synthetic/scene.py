@@ -385,7 +385,7 @@ def _photograph(
     size = (side // options.supersampling for side in camera.shape)
     images = np.empty((len(lights.toward), *size, 3), np.float32)
     for i, channels in enumerate(lights.toward):
-        shading, shine = np.empty_like(rho), np.zeros_like(rho)
+        shading, specular = np.empty_like(rho), np.zeros_like(rho)
         for c in range(len(channels)):
             s = lights.at(points, i, c)
             lit = np.maximum((normals * s).sum(axis=1), 0)
@@ -396,9 +396,9 @@ def _photograph(
             seen_by = slice(None) if len(channels) == 1 else slice(c, c + 1)
             shading[:, seen_by] = lit[:, None]
             if options.specular:
-                shine[:, seen_by] = _highlight(normals, points, s, lit > 0, options)[:, None]
+                specular[:, seen_by] = _highlight(normals, points, s, lit > 0, options)[:, None]
         light = np.zeros((camera.height * camera.width, 3), np.float32)
-        light[hit] = rho * (shading + lights.gain[i] * lights.ambient) + shine
+        light[hit] = rho * (shading + lights.gain[i] * lights.ambient) + specular
         images[i] = area_mean(light.reshape(*camera.shape, 3), options.supersampling)
     return images
 

@@ -110,7 +110,7 @@ def _resized(camera: Camera, width: int, height: int, source: str) -> Camera:
 
 
 def _matrix(facts: Mapping[str, Any], matrix: object, source: str) -> object:
-    """K; by the median of each frame's own focal length and centre, where they are told."""
+    """K; by the median of each frame's own focal length and centre, where there are any."""
     each = facts.get("perFrameIntrinsicCoeffs")
     if not isinstance(each, list) or not each:
         return matrix

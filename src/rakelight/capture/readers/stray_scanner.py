@@ -109,7 +109,7 @@ def _odometry(path: Path) -> _Odometry | None:
 
 
 def _camera(path: Path, odometry: _Odometry | None, shape: tuple[int, int]) -> Camera:
-    """By the median of each frame's focal length and centre, where told: the focus moves them."""
+    """By the median of each frame's focal length and centre, if given: the focus moves them."""
     if odometry is not None:
         each = odometry.of("fx", "fy", "cx", "cy")
         each = each[np.isfinite(each).all(axis=1)]

@@ -110,8 +110,8 @@ def _off_light(values: Floats, darkest: Floats, fit: Floats, brightness: Floats)
         length2 = np.maximum(np.einsum("pc,pc->p", way, way), 1e-6)
         fraction = np.clip(np.einsum("pc,pc->p", value - dark, way) / length2, 0, 1)
         in_shadow = np.linalg.norm(value - dark - fraction[:, None] * way, axis=-1)
-        shine = np.maximum((value - lit).mean(axis=-1), 0)
-        in_highlight = np.linalg.norm(value - lit - shine[:, None], axis=-1)
+        specular = np.maximum((value - lit).mean(axis=-1), 0)
+        in_highlight = np.linalg.norm(value - lit - specular[:, None], axis=-1)
         off[k] = np.minimum(in_shadow, in_highlight)
     return off
 

@@ -106,6 +106,7 @@ def depth_step(level: Level, fit: Fit) -> Fit:
         solution = solve(system, tolerance=STEP_TOLERANCE)
         if solution.status == "stalled":
             return fit  # refused, as it is no lower
+        # A step that is cut off at the iteration limit is inexact: it counts if the energy falls.
         log_depth = level.placed(fit.log_depth + solution.value)
         return evaluated(level, fit, log_depth, fit.lights, with_light_slope=True)
 

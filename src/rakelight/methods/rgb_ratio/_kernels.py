@@ -47,7 +47,7 @@ def ratio_terms(
     first_row, last_row, image, usable, albedo, light, noise, normals, length, optics,
     variance_factor, cauchy, tensor, rhs,
 ):  # fmt: skip
-    """Sums over the pairs: tensor (h, w, 3) and aim (h, w, 2) of the gradient of log depth.
+    """Sums over the pairs: tensor (h, w, 3) and rhs (h, w, 2) of the gradient of log depth.
 
     variance_factor : (h, w) of every variance; cauchy : scale of the loss, 0 for squares
     """
