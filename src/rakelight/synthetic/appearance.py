@@ -138,7 +138,7 @@ def photographed(
 def _reflected(
     normals: Floats, to_camera: Floats, toward: Floats, materials: Materials
 ) -> tuple[Floats, Floats]:
-    """(M,) what a sample of albedo 1 sends to the camera under a lamp of strength 1, and the highlight.
+    """(M,) what a sample of albedo 1 sends to the camera under a lamp of strength 1; its highlight.
 
     Oren and Nayar in the form of Fujii (2012): cos (A + B s / t), and of Blinn and Phong.
     """
