@@ -10,7 +10,9 @@ from rakelight.geometry.camera import back_project
 from rakelight.geometry.grid import area_mean
 from rakelight.model import Camera, RigidTransform
 from rakelight.photometry.forward import arriving
+from rakelight.prepare import prepare
 from rakelight.prepare.linear import to_linear
+from rakelight.prepare.sensor import depth_camera_of
 from rakelight.synthetic import (
     Albedo,
     DepthNoise,
@@ -334,9 +336,17 @@ def test_impossible_options(options):
     assert next(iter(options)) in str(caught.value)
 
 
-def test_depth_pixels_have_to_fit():
-    with pytest.raises(InputError, match="divisor"):
-        render_scene(SPHERE, painted(0.5), replace(QUIET, depth_factor=7))
+@pytest.mark.parametrize("factor", [1.5, 3.2, 4.7])
+def test_depth_need_not_be_a_whole_fraction_of_the_photographs(factor):
+    capture, _ = render_scene(SPHERE, painted(0.5), replace(QUIET, depth_factor=factor))
+    width = round(120 / factor)
+    assert capture.depth_m.shape == (1, round(90 * width / 120), width)
+    assert capture.depth_camera is None
+    camera, _ = depth_camera_of(capture)
+    depth = capture.depth_m[0]
+    radius = np.linalg.norm(back_project(depth, camera)[np.isfinite(depth)] - [0, 0, 0.8], axis=-1)
+    assert np.median(radius) == pytest.approx(0.1, abs=3e-4)  # means over pixels of a round thing
+    assert prepare(capture).factor == pytest.approx(np.sqrt(120 * 90 / depth.size))
 
 
 def test_a_camera_that_looks_past_the_object():

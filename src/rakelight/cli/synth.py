@@ -49,9 +49,9 @@ _SCENE: tuple[tuple[tuple[str, ...], Any, Any, str], ...] = (
     (("--image-noise",), float, 0.01, "Standard deviation, as a fraction of white."),
     (("--bits",), int, 16, "8 or 16."),
     (("--encoding",), str, "linear", "linear or srgb."),
-    (("--depth-factor",), float, 2, "Colour pixels per depth pixel, along each side."),
+    (("--depth-factor",), float, 2, "Colour pixels per depth pixel, along each side; 7.5, say."),
     (("--baseline", "depth_to_color"), float, None, "Metres from the colour camera to a depth "
-     "camera of its own, on its right; --depth-factor need not be whole then."),
+     "camera of its own, on its right."),
     (("--depth-frames",), int, 1, "How many depth maps."),
     (("--depth-noise", "rms_mm"), float, 2.5, "Depth noise, rms in millimetres."),
     (("--depth-correlation", "correlation_length_px"), float, 6.0, "Its correlation length, in "

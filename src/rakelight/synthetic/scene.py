@@ -68,9 +68,9 @@ class SceneOptions:
         bits : 8 or 16
         encoding : "linear" or "srgb"
     Depth sensor
-        depth_factor : colour pixels per depth pixel, along each side
+        depth_factor : colour pixels per depth pixel, along each side; need not be whole
         depth_to_color : the place of a depth camera of its own, None for the colour camera's; of
-            analytic shapes only, and `depth_factor` need not be a whole number then
+            analytic shapes only
         depth_frames : how many depth maps, with noise of their own
         depth_noise : the sensor's errors
     seed : of everything random; each part has its own stream
@@ -138,12 +138,7 @@ class SceneOptions:
                 lambda count: isinstance(count, int) and count >= 1,
                 *("photographs", "supersampling", "depth_frames"),
             ),
-            (
-                "depth_factor",
-                1 <= self.depth_factor <= 100
-                and (self.depth_to_color is not None or self.depth_factor % 1 == 0),
-                "1 to 100, and whole without depth_to_color",
-            ),
+            ("depth_factor", 1 <= self.depth_factor <= 100, "1 to 100"),
             *all_of("at least 0", lambda value: value >= 0, "seed"),
             *all_of("0 to 10", lambda value: 0 <= value <= 10, "exposure_spread"),
             *all_of(
@@ -169,8 +164,8 @@ def render_scene(
     photographs' linear values, white being 1: photograph = albedo * (max(0, s.n) + ambient),
     where nothing is shaded or shines.  The middle of near lights is the visible points' mean.
 
-    Raises InputError when the camera does not see the object, or its size is not a multiple of
-    depth_factor, MachineError when there is too little memory.
+    Raises InputError when the camera does not see the object, MachineError when there is too little
+    memory.
 
     >>> options = SceneOptions(camera=make_shape("sphere").camera.scaled(0.1), photographs=4)
     >>> capture, truth = render_scene(make_shape("sphere"), make_albedo("white"), options)
@@ -179,8 +174,6 @@ def render_scene(
     """
     options = options or SceneOptions()
     camera = options.camera or shape.camera
-    if options.depth_to_color is None:
-        _check_camera(camera, int(options.depth_factor))
     _require_memory(camera, options)
     surface = shape.render(camera)
     fine_camera = camera.scaled(options.supersampling)
@@ -258,14 +251,10 @@ _BYTES_PER_RAY, _BYTES_PER_PHOTOGRAPH, _BYTES_PER_FRAME = 350, 17, 8
 LAMP_STREAM, EXPOSURE_STREAM, IMAGE_STREAM, DEPTH_STREAM = range(4)
 
 
-def _check_camera(camera: Camera, depth_factor: int) -> None:
-    if camera.width % depth_factor or camera.height % depth_factor:
-        raise InputError(
-            "the depth map's pixels do not fit the photographs'",
-            source="depth_factor",
-            seen=f"{depth_factor} for {camera.width} x {camera.height}",
-            needed="a divisor of both sides",
-        )
+def _depth_size(camera: Camera, factor: float) -> tuple[int, int]:
+    """(w, h) of the depth map under photographs of a camera: whole pixels, of the same view."""
+    width = max(round(camera.width / factor), 1)
+    return width, max(round(camera.height * width / camera.width), 1)
 
 
 def _require_memory(camera: Camera, options: SceneOptions) -> None:
@@ -434,11 +423,14 @@ def _depth_view(
 ) -> tuple[Camera | None, Floats]:
     """The depth camera, None for the colour camera's view, and (h, w) its pixels' true depth.
 
-    Block means; a block that the object does not fill gives no measurement.
+    Means over a pixel's area; one that the object does not fill gives no measurement.
     """
     factor = options.depth_factor
+    own, rays = camera.resized(*_depth_size(camera, factor)), max(round(factor), 2)
     if options.depth_to_color is None:
-        return None, area_mean(surface.depth, int(factor))
+        if camera.width % factor == camera.height % factor == 0 and factor % 1 == 0:
+            return None, area_mean(surface.depth, int(factor))
+        return None, area_mean(shape.render(own.scaled(rays)).depth, rays)
     if shape.solid is None:
         raise InputError(
             "this object can be seen from the colour camera's place only",
@@ -446,9 +438,6 @@ def _depth_view(
             seen=shape.name,
             needed="one of " + ", ".join(SHAPES),
         )
-    size = (max(round(side / factor), 1) for side in (camera.width, camera.height))
-    own = camera.resized(*size)
-    rays = max(round(factor), 2)
     seen = trace(seen_from(shape.solid, options.depth_to_color), own.scaled(rays))
     return own, area_mean(seen.depth, rays)
 
