@@ -33,7 +33,7 @@ def log_likelihood_ratio(figures: Floats, weights: Floats | None = None) -> floa
     NaN is no figure; 0 for fewer than `FEWEST`.
 
     >>> round(log_likelihood_ratio(np.array([1.0, 2.0, 1.0, 2.0, 1.5, 1.5])), 1)
-    10.3
+    8.0
     >>> log_likelihood_ratio(np.array([1.0, -1.0, 1.0, -1.0]))
     0.0
     """
