@@ -28,6 +28,18 @@ def test_without_a_background_it_may_be_a_hollow(shape):
     assert "disparity" in finding.remedy
 
 
+def test_a_background_that_is_nearer_here_and_farther_there_decides_nothing():
+    capture = disparity(sound("head")[0])
+    middle_m = float(np.nanmedian(capture.depth_m))
+    columns = np.arange(capture.depth_m.shape[2])
+    tilted = np.broadcast_to(middle_m + 0.004 * (columns - columns.mean()), capture.depth_m.shape)
+    depth = np.where(np.isfinite(capture.depth_m), capture.depth_m, tilted).astype(np.float32)
+    found = replace(capture, depth_m=depth)
+    assert abs(outline_of(found).nearer) < LIKELY
+    (finding,) = inside_out(found)
+    assert "hollow" in finding.message
+
+
 def test_a_hollow_before_a_background_is_sound():
     mould = disparity(sound("head")[0])
     assert inside_out(with_background(mould, 0.4)) == ()

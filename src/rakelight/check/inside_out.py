@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rakelight.check.evidence import LIKELY, SURELY, log_likelihood_ratio
+from rakelight.check.evidence import LIKELY, PRIOR, SURELY, log_likelihood_ratio
 from rakelight.errors import CaptureError
 from rakelight.geometry.blur import blurred
 from rakelight.model import Array, Capture, Finding, Floats, Mask
@@ -35,8 +35,12 @@ SECTORS = 12
 MIXED_PX = 1.5
 # The border of the depth map counts as background where at least this share of it is measured.
 MEASURED = 0.3
-# Without a background to compare with, its median slope (metres of depth per metre across) has to
-# be as steep as that of solid objects: rims of low relief are less so.
+# Prior probability that the depth of a sound object falls towards its outline, as random captures
+# are drawn; and the evidence for a nearer background that then makes inverted depth as likely.
+HOLLOW = 0.1
+LIKELY_WHERE_IT_FALLS = float(np.log(HOLLOW / PRIOR))
+# Where no background decides, the median slope (metres of depth per metre across) has to be as
+# steep as that of solid objects: rims of low relief are less so.
 STEEP = -0.25
 REMEDY = (
     "turn disparity d into depth, focal length * baseline / d; if the object is a hollow, let the "
@@ -86,17 +90,15 @@ def inside_out(capture: Capture) -> tuple[Finding, ...]:
     if outline is None or outline.falls < LIKELY:
         return ()
     seen = f"depth falls towards the outline on {outline.falling:.0%} of it"
-    if not np.isfinite(outline.behind).any():
-        if np.median(outline.slope) > STEEP:
-            return ()
+    if outline.nearer >= LIKELY_WHERE_IT_FALLS:
+        what = "the depth seems to be inside out: disparity taken for depth?"
+        seen += ", and what lies beyond is nearer"
+        if min(outline.falls, outline.jumps_nearer) >= SURELY:
+            raise CaptureError(what, source=capture.source, seen=seen, remedy=REMEDY)
+    elif outline.nearer > -LIKELY and np.median(outline.slope) <= STEEP:
         what = "the object is a hollow, or its depth inside out: disparity taken for depth?"
-        return (Finding("warning", "depth-inside-out", f"{what} {seen}", REMEDY),)
-    if outline.nearer < LIKELY:
+    else:
         return ()
-    what = "the depth seems to be inside out: disparity taken for depth?"
-    seen += ", and what lies beyond is nearer"
-    if min(outline.falls, outline.jumps_nearer) >= SURELY:
-        raise CaptureError(what, source=capture.source, seen=seen, remedy=REMEDY)
     return (Finding("warning", "depth-inside-out", f"{what} {seen}", REMEDY),)
 
 
