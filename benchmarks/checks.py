@@ -1,46 +1,60 @@
-"""What the checks say of captures drawn at random: as they are, turned, and as disparity.
+"""What the checks say of captures drawn at random: as they are, and made wrong on purpose.
 
-    python benchmarks/checks.py --seeds 0:120
-    python benchmarks/checks.py --seeds 0:50 --refine      with what watches over the result
+    python -m benchmarks.checks --seeds 4000:4060
+    python -m benchmarks.checks --seeds 4000:4060 --ratios 10 12 16 --size 2     # coarse sensors
+    python -m benchmarks.checks --seeds 0:50 --refine      with what watches over the result
 
-Per draw: the evidence for the best turn of the depth (`depth_orientation`), the same with the
-photographs and the mask turned by 180 degrees, and what `inside_out` says of the depth and of
-disparity in its place.  With --refine also the error of held-back photographs by the refined
-surface over that by the prepared depth, and by how much the worst photograph is predicted worse
-than the typical one; then both again with photographs of noise alone, and with one photograph
-moved by a quarter of the image.
+Per check, how many sound draws it warns of and refuses, and how many of those made wrong: disparity
+in the place of depth, before a wall and before nothing; depth mirrored or turned by 180 degrees
+against photographs and mask; depth shifted by a tenth of the object's width; half the photographs
+moved by 3.6 pixels.  Draws whose depth is shifted by more than a depth pixel are drawn without, for
+a warning of that is true.  Which sound draws a check spoke of follows.
+
+With --refine also the error of held-back photographs by the refined surface over that by the
+prepared depth, and by how much the worst photograph is predicted worse than the typical one; then
+both again with photographs of noise alone, and with one photograph moved by a quarter of the image.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
+import cv2
 import numpy as np
 
-from rakelight.check.depth_orientation import LIKELY, SURELY, orientation_fits
-from rakelight.check.inside_out import inside_out
+from rakelight.check.camera_motion import camera_motion
+from rakelight.check.depth_checks import DEPTH_CHECKS
 from rakelight.check.odd_photograph import odd_photographs
 from rakelight.errors import RakelightError
 from rakelight.methods import load_method
-from rakelight.model import Capture, silent
+from rakelight.model import Capture, Finding, silent
 from rakelight.pipeline.guarded import surface
 from rakelight.pipeline.held_back import LARGEST_RATIO, predict
 from rakelight.prepare import prepare
-from rakelight.synthetic import draw, render_draw
+from rakelight.synthetic import Draw, draw, render_draw
+
+Change = Callable[[Capture], Capture]
+CHECKS: dict[str, Callable[[Capture], tuple[Finding, ...]]] = {
+    "camera-moved": camera_motion,
+    **DEPTH_CHECKS,
+}
+MOVED_PX = (3.0, -2.0)
+SHIFTED, LEAST_SHIFTED_PX = 0.1, 3
+"""Of the object's width, and in depth pixels at the least."""
 
 
-def evidence(capture: Capture) -> float:
-    """For the best turn of the depth; -inf where there is none to be had."""
-    return max((fit.evidence for fit in orientation_fits(capture)), default=-np.inf)
-
-
-def turned(capture: Capture) -> Capture:
-    """The capture with photographs and mask turned by 180 degrees."""
-    photographs = np.ascontiguousarray(capture.photographs[:, ::-1, ::-1])
-    return replace(
-        capture, photographs=photographs, mask=np.ascontiguousarray(capture.mask[::-1, ::-1])
-    )
+def drawn(seed: int, size: float, ratios: list[float]) -> Draw:
+    """A draw whose depth lies on the photographs, to a depth pixel."""
+    scans = sorted(Path("../shared/shapes").glob("*.npz"))
+    pictures = [file for file in (Path("../shared/captures/mitten/rgb/000.png"),) if file.exists()]
+    one = draw(seed, size, scans, pictures, ratios)
+    if size * np.hypot(one.shift_x, one.shift_y) <= one.depth_factor:
+        return one
+    return replace(one, shift_x=0.0, shift_y=0.0)
 
 
 def disparity(capture: Capture) -> Capture:
@@ -49,12 +63,62 @@ def disparity(capture: Capture) -> Capture:
     return replace(capture, depth_m=(middle_m**2 / capture.depth_m).astype(np.float32))
 
 
-def verdict(capture: Capture) -> str:
-    """What `inside_out` says."""
+def mirrored(capture: Capture) -> Capture:
+    """The capture with its depth mirrored left to right."""
+    return replace(capture, depth_m=np.ascontiguousarray(capture.depth_m[:, :, ::-1]))
+
+
+def turned(capture: Capture) -> Capture:
+    """The capture with its depth turned by 180 degrees."""
+    return replace(capture, depth_m=np.ascontiguousarray(capture.depth_m[:, ::-1, ::-1]))
+
+
+def shifted(capture: Capture) -> Capture:
+    """The capture with its depth shifted to the right."""
+    per_pixel = capture.depth_m.shape[2] / capture.mask.shape[1]
+    by = max(LEAST_SHIFTED_PX, round(SHIFTED * float(np.sqrt(capture.mask.sum())) * per_pixel))
+    depth_m = np.full_like(capture.depth_m, np.nan)
+    depth_m[:, :, by:] = capture.depth_m[:, :, :-by]
+    return replace(capture, depth_m=depth_m)
+
+
+def moved(capture: Capture) -> Capture:
+    """The capture with the second half of its photographs moved."""
+    photographs = capture.photographs.copy()
+    height, width = capture.mask.shape
+    shift = np.array([[1.0, 0.0, MOVED_PX[0]], [0.0, 1.0, MOVED_PX[1]]])
+    for photograph in photographs[len(photographs) // 2 + 1 :]:
+        photograph[:] = cv2.warpAffine(
+            photograph.copy(), shift, (width, height), borderMode=cv2.BORDER_REPLICATE
+        )
+    return replace(capture, photographs=photographs)
+
+
+WRONG: dict[str, tuple[str, Change]] = {
+    "half the photographs moved": ("camera-moved", moved),
+    "depth shifted": ("depth-misaligned", shifted),
+    "depth mirrored": ("depth-turned", mirrored),
+    "depth turned": ("depth-turned", turned),
+    "disparity": ("depth-inside-out", disparity),
+}
+
+
+def verdict(check: str, capture: Capture) -> str:
+    """What a check says."""
     try:
-        return "warned" if inside_out(capture) else "silent"
+        return "warned" if CHECKS[check](capture) else "silent"
     except RakelightError:
         return "refused"
+
+
+def sayings(capture: Capture, wall: bool) -> dict[tuple[str, str], str]:
+    """(what was done to the capture, check) -> verdict; wall: whether one stands behind it."""
+    said = {("nothing", check): verdict(check, capture) for check in CHECKS}
+    for name, (check, change) in WRONG.items():
+        if check == "depth-inside-out":
+            name += ", before a wall" if wall else ", before nothing"
+        said[name, check] = verdict(check, change(capture))
+    return said
 
 
 def held_back(capture: Capture) -> tuple[float, int]:
@@ -86,38 +150,49 @@ def noise(capture: Capture) -> Capture:
 CHANGES = {"as they are": replace, "noise alone": noise, "one moved": one_moved}
 
 
+def table(all_said: dict[int, dict[tuple[str, str], str]]) -> None:
+    """Print how often each check warned and refused, and of which sound draws."""
+    counts = Counter((key, what) for said in all_said.values() for key, what in said.items())
+    print(
+        "| what is wrong | check | of draws | warned | refused |\n| --- | --- | --- | --- | --- |"
+    )
+    keys = sorted({key for key, _ in counts}, key=lambda key: (key[0] != "nothing", key[1], key[0]))
+    for key in keys:
+        silent_, warned, refused = (counts[key, what] for what in ("silent", "warned", "refused"))
+        print(f"| {key[0]} | `{key[1]}` | {silent_ + warned + refused} | {warned} | {refused} |")
+    for seed, said in all_said.items():
+        alarms = {check: what for (done, check), what in said.items() if done == "nothing"}
+        for check, what in alarms.items():
+            if what != "silent":
+                print(f"draw {seed}, nothing wrong: {check} {what}")
+
+
 def share(values: list[bool]) -> str:
     """So many of so many."""
     return f"{sum(values)} of {len(values)}"
 
 
 def main() -> None:
-    """Print a line per draw and the counts."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", default="0:120")
+    """Print the tables."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seeds", default="4000:4060", help="FIRST:END")
+    parser.add_argument("--ratios", type=float, nargs="+", default=[], help="of depth_factor")
+    parser.add_argument("--size", type=float, default=1.0, help="scale of the images")
     parser.add_argument("--refine", action="store_true")
     arguments = parser.parse_args()
-    turns, outlines, refined = [], [], []
+    all_said, refined = {}, []
     for seed in range(*map(int, arguments.seeds.split(":"))):
-        capture, _ = render_draw(draw(seed))
+        one = drawn(seed, arguments.size, arguments.ratios)
+        capture, _ = render_draw(one)
         try:
-            turns.append((evidence(capture), evidence(turned(capture))))
-            outlines.append((verdict(capture), verdict(disparity(capture))))
-            line = "turn {:6.2f} {:6.2f}  {:7s} {:7s}".format(*turns[-1], *outlines[-1])
+            all_said[seed] = sayings(capture, one.wall)
             if arguments.refine:
                 refined.append([held_back(change(capture)) for change in CHANGES.values()])
-                line += "".join(f"  {gain:.2f} odd {odd}" for gain, odd in refined[-1])
-            print(f"{seed:4d}  {line}", flush=True)
         except RakelightError as error:
             print(f"{seed:4d}  {error}", flush=True)
-    for name, found in zip(("as they are", "turned"), zip(*turns, strict=True), strict=True):
-        likely, surely = ([each >= least for each in found] for least in (LIKELY, SURELY))
-        print(f"{name}: at most {max(found):.2f}, warned {share(likely)}, refused {share(surely)}")
-    for name, found in zip(
-        ("as they are", "as disparity"), zip(*outlines, strict=True), strict=True
-    ):
-        warned, refused = ([each == said for each in found] for said in ("warned", "refused"))
-        print(f"{name}: inside out, warned {share(warned)}, refused {share(refused)}")
+    table(all_said)
     for name, rows in zip(CHANGES, zip(*refined, strict=True), strict=bool(refined)):
         gains = np.array([gain for gain, _ in rows])
         gains, odd = gains[np.isfinite(gains)], [count > 0 for _, count in rows]

@@ -68,6 +68,22 @@ def test_the_mitten_stood_still_and_a_pixel_is_seen():
     np.testing.assert_allclose(shifts[7], (0, 1.5), atol=0.3)
 
 
+def test_shifts_that_scatter_by_shadows_are_no_motion(still, monkeypatch):
+    rng = np.random.default_rng(0)
+    scattered = 0.28 * rng.standard_normal((16, 2))
+    scattered[7] = (0.0, 0.7)
+    many = replace(still, photographs=np.repeat(still.photographs[:1], 16, axis=0))
+
+    def tracked(shifts):
+        answer = shifts.copy(), np.full(16, 0.1)
+        monkeypatch.setattr("rakelight.check.camera_motion._tracked", lambda *_: answer)
+        return np.flatnonzero(stood_still(many)[1]).tolist()
+
+    assert tracked(scattered) == []
+    assert tracked(0.2 * scattered + [[0.7 * (i == 7), 0] for i in range(16)]) == [7]
+    assert tracked(scattered + [[2.0 * (i == 7), 0] for i in range(16)]) == [7]
+
+
 def test_nothing_is_said_of_a_surface_without_texture():
     bare = still_scene("head", "white", cast_shadows=True, ambient=0.0)
     shifts, moved = stood_still(with_photographs_moved(bare, [2], 3.0, 0.0))

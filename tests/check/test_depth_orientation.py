@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 from rakelight.check.depth_orientation import (
-    SURELY,
     depth_orientation,
-    explained,
+    evidence,
     orientation_fits,
+    total,
+    unexplained,
 )
+from rakelight.check.evidence import LIKELY, SURELY
 from rakelight.errors import CaptureError
 from tests.check.wrong_captures import SOLIDS, noise_alone, one_lamp, sound, with_turned_photographs
 
@@ -17,7 +19,7 @@ from tests.check.wrong_captures import SOLIDS, noise_alone, one_lamp, sound, wit
 def test_a_sound_capture_lies_right(shape):
     capture, _ = sound(shape)
     assert depth_orientation(capture) == ()
-    assert max(fit.evidence for fit in orientation_fits(capture)) < SURELY / 2
+    assert max(fit.evidence for fit in orientation_fits(capture)) < LIKELY
 
 
 @pytest.mark.parametrize("shape", SOLIDS)
@@ -78,5 +80,16 @@ def test_too_few_photographs_say_nothing(count):
 def test_an_explanation_of_unrelated_slopes_is_small():
     rng = np.random.default_rng(0)
     slopes, components = rng.normal(size=(2000, 2)), rng.normal(size=(3, 2000))
-    assert explained(slopes, components) < 0.01
-    assert explained(slopes + (3 * components[:1]).T, components) == pytest.approx(0.9, abs=0.02)
+    assert unexplained(slopes, components).sum() > 0.99 * total(slopes)
+    mostly = slopes + (3 * components[:1]).T
+    assert unexplained(mostly, components).sum() == pytest.approx(0.1 * total(mostly), rel=0.2)
+
+
+def test_what_one_corner_says_is_no_evidence():
+    both = np.ones((60, 60), bool)
+    better, everywhere = np.ones((2, 60, 60)) + 0.01 * np.random.default_rng(0).random((2, 60, 60))
+    as_it_is = 1.5 * np.ones((60, 60))
+    better[:10, :10] = 0.1
+    corner = evidence(np.ones(3600), better.ravel(), both)
+    assert 0 < corner < LIKELY
+    assert evidence(as_it_is.ravel(), everywhere.ravel(), both) > SURELY

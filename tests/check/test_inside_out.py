@@ -3,34 +3,66 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rakelight.check.evidence import LIKELY, SURELY
 from rakelight.check.inside_out import inside_out, outline_of
 from rakelight.errors import CaptureError
-from tests.check.wrong_captures import SOLIDS, disparity, sound
-
-
-def with_background(capture, behind_m):
-    """The capture with a wall, so far behind the object's median depth, wherever there was none."""
-    wall = float(np.nanmedian(capture.depth_m)) + behind_m
-    return replace(capture, depth_m=np.nan_to_num(capture.depth_m, nan=wall).astype(np.float32))
+from tests.check.wrong_captures import SOLIDS, disparity, flat_depth, sound, with_background
 
 
 @pytest.mark.parametrize("shape", SOLIDS)
-@pytest.mark.parametrize("behind_m", [None, 0.3])
-def test_disparity_is_refused_and_depth_is_not(shape, behind_m):
-    capture, _ = sound(shape)
-    if behind_m is not None:
-        capture = with_background(capture, behind_m)
+def test_disparity_before_a_background_is_refused_and_depth_is_not(shape):
+    capture = with_background(sound(shape)[0], 0.3)
     assert inside_out(capture) == ()
     with pytest.raises(CaptureError, match="inside out") as error:
         inside_out(disparity(capture))
     assert "disparity" in error.value.remedy
 
 
+@pytest.mark.parametrize("shape", SOLIDS)
+def test_without_a_background_it_may_be_a_hollow(shape):
+    capture, _ = sound(shape)
+    assert inside_out(capture) == ()
+    (finding,) = inside_out(disparity(capture))
+    assert (finding.severity, finding.code) == ("warning", "depth-inside-out")
+    assert "hollow" in finding.message
+    assert "disparity" in finding.remedy
+
+
+def test_a_background_that_is_nearer_here_and_farther_there_decides_nothing():
+    capture = disparity(sound("head")[0])
+    middle_m = float(np.nanmedian(capture.depth_m))
+    columns = np.arange(capture.depth_m.shape[2])
+    tilted = np.broadcast_to(middle_m + 0.004 * (columns - columns.mean()), capture.depth_m.shape)
+    depth = np.where(np.isfinite(capture.depth_m), capture.depth_m, tilted).astype(np.float32)
+    found = replace(capture, depth_m=depth)
+    assert abs(outline_of(found).nearer) < LIKELY
+    (finding,) = inside_out(found)
+    assert "hollow" in finding.message
+
+
 def test_a_hollow_before_a_background_is_sound():
     mould = disparity(sound("head")[0])
     assert inside_out(with_background(mould, 0.4)) == ()
-    with pytest.raises(CaptureError):
-        inside_out(mould)
+
+
+def test_a_hollow_in_a_block_is_never_refused():
+    # The block's surface begins where the hollow ends: nearer than the border inside, no jump.
+    mould = disparity(sound("head")[0])
+    depth = mould.depth_m
+    nearest = np.nanquantile(depth, 0.02)
+    block = np.where(np.isfinite(depth), np.maximum(depth, nearest), nearest).astype(np.float32)
+    outline = outline_of(replace(mould, depth_m=block))
+    assert outline.falls > SURELY
+    assert outline.nearer > LIKELY
+    (finding,) = inside_out(replace(mould, depth_m=block))
+    assert finding.severity == "warning"
+
+
+def test_a_picture_in_a_frame_is_sound():
+    flat = flat_depth(sound("head")[0])
+    framed = with_background(flat, -0.05)
+    assert outline_of(framed).nearer > SURELY
+    assert inside_out(framed) == ()
 
 
 def test_low_relief_has_no_side():

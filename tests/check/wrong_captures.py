@@ -55,6 +55,12 @@ def disparity(capture):
     return replace(capture, depth_m=(middle_m**2 / capture.depth_m).astype(np.float32))
 
 
+def with_background(capture, behind_m):
+    """The capture with a wall, so far behind the object's median depth, wherever there was none."""
+    wall = float(np.nanmedian(capture.depth_m)) + behind_m
+    return replace(capture, depth_m=np.nan_to_num(capture.depth_m, nan=wall).astype(np.float32))
+
+
 def flat_depth(capture):
     """A depth that somebody invented: the same everywhere."""
     flat = np.where(np.isfinite(capture.depth_m), np.nanmedian(capture.depth_m), np.nan)

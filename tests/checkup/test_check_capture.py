@@ -12,7 +12,7 @@ from rakelight import check_capture, load_capture
 from rakelight.errors import CaptureError
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 from tests.check.moved_captures import still_scene, with_depth_moved, with_photographs_moved
-from tests.check.wrong_captures import disparity, one_lamp, sound, with_photograph
+from tests.check.wrong_captures import disparity, one_lamp, sound, with_background, with_photograph
 
 CAPTURES = Path(__file__).resolve().parents[3] / "shared" / "captures"
 
@@ -168,9 +168,11 @@ def test_mirrored_depth(head):
 
 
 def test_depth_inside_out():
-    report = check_capture(disparity(sound("vase")[0]))
+    vase = sound("vase")[0]
+    report = check_capture(disparity(with_background(vase, 0.3)))
     assert report.verdict == "not usable"
     assert report.findings[0].code == "depth-inside-out"
+    assert "depth-inside-out" in [each.code for each in check_capture(disparity(vase)).findings]
 
 
 def test_depth_with_holes(head):

@@ -22,6 +22,11 @@ SIDE_PX = 400
 MOST = 0.65
 # Largest shift that light alone causes: pixels, and median deviations of the corners.
 MOVED_PX, MOVED_DEVIATIONS = 0.6, 3.0
+# Probability that any photograph of a camera at rest counts as moved for the scatter of the shifts:
+# moving shadows shift corners of one photograph alike, which its own corners do not show.
+FALSE_ALARM = 0.01
+# Median length of normally distributed shifts, over the standard deviation of one component.
+RAYLEIGH_MEDIAN = float(np.sqrt(2 * np.log(2)))
 
 
 def camera_motion(capture: Capture) -> tuple[Finding, ...]:
@@ -75,7 +80,10 @@ def stood_still(capture: Capture) -> tuple[Floats, Array]:
     apart = np.hypot(*(shifts[:, None] - shifts).transpose(2, 0, 1))
     most = apart[np.argmax((apart < MOVED_PX).sum(axis=1))] < MOVED_PX
     shifts -= np.median(shifts[most], axis=0)
-    return step * shifts, np.hypot(*shifts.T) > np.fmax(MOVED_PX, MOVED_DEVIATIONS * deviation)
+    length = np.hypot(*shifts.T)
+    sigma_px = float(np.median(length[most])) / RAYLEIGH_MEDIAN
+    by_light = max(MOVED_PX, sigma_px * float(np.sqrt(-2 * np.log(FALSE_ALARM / count))))
+    return step * shifts, length > np.fmax(by_light, MOVED_DEVIATIONS * deviation)
 
 
 def detail(photograph: Array, step: int) -> Array:

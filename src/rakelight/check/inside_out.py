@@ -1,8 +1,14 @@
 """Whether the depth grows where it should fall: disparity, or inverted depth, taken for depth.
 
 Photographs do not distinguish relief from its mirror image in depth (the bas-relief ambiguity), but
-the object's outline does.  What stands before a background is nearer than that; and a solid object
-turns away from the camera towards its outline, so its depth grows there.
+the object's surroundings do: an object stands before its background, and a solid one turns away
+from the camera towards its outline.  An object that is a hollow itself turns towards the camera
+there, so without surroundings nothing tells one from inverted depth: that is a warning, never a
+refusal.  Where depth falls towards the outline and what lies beyond is nearer by a jump, it is
+inverted: a hollow's rim is its surroundings, and what stands in a frame is no hollow.
+
+Both figures are taken from sectors around the object.  Errors of the depth are correlated over much
+of a sector and little between sectors, so these give the variance of their mean; see `evidence`.
 """
 
 from __future__ import annotations
@@ -11,25 +17,31 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rakelight.check.evidence import LIKELY, PRIOR, SURELY, log_likelihood_ratio
 from rakelight.errors import CaptureError
 from rakelight.geometry.blur import blurred
-from rakelight.model import Capture, Finding, Floats
+from rakelight.model import Array, Capture, Finding, Floats, Mask
 from rakelight.prepare.sensor import SensorGrid, sensed
 
 # Of the square root of the object's area: smoothing of the depth, and width of the border in which
 # slopes are taken, inside the outline, and the background is looked at, outside it.
 SMOOTHING, BORDER = 0.02, 0.1
-# Least pixels of a border.
-FEWEST = 10
+# Least pixels of a border, and of a sector's part of it.
+FEWEST, FEWEST_OF_SECTOR = 10, 2
+# Sectors around the object's middle: 30 degrees each, a quarter of the object's width at its
+# outline.  With 8 or 16 the same draws are found (3000 to 3099, docs/results/depth-sensor.md).
+SECTORS = 12
 # The first pixels inside the outline see some of the background.
 MIXED_PX = 1.5
 # The border of the depth map counts as background where at least this share of it is measured.
 MEASURED = 0.3
-# Depth falls towards the outline on at least this share of the border: a hollow at the least.
-FALLING = 0.8
-# Without a background to compare with, its median slope (metres of depth per metre across) has to
-# be as steep as that of solid objects: a warning, and beyond doubt.
-STEEP, VERY_STEEP = -0.25, -0.5
+# Prior probability that the depth of a sound object falls towards its outline, as random captures
+# are drawn; and the evidence for a nearer background that then makes inverted depth as likely.
+HOLLOW = 0.1
+LIKELY_WHERE_IT_FALLS = float(np.log(HOLLOW / PRIOR))
+# Where no background decides, the median slope (metres of depth per metre across) has to be as
+# steep as that of solid objects: rims of low relief are less so.
+STEEP = -0.25
 REMEDY = (
     "turn disparity d into depth, focal length * baseline / d; if the object is a hollow, let the "
     "depth maps go on beyond the mask"
@@ -38,35 +50,55 @@ REMEDY = (
 
 @dataclass(frozen=True, slots=True)
 class Outline:
-    """How the depth runs towards the object's outline.
+    """How the depth runs towards the object's outline, in sectors around it.
 
-    slope : median of the depth's outward slope in the border, metres per metre
-    falling : share of the border where it falls
-    behind : median log depth outside the outline less that inside; None where little is measured
+    slope : (K,) medians of the depth's outward slope in the border, metres per metre
+    behind : (K,) median depth outside the outline less that inside, in units of what a slope of 1
+        makes over the border's width; empty where little is measured outside
+    falling : share of the border where depth falls
     """
 
-    slope: float
+    slope: Floats
+    behind: Floats
     falling: float
-    behind: float | None
+
+    @property
+    def falls(self) -> float:
+        """Evidence that depth falls towards the outline: a hollow, or inverted depth."""
+        return log_likelihood_ratio(-self.slope)
+
+    @property
+    def nearer(self) -> float:
+        """Evidence that what lies beyond the outline is nearer."""
+        return log_likelihood_ratio(-self.behind)
+
+    @property
+    def jumps_nearer(self) -> float:
+        """Evidence that it is nearer by more than the object's own slope makes up for.
+
+        The rim of a hollow is its surroundings, without a jump.
+        """
+        return log_likelihood_ratio(np.minimum(self.slope, 0) - self.behind)
 
 
 def inside_out(capture: Capture) -> tuple[Finding, ...]:
     """A warning where the depth may be inside out.
 
-    Raises CaptureError where the outline says so beyond doubt.
+    Raises CaptureError where the outline and what lies beyond say so beyond doubt.
     """
     outline = outline_of(capture)
-    if outline is None or outline.falling < FALLING:
+    if outline is None or outline.falls < LIKELY:
         return ()
-    hollow = outline.behind is not None and outline.behind >= 0
-    if hollow or (outline.behind is None and outline.slope > STEEP):
-        return ()
-    what = "the depth seems to be inside out: disparity taken for depth?"
     seen = f"depth falls towards the outline on {outline.falling:.0%} of it"
-    if outline.behind is not None:
+    if outline.nearer >= LIKELY_WHERE_IT_FALLS:
+        what = "the depth seems to be inside out: disparity taken for depth?"
         seen += ", and what lies beyond is nearer"
-    if outline.behind is not None or outline.slope <= VERY_STEEP:
-        raise CaptureError(what, source=capture.source, seen=seen, remedy=REMEDY)
+        if min(outline.falls, outline.jumps_nearer) >= SURELY:
+            raise CaptureError(what, source=capture.source, seen=seen, remedy=REMEDY)
+    elif outline.nearer > -LIKELY and np.median(outline.slope) <= STEEP:
+        what = "the object is a hollow, or its depth inside out: disparity taken for depth?"
+    else:
+        return ()
     return (Finding("warning", "depth-inside-out", f"{what} {seen}", REMEDY),)
 
 
@@ -89,15 +121,35 @@ def outline_of(capture: Capture) -> Outline | None:
     smooth = blurred(log_depth, sigma_px, mask & known)
     outward = _outward(blurred(inside, sigma_px, np.ones_like(mask)))
     down, right = np.gradient(smooth)
-    slope = (camera.fx * right * outward[1] + camera.fy * down * outward[0])[border]
+    slope = camera.fx * right * outward[1] + camera.fy * down * outward[0]
     beyond = ~mask & (distance_transform_edt(~mask) < MIXED_PX + BORDER * side)
-    behind = None
-    if np.count_nonzero(beyond & known) > MEASURED * np.count_nonzero(beyond):
-        behind = float(np.median(log_depth[beyond & known]) - np.median(log_depth[border]))
-    return Outline(float(np.median(slope)), float(np.mean(slope < 0)), behind)
+    seen = beyond & known
+    sector = _sectors(mask)
+    slopes = _medians(slope, border, sector)
+    behind = np.full(SECTORS, np.nan)
+    if np.count_nonzero(seen) > MEASURED * np.count_nonzero(beyond):
+        behind = _medians(log_depth, seen, sector) - _medians(log_depth, border, sector)
+    there = np.isfinite(slopes)
+    unit = BORDER * side / float(np.sqrt(camera.fx * camera.fy))
+    return Outline(slopes[there], behind[there] / unit, float(np.mean(slope[border] < 0)))
 
 
 def _outward(inside: Floats) -> Floats:
     """(2, h, w) unit vectors, down and right, along which the distance inside falls fastest."""
     uphill = np.stack([*np.gradient(inside)])
     return np.asarray(-uphill / np.maximum(np.linalg.norm(uphill, axis=0), 1e-9))
+
+
+def _sectors(mask: Mask) -> Array:
+    """(h, w) the sector, 0 to `SECTORS` - 1, around the middle of a mask that each pixel is in."""
+    rows, columns = np.mgrid[: mask.shape[0], : mask.shape[1]]
+    angle = np.arctan2(rows - rows[mask].mean(), columns - columns[mask].mean())
+    return np.asarray(((angle / (2 * np.pi) + 0.5) * SECTORS).astype(int) % SECTORS)
+
+
+def _medians(image: Floats, part: Mask, sector: Array) -> Floats:
+    """(SECTORS,) medians of an image over the sectors of a part; NaN where there is too little."""
+    parts = [image[part & (sector == k)] for k in range(SECTORS)]
+    return np.array(
+        [np.median(each) if len(each) >= FEWEST_OF_SECTOR else np.nan for each in parts]
+    )

@@ -207,8 +207,8 @@ def light_findings(lights: Lights, names: tuple[str, ...]) -> tuple[Finding, ...
         thickness = np.linalg.svd(toward, compute_uv=False)[-1] / np.sqrt(len(toward))
         if widest < LEAST_ANGLE_DEG:
             message = (
-                f"the lamp is in nearly one place, within {widest:.1f} degrees, in "
-                f"{listed(named, ~dark)}: mostly the depth is kept"
+                f"lights found in nearly one place, within {widest:.1f} degrees, in "
+                f"{listed(named, ~dark)}: the lamp hardly moved, or they are wrong"
             )
             code = "one-lamp-position"
         elif thickness < np.sin(np.radians(LEAST_THICKNESS_DEG)):
