@@ -70,7 +70,7 @@ def test_compiled_reach_is_the_plain_one(rng):
         plain, _ = gradient_stencil(mask, rough(40, 40).tensor, np.zeros((40, 40, 2)))
         anchors = np.pad(mask & (rng.random((40, 40)) < 0.02), 1)
         out, stack = anchors.copy(), np.empty((np.count_nonzero(mask), 2), np.int32)
-        _kernels.reach(plain, NEGLIGIBLE, out, stack)
+        _kernels.mark_connected(plain, NEGLIGIBLE, out, stack)
         np.testing.assert_array_equal(out, reached(plain, anchors, NEGLIGIBLE))
 
 

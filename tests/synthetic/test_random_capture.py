@@ -34,7 +34,7 @@ PLAIN = {
     "bits": 16,
     "encoding": "linear",
     "photographs": 3,
-    "light_variation": 0.0,
+    "light_spread": 0.0,
 }
 STEP = 0.5 / 65535 + 1e-6
 """Rounding of 16-bit values."""
@@ -233,7 +233,7 @@ def test_plain_photographs_follow_from_the_truth(lights, colour_spread, near_rad
     capture, truth = random_capture(
         3,
         0.4,
-        **{**PLAIN, "light_variation": 0.3, "shape": "sphere", "lights": lights},
+        **{**PLAIN, "light_spread": 0.3, "shape": "sphere", "lights": lights},
         colour_spread=colour_spread,
         near_radii=near_radii,
         near_spread=0.1,
