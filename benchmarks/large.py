@@ -155,7 +155,7 @@ def child(capture: Path, output: Path, memory: str) -> None:
     import rakelight
 
     watch, began = Watch(), time.perf_counter()
-    given: dict[str, Any] = {"memory": memory} if memory else {}
+    given = {"memory": 1e9 * float(memory.removesuffix("GB"))} if memory else {}
     loaded = rakelight.load_capture(capture, **given)
     result = rakelight.refine(loaded, progress=lambda p: watch.begin(p.stage), **given)
     watch.begin("write")

@@ -2,20 +2,60 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from math import inf
 from pathlib import Path
 from threading import Event, Thread
 
 from rakelight.errors import MachineError
 
+_limit: ContextVar[float] = ContextVar("limit of memory", default=inf)
+
+
+@contextmanager
+def limited_memory(limit: float | None) -> Iterator[None]:
+    """What runs inside keeps to `limit` bytes for the whole process, beside what the system says.
+
+    None for no limit beside those that hold already.
+
+    >>> with limited_memory(1e6):
+    ...     available_memory()
+    0.0
+    """
+    token = _limit.set(_limit.get() if limit is None else limit)
+    try:
+        yield
+    finally:
+        _limit.reset(token)
+
+
+def available_memory() -> float:
+    """Bytes that may still be taken: free ones, and within the limit of `limited_memory`."""
+    free, limit = free_memory(), _limit.get()
+    return free if limit == inf else max(min(free, limit - own_memory()), 0.0)
+
+
+def own_memory(root: Path = Path("/")) -> float:
+    """Bytes that this process holds and that are in no file; 0 where the system does not say.
+
+    >>> own_memory(Path("no/such/folder"))
+    0.0
+    """
+    with suppress(OSError, KeyError, ValueError):
+        lines = (root / "proc" / "self" / "status").read_text().splitlines()
+        table = dict(line.split()[:2] for line in lines if line.startswith("Rss"))
+        return 1024.0 * int(table["RssAnon:"])
+    return 0.0
+
 
 def require_memory(needed: float, *, source: str, remedy: str) -> None:
-    """Raise MachineError where fewer than `needed` bytes are free.
+    """Raise MachineError where fewer than `needed` bytes may be taken.
 
     >>> require_memory(1e6, source="captures/mitten", remedy="close other programs")
     """
-    free = free_memory()
+    free = available_memory()
     if needed > free:
         raise MachineError(
             "too little memory",

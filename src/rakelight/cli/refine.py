@@ -14,6 +14,7 @@ from rakelight.cli.options import (
     count_photographs,
     findings_as_json,
     output_options,
+    parse_memory,
     parse_photographs,
     parse_scale,
     print_findings,
@@ -55,6 +56,12 @@ from rakelight.model import Progress, Result
     show_default=True,
     help="Output resolution over the depth's, a whole number; auto is the colour camera's.",
 )
+@click.option(
+    "--memory",
+    metavar="SIZE",
+    help="Keep to so much memory, as 4GB; by default to what is free. Large photographs are then "
+    "refined in parts.",
+)
 @click.option("--photographs", metavar="LIST", help="Use only these, as 0-14,17; all if left away.")
 @click.option("--overwrite", is_flag=True, help="Replace an older result at OUT.")
 @click.option(
@@ -78,6 +85,7 @@ def command(
     method: str,
     settings: tuple[str, ...],
     scale: str,
+    memory: str | None,
     photographs: str | None,
     overwrite: bool,
     normal_map: Literal["opengl", "directx"],
@@ -95,10 +103,12 @@ def command(
     from rakelight.cli.settings import options_with, parse_settings
     from rakelight.export import RESULT
     from rakelight.folders import require_free
+    from rakelight.memory import limited_memory
     from rakelight.methods import choose_method, load_method
     from rakelight.pipeline import refine
     from rakelight.report import save_result
 
+    limit = None if memory is None else parse_memory(memory)
     wanted, named, options = parse_scale(scale), parse_settings(settings), None
     if named and method != "auto":  # wrong ones are refused before anything is read
         options = options_with(load_method(method), named)
@@ -106,7 +116,7 @@ def command(
     refuse_input_as_output(capture, output)
     require_free(output, manifest=RESULT, overwrite=overwrite)
     began = perf_counter()
-    with shown_progress(quiet or as_json) as progress:
+    with limited_memory(limit), shown_progress(quiet or as_json) as progress:
         progress(Progress("read"))
         loaded = find_reader(capture).read(capture, Wanted(chosen, progress)).capture
         truth = load_truth(capture) if has_truth(capture) else None

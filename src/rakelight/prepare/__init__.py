@@ -35,6 +35,7 @@ from rakelight.prepare.linear import srgb, to_linear, usable
 from rakelight.prepare.sensor import SensorDepth, SensorGrid, check_sizes, sensed, sensor_shape
 from rakelight.prepare.surfaces import beside_the_object
 from rakelight.prepare.upsample import upsample
+from rakelight.scratch import release
 
 Scale = Literal["auto"] | int
 
@@ -318,6 +319,7 @@ def shrunk_photographs(capture: Capture, shrink: int) -> Array:
             mean[area_mean(clipped, shrink) > 0] = 1.0
             code = srgb(mean) if capture.encoding == "srgb" else mean
             small[i, first:last] = np.round(white * code)
+        release(capture.photographs)
 
     in_threads(shrink_one, range(len(small)))
     return small
