@@ -88,10 +88,8 @@ def write_capture(folder: Path, factor: int, photographs: int) -> None:
     for i in range(photographs):
         (folder / "rgb" / f"{i:03d}.png").write_bytes(encode_png(images[i]))
         images[i] = images[i][:0]
-    sensor = np.concatenate(
-        [depth_of(factor, slice(row, row + factor)).reshape(factor, -1, factor).mean(axis=(0, 2))[None]
-         for row in range(0, height, factor)]
-    )  # fmt: skip
+    rows = (depth_of(factor, slice(row, row + factor)) for row in range(0, height, factor))
+    sensor = np.stack([each.reshape(factor, -1, factor).mean(axis=(0, 2)) for each in rows])
     sensor += random.normal(scale=NOISE_M, size=SENSOR)
     (folder / "depth" / "000.tiff").write_bytes(encode_tiff(sensor.astype(np.float32)))
     white = np.full((height, width), 255, np.uint8)
@@ -189,14 +187,16 @@ def measure(capture: Path, output: Path, source: Path, memory: str) -> dict[str,
         text=True,
         env={**os.environ, "PYTHONPATH": str(source)},
     )
-    assert process.stdout is not None and process.stderr is not None
+    assert process.stdout is not None
+    assert process.stderr is not None
     text, errors = process.stdout.read(), process.stderr.read()
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
     if status:
         last = errors.strip().splitlines()[-1:] or [f"ended by signal {-process.returncode}"]
         return {"failed": last[0]}
-    return {**json.loads(text), "peak_mb": usage.ru_maxrss / 1024 * 1.048576}
+    cpu_s = usage.ru_utime + usage.ru_stime
+    return {**json.loads(text), "cpu_s": cpu_s, "peak_mb": usage.ru_maxrss / 1024 * 1.048576}
 
 
 def row_of(
@@ -218,6 +218,7 @@ def row_of(
         **facts,
         "seconds": round(found["wall_s"], 1),
         "seconds_per_megapixel": round(1e6 * found["wall_s"] / pixels, 2),
+        "cpu_s_per_megapixel": round(1e6 * found["cpu_s"] / pixels, 2),
         "peak_mb": round(found["peak_mb"]),
         "anonymous_mb": round(found["anonymous_mb"]),
         "bytes_per_pixel": round(1e6 * found["anonymous_mb"] / pixels),

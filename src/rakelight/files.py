@@ -104,6 +104,20 @@ def write_bytes(path: Path, data: bytes) -> None:
             raise
 
 
+def write_parts(path: Path, parts: Iterable[bytes]) -> None:
+    """Write a file part by part, as `write_bytes` writes one."""
+    size = 0
+    try:
+        with path.open("wb") as file:
+            for part in parts:
+                size += len(part)
+                file.write(part)
+    except OSError:
+        with clear_errors(str(path), "cannot be written", needed=f"{size} bytes or more"):
+            path.unlink(missing_ok=True)
+            raise
+
+
 @contextmanager
 def clear_errors(source: str, what: str, *, needed: str = "") -> Iterator[None]:
     """Turn the system's errors into ours: InputError for an impossible path, else MachineError.

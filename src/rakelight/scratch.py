@@ -79,7 +79,7 @@ def scratch_folder() -> Path:
     >>> scratch_folder().is_dir()
     True
     """
-    usual, disk = Path(tempfile.gettempdir()), Path("/var/tmp")  # noqa: S108 - a nameless file
+    usual, disk = Path(tempfile.gettempdir()), Path("/var/tmp")
     named = any(os.environ.get(name) for name in ("TMPDIR", "TEMP", "TMP"))
     return disk if not named and os.access(disk, os.W_OK) and disk.is_dir() else usual
 

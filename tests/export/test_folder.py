@@ -375,6 +375,19 @@ def test_what_is_no_result_is_never_replaced(sphere, tmp_path, made):
 # ---- fault 25: disk full, read-only ----
 
 
+class HalfWritten:
+    """A file that takes half of what is written to it."""
+
+    def __init__(self, file, write):
+        self.file, self.write = file, write
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.file.close()
+
+
 @pytest.mark.parametrize("failing", ["depth.tiff", "mesh.ply", "result.json"])
 @pytest.mark.parametrize("older", [False, True])
 def test_a_full_disk_leaves_no_stump_and_the_older_result(
@@ -384,15 +397,20 @@ def test_a_full_disk_leaves_no_stump_and_the_older_result(
     if older:
         write_result(sphere, out)
     before = content(out) if older else None
-    write = Path.write_bytes
+    opened = Path.open  # by Path.write_bytes, too
 
-    def full_disk(path, data):
-        if path.name != failing:
-            return write(path, data)
-        write(path, data[: len(data) // 2])
-        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+    def full_disk(path, mode="r", *rest, **named):
+        file = opened(path, mode, *rest, **named)
+        if path.name != failing or "w" not in mode:
+            return file
 
-    monkeypatch.setattr(Path, "write_bytes", full_disk)
+        def half(data):
+            type(file).write(file, data[: len(data) // 2])
+            raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+        return HalfWritten(file, half)
+
+    monkeypatch.setattr(Path, "open", full_disk)
     with pytest.raises(MachineError, match="cannot be written") as caught:
         write_result(replace(sphere, method="other"), out, overwrite=True)
     assert caught.value.exit_code == 3

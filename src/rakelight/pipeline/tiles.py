@@ -7,6 +7,7 @@ answers are blended where they do, with weights that add up to one, so that no s
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -109,7 +110,7 @@ def spans(window: slice, side: int, shrink: int, most: int) -> list[Span]:
     count = max(1, -(-(last - first) * shrink // max(most - 2 * margin, margin)))
     ends = [first + (2 * i * (last - first) + count) // (2 * count) for i in range(count + 1)]
     found = []
-    for i, (begin, end) in enumerate(zip(ends[:-1], ends[1:], strict=True)):
+    for i, (begin, end) in enumerate(pairwise(ends)):
         inner = (i > 0, i < count - 1)
         refined = slice(
             max(begin * shrink - margin * inner[0], 0), min(end * shrink + margin * inner[1], side)
@@ -136,9 +137,7 @@ def tiled_maps(
     prepared, estimate = estimated(chosen, prepared, options, progress)
     del coarse
     maps_bytes = MAP_BYTES * view.mask.size
-    least, most = (
-        TILE_BYTES * pixels for pixels in ((3 * MARGIN * shrink) ** 2, LARGEST_TILE)
-    )
+    least, most = (TILE_BYTES * pixels for pixels in ((3 * MARGIN * shrink) ** 2, LARGEST_TILE))
     require_memory(maps_bytes + least, source=capture.source, remedy=REMEDY)
     room = min(most, max(least, TILE_SHARE * (available_memory() - maps_bytes)))
     maps, estimate = refined_in_tiles(

@@ -40,11 +40,12 @@ from rakelight.photometry.images import LightParameters
 from rakelight.prepare import Prepared
 from rakelight.prepare.inpaint import nearest_fill
 
-# Pixels of the lower resolution within which a correction of their means fades.
+# Pixels of the lower resolution within which a correction of their means fades.  From 2 to 12 the
+# depth changes by 2 %, normals by 0.015 degrees (docs/explanation/scale.md).
 LENGTH = 4.0
-# Steps of the depth in a tile.
-STEPS = 3
-# Least information of the median pixel, squared values of white: tiles without any stay as they are.
+# Steps of the depth in a tile; a third one changes normals by 0.04 degrees, and errors by none.
+STEPS = 2
+# Least information of the median pixel, squared values of white, that a weight is taken from.
 TINY = 1e-12
 
 
@@ -85,9 +86,7 @@ class Whole:
         return image[np.ix_(*at)]
 
 
-def whole_of(
-    prepared: Prepared, estimate: Estimate, shrink: int
-) -> Whole:
+def whole_of(prepared: Prepared, estimate: Estimate, shrink: int) -> Whole:
     """What an estimate at a lower resolution says to the tiles of a higher one.
 
     prepared : what the estimate was made from
