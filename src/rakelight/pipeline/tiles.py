@@ -6,20 +6,21 @@ answers are blended where they do, with weights that add up to one, so that no s
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rakelight.jit import one_blas_thread
+from rakelight.jit import one_blas_thread, side_by_side, worth_side_by_side
 from rakelight.memory import available_memory, require_memory
 from rakelight.methods.base import Estimate, Method, brightest, lights_unused
-from rakelight.model import Capture, Finding, Floats, Progress, ProgressCallback
+from rakelight.model import Capture, Finding, Floats, Mask, Progress, ProgressCallback
 from rakelight.pipeline.guarded import surface
+from rakelight.pipeline.lower_resolution import REMEDY, coarse_view, lower_resolution
 from rakelight.pipeline.saturated_albedo import bound_findings, with_lower_bounds
-from rakelight.prepare import Prepared, PreparedView, shrunk_view
-from rakelight.prepare.sensor import depth_camera_of
+from rakelight.prepare import Prepared, PreparedView
 from rakelight.scratch import release
 
 if TYPE_CHECKING:
@@ -28,18 +29,12 @@ if TYPE_CHECKING:
 # Pixels of the lower resolution by which a tile reaches beyond its share: agreement with the lower
 # resolution makes the influence of a tile's border fade within a few.
 MARGIN = 12
-# Factors by which the resolution is lowered, the first that fits first: at 4 the whole takes a
-# sixteenth of the time, and 1 to 4 megapixels come out as when all is refined at once (scale.md).
-SHRINKS = (4, 3, 2, *range(5, 33))
 # Bytes of the maps for each pixel of the image, and of a tile for each of its own.
 MAP_BYTES, TILE_BYTES = 48, 2000
-# Most pixels of a tile: larger ones save no time.
-LARGEST_TILE = 700_000
-# Bytes of compiled kernels and libraries that are loaded on the way.
-FIXED_BYTES = 2e8
-# Shares of the memory that may be had which the lower resolution, and a tile, take.
-COARSE_SHARE, TILE_SHARE = 0.8, 0.7
-REMEDY = "close other programs, choose a smaller --scale, or crop to the object"
+# Most pixels of a tile: larger ones save little time.
+LARGEST_TILE = 500_000
+# Share of the memory that may be had which the tiles take.
+TILE_SHARE = 0.7
 # Rows of a map that are finished at a time.
 ROWS = 256
 # Pixels whose albedo is looked at for its 99th percentile.
@@ -66,16 +61,30 @@ class Maps:
         sigmas = (np.zeros(shape, np.float32) if with_sigmas else None for _ in range(2))
         return cls(*maps, *sigmas)
 
-    def add(self, part: tuple[slice, slice], share: Floats, *images: Floats | None) -> None:
-        """Add a tile's images, in the order of the fields, with the share (h, w) that it has."""
+    def add(self, part: tuple[slice, slice], share: Floats, answer: Answer) -> None:
+        """Add a tile's maps in its part of the image, with the share (h, w) that it has there."""
         fields = (
             self.depth_m, self.normals, self.albedo, self.confidence, self.prepared_m,
             self.depth_sigma_m, self.normal_sigma_deg,
         )  # fmt: skip
-        for into, image in zip(fields, images, strict=True):
+        share = share.astype(np.float32)
+        for into, image in zip(fields, answer.maps, strict=True):
             if into is not None and image is not None:
                 own = share.reshape(*share.shape, *[1] * (image.ndim - 2))
-                into[part] += np.where(own > 0, own * image, 0.0)
+                into[part] += np.where(own > 0, own * image, np.float32(0))
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a tile (h, w) adds to the maps.
+
+    mask : the object; bounded : where its albedo is a lower bound
+    maps : in the order of `Maps`, float32; None for what the method does not say
+    """
+
+    mask: Mask
+    bounded: Mask
+    maps: tuple[Floats | None, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +116,8 @@ def spans(window: slice, side: int, shrink: int, most: int) -> list[Span]:
     """
     margin = MARGIN * shrink
     first, last = window.start // shrink, -(-window.stop // shrink)
-    count = max(1, -(-(last - first) * shrink // max(most - 2 * margin, margin)))
+    count = -(-(last - first) * shrink // max(most - 2 * margin, margin))
+    count = max(1, min(count, (last - first) // (MARGIN + 1)))  # no ramp reaches the next one
     ends = [first + (2 * i * (last - first) + count) // (2 * count) for i in range(count + 1)]
     found = []
     for i, (begin, end) in enumerate(pairwise(ends)):
@@ -136,64 +146,15 @@ def tiled_maps(
     unused = lights_unused(prepared, chosen)
     prepared, estimate = estimated(chosen, prepared, options, progress)
     del coarse
-    maps_bytes = MAP_BYTES * view.mask.size
-    least, most = (TILE_BYTES * pixels for pixels in ((3 * MARGIN * shrink) ** 2, LARGEST_TILE))
+    maps_bytes, least = MAP_BYTES * view.mask.size, TILE_BYTES * (3 * MARGIN * shrink) ** 2
     require_memory(maps_bytes + least, source=capture.source, remedy=REMEDY)
-    room = min(most, max(least, TILE_SHARE * (available_memory() - maps_bytes)))
+    room = TILE_SHARE * (available_memory() - maps_bytes)
+    workers = worth_side_by_side() if room > 2 * least else 1
+    most_pixels = min(LARGEST_TILE, int(max(least, room / workers) / TILE_BYTES))
     maps, estimate = refined_in_tiles(
-        view, prepared, estimate, shrink, int(room / TILE_BYTES), progress
+        view, prepared, estimate, shrink, most_pixels, workers, progress
     )
     return unused + estimate.findings, prepared, estimate, maps
-
-
-def lower_resolution(capture: Capture, view: PreparedView, chosen: Method) -> int:
-    """By how much the resolution is lowered for the whole object, so that it fits the memory.
-
-    Raises MachineError where it fits at none that the depth sensor's pixels allow.
-    """
-    rows, columns = view.object_window
-    pixels = (rows.stop - rows.start) * (columns.stop - columns.start)
-    room = COARSE_SHARE * (available_memory() - FIXED_BYTES) / chosen.bytes_per_pixel
-    possible = [
-        shrink
-        for shrink in SHRINKS
-        if shrink <= view.grid.factor * (1 + 1e-9) and pixels <= shrink**2 * room
-    ]
-    if not possible:
-        finest = max(1, int(view.grid.factor))
-        require_memory(
-            pixels / finest**2 * chosen.bytes_per_pixel / COARSE_SHARE + FIXED_BYTES,
-            source=capture.source, remedy=REMEDY,
-        )  # fmt: skip
-    whole = view_shrink(capture, view)
-    exact = [s for s in possible if not any(side % (s * whole) for side in capture.mask.shape)]
-    return (exact or possible)[0]
-
-
-def view_shrink(capture: Capture, view: PreparedView) -> int:
-    """The photographs' pixels along each side of an output pixel."""
-    return capture.camera.width // view.camera.width
-
-
-def coarse_view(capture: Capture, view: PreparedView, shrink: int) -> PreparedView:
-    """The view at a resolution `shrink` times lower; what fills no pixel of it is cut off.
-
-    Depth that covers the photographs' view gets a camera of its own there.
-    """
-    total = shrink * view_shrink(capture, view)
-    height, width = (side // total * total for side in capture.mask.shape)
-    if (height, width) != capture.mask.shape:
-        own, pose = depth_camera_of(capture)
-        part = slice(0, height), slice(0, width)
-        capture = replace(
-            capture,
-            photographs=capture.photographs[:, *part],
-            mask=capture.mask[part],
-            camera=capture.camera.cropped(*part),
-            depth_camera=own,
-            depth_to_color=pose,
-        )
-    return shrunk_view(capture, total)
 
 
 def refined_in_tiles(
@@ -202,39 +163,46 @@ def refined_in_tiles(
     estimate: Estimate,
     shrink: int,
     most_pixels: int,
+    workers: int,
     progress: ProgressCallback,
 ) -> tuple[Maps, Estimate]:
     """The maps of the whole object, and the estimate with the lights in the albedo's scale.
 
     view : at the output resolution; prepared, estimate : of the lower resolution
-    most_pixels : of a tile, with its margin
+    most_pixels : of a tile, with its margin; workers : how many tiles are refined side by side
     """
     from rakelight.methods.multi_light.tiles import whole_of
 
     whole = whole_of(prepared, estimate, shrink)
     maps, bounded = Maps.empty(view.mask.shape, estimate.depth_sigma is not None), 0.0
-    side = int(np.sqrt(most_pixels))
     rows, columns = (
-        spans(part, length, shrink, side)
+        spans(part, length, shrink, int(np.sqrt(most_pixels)))
         for part, length in zip(view.object_window, view.mask.shape, strict=True)
     )
-    tiles = [(row, column) for row in rows for column in columns]
-    for number, (row, column) in enumerate(tiles):
-        progress(Progress("refine tiles", number + 1, len(tiles)))
-        part = row.refined, column.refined
-        if view.mask[part].any():
-            share = np.outer(row.share(), column.share())
-            tile = view.window(*part, photographs=prepared.numbers)
-            release(view.photographs)
-            with one_blas_thread():
-                bounded += add_tile(maps, tile, whole, share, moved=estimate.iterations > 0)
+    places = [(row, column) for row in rows for column in columns]
+    places = [each for each in places if view.mask[each[0].refined, each[1].refined].any()]
+
+    def refined(place: tuple[Span, Span], check: Callable[[], None]) -> Answer:
+        row, column = place
+        tile = view.window(row.refined, column.refined, prepared.numbers)
+        release(view.photographs)
+        return answer(tile, whole, check, moved=estimate.iterations > 0)
+
+    progress(Progress("refine tiles", 1, len(places)))
+    with one_blas_thread():
+        answers = side_by_side(refined, places, workers)
+        for number, ((row, column), found) in enumerate(zip(places, answers, strict=True)):
+            share = np.outer(row.share(), column.share()) * found.mask
+            maps.add((row.refined, column.refined), share, found)
+            bounded += float((share * found.bounded).sum())
+            progress(Progress("refine tiles", min(number + 2, len(places)), len(places)))
     gain = finish(maps, view)
     lights = estimate.lights
     lights = replace(lights, vector=gain * lights.vector, ambient=gain * lights.ambient)
     note = Finding(
         "note",
         "refined-in-tiles",
-        f"the whole object refined at 1/{shrink} of the resolution, its detail in {len(tiles)} "
+        f"the whole object refined at 1/{shrink} of the resolution, its detail in {len(places)} "
         "tiles",
         "give it more --memory to refine all at once",
     )
@@ -242,19 +210,22 @@ def refined_in_tiles(
     return maps, replace(estimate, lights=lights, findings=findings)
 
 
-def add_tile(maps: Maps, tile: Prepared, whole: Whole, share: Floats, moved: bool) -> float:
-    """Refine a tile and add it to the maps; returns the pixels whose albedo is a lower bound."""
+def answer(tile: Prepared, whole: Whole, check: Callable[[], None], moved: bool) -> Answer:
+    """A tile refined, or as it was prepared where the photographs say nothing."""
     from rakelight.methods.multi_light.tiles import refine_tile, unmoved_tile
 
-    found = (refine_tile if moved else unmoved_tile)(tile, whole)
+    found = refine_tile(tile, whole, check) if moved else unmoved_tile(tile, whole)
     depth_m, normals = surface(tile, found)
     albedo, bounded = with_lower_bounds(tile, depth_m, normals, found)
-    own = share * tile.mask
-    maps.add(
-        (tile.rows, tile.columns), own, depth_m, normals, np.maximum(albedo, 0),
-        tile.marked(found.confidence), tile.depth_m, found.depth_sigma, found.normal_sigma,
+    images = (
+        depth_m, normals, np.maximum(albedo, 0), tile.marked(found.confidence), tile.depth_m,
+        found.depth_sigma, found.normal_sigma,
     )  # fmt: skip
-    return float((own * bounded).sum())
+    return Answer(
+        tile.mask,
+        bounded,
+        tuple(None if each is None else each.astype(np.float32) for each in images),
+    )
 
 
 def finish(maps: Maps, view: PreparedView) -> float:

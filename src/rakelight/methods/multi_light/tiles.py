@@ -14,6 +14,7 @@ tiles with a margin of some of them agree where they overlap.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +23,7 @@ from rakelight.geometry.averaging import Averaging
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.cells import interpolate
 from rakelight.geometry.grid import has_gradient
-from rakelight.methods.base import Estimate
+from rakelight.methods.base import UNDETERMINED_RAD, Estimate
 from rakelight.methods.levels import Level, finest_level
 from rakelight.methods.multi_light.bas_relief_variance import bas_relief_variance, sensor_moment
 from rakelight.methods.multi_light.confidence import (
@@ -35,7 +36,7 @@ from rakelight.methods.multi_light.energy import Fit, first_fit, update_scale
 from rakelight.methods.multi_light.normals import fine_normals
 from rakelight.methods.multi_light.outliers import Outliers, find_outliers
 from rakelight.methods.multi_light.steps import depth_step
-from rakelight.model import FARTHEST_M, Floats, Lights, Mask
+from rakelight.model import FARTHEST_M, Array, Floats, Lights, Mask
 from rakelight.photometry.images import LightParameters
 from rakelight.prepare import Prepared
 from rakelight.prepare.inpaint import nearest_fill
@@ -43,6 +44,9 @@ from rakelight.prepare.inpaint import nearest_fill
 # Pixels of the lower resolution within which a correction of their means fades.  From 2 to 12 the
 # depth changes by 2 %, normals by 0.015 degrees (docs/explanation/scale.md).
 LENGTH = 4.0
+# Weight of pixels that no pixel of the lower resolution covers whole, over the others': they only
+# have to stay near, since the continuation of a steep side is flat.
+EDGE = 0.01
 # Steps of the depth in a tile; a third one changes normals by 0.04 degrees, and errors by none.
 STEPS = 2
 # Least information of the median pixel, squared values of white, that a weight is taken from.
@@ -72,18 +76,31 @@ class Whole:
     outliers: Outliers
     moment: Floats | None
 
-    def part(self, image: Floats, rows: slice, columns: slice) -> Floats:
+    def part(self, image: Array, rows: slice, columns: slice) -> Array:
         """An image (h, w, ...) at the pixels of its image that these rows and columns name.
 
         Beyond the window it continues as at its border.
         """
         at = [
-            np.clip(np.arange(part.start, part.stop) - first, 0, side - 1)
-            for part, first, side in zip(
-                (rows, columns), (self.row, self.column), image.shape, strict=False
-            )
+            np.clip(place, 0, side - 1)
+            for place, side in zip(self._places(rows, columns), self.mask.shape, strict=True)
         ]
-        return image[np.ix_(*at)]
+        return np.asarray(image[np.ix_(*at)])
+
+    def mask_part(self, rows: slice, columns: slice) -> Mask:
+        """The mask there; False beyond the window."""
+        within = [
+            (place >= 0) & (place < side)
+            for place, side in zip(self._places(rows, columns), self.mask.shape, strict=True)
+        ]
+        return np.asarray(self.part(self.mask, rows, columns) & np.logical_and.outer(*within))
+
+    def _places(self, rows: slice, columns: slice) -> tuple[Array, Array]:
+        """The rows and columns as counted in the window."""
+        return (
+            np.arange(rows.start, rows.stop) - self.row,
+            np.arange(columns.start, columns.stop) - self.column,
+        )
 
 
 def whole_of(prepared: Prepared, estimate: Estimate, shrink: int) -> Whole:
@@ -117,19 +134,29 @@ def whole_of(prepared: Prepared, estimate: Estimate, shrink: int) -> Whole:
     )
 
 
-def refine_tile(prepared: Prepared, whole: Whole) -> Estimate:
+def refine_tile(
+    prepared: Prepared, whole: Whole, check: Callable[[], None] = lambda: None
+) -> Estimate:
     """The window of `prepared` refined, or as it was where no pixel of it has a normal.
 
     prepared : its rows and columns begin between pixels of the lower resolution
+    check : called between the steps; what it raises comes through
     """
     if not has_gradient(prepared.mask).any():
-        return replace(unmoved_tile(prepared, whole), depth_sigma=carried_sigma(prepared, whole))
+        return replace(
+            unmoved_tile(prepared, whole),
+            depth_sigma=carried_sigma(prepared, whole),
+            normal_sigma=np.full(prepared.mask.shape, np.degrees(UNDETERMINED_RAD)),
+        )
     level, start = tile_level(prepared, whole)
     fit = first_fit(level, start, whole.lights)
     level = level.weighted(agreement(level, fit, whole.shrink))
     for step in range(STEPS):
+        check()
         fit = depth_step(level, fit if step == 0 else update_scale(level, fit, noisiest=1.0))
+    check()
     normals, linearization = fine_normals(level, fit)
+    check()
     curvature, noise = missed_curvature(normals, level.grid), shared_noise(level, fit)
     bas_relief: Floats | float = 0.0
     if whole.moment is not None:
@@ -168,19 +195,20 @@ def carried_sigma(prepared: Prepared, whole: Whole) -> Floats | None:
 def tile_level(prepared: Prepared, whole: Whole) -> tuple[Level, Floats]:
     """The level of a tile, its agreement with the lower resolution of weight 1; and its start."""
     level = finest_level(prepared, cut=True)
-    shrink, shape = whole.shrink, prepared.mask.shape
+    shrink = whole.shrink
     coarse = coarse_window(prepared, whole)
-    blocks = np.ones((shrink, shrink))
-    target = np.kron(whole.part(nearest_fill(whole.log_depth, whole.mask), *coarse), blocks)
-    covered = np.kron(whole.part(whole.mask, *coarse), blocks) > 0
-    target, covered = target[: shape[0], : shape[1]], covered[: shape[0], : shape[1]]
+    log_depth = whole.part(nearest_fill(whole.log_depth, whole.mask), *coarse)
+    target, covered = (
+        in_blocks(image, shrink, prepared.mask.shape)
+        for image in (log_depth, whole.mask_part(*coarse))
+    )
     start = carried(nearest_fill(whole.log_depth, whole.mask), prepared, whole)
     edges = [np.arange(part.stop - part.start + 1) * float(shrink) for part in coarse]
     level = replace(
         level,
         prior=start,
         unbiased_prior=target,
-        prior_weight=np.ones(shape),
+        prior_weight=np.where(covered, 1.0, EDGE),
         middle_m=whole.middle_m,
         points=back_project(np.exp(start), prepared.camera) - whole.middle_m,
         averaging=Averaging.on(prepared.mask & covered, *edges),
@@ -191,10 +219,19 @@ def tile_level(prepared: Prepared, whole: Whole) -> tuple[Level, Floats]:
     level = replace(level, small_components=alone)
     outliers = whole.outliers
     if outliers.hidden is not None:
-        hidden = np.moveaxis(outliers.hidden, 0, 2)
-        hidden = np.moveaxis(whole.part(hidden, *coarse), 2, 0).repeat(shrink, 1).repeat(shrink, 2)
-        outliers = replace(outliers, hidden=hidden[:, : shape[0], : shape[1]])
+        hidden = whole.part(np.moveaxis(outliers.hidden, 0, 2), *coarse)
+        hidden = np.moveaxis(in_blocks(hidden, shrink, prepared.mask.shape), 2, 0)
+        outliers = replace(outliers, hidden=hidden)
     return outliers.removed(level, start, whole.lights), start
+
+
+def in_blocks(image: Array, shrink: int, shape: tuple[int, ...]) -> Array:
+    """An image (h, w, ...) with every pixel repeated shrink x shrink times, cut to `shape`.
+
+    >>> in_blocks(np.array([[1, 2]]), 2, (2, 3)).tolist()
+    [[1, 1, 2], [1, 1, 2]]
+    """
+    return image.repeat(shrink, 0).repeat(shrink, 1)[: shape[0], : shape[1]]
 
 
 def coarse_window(prepared: Prepared, whole: Whole) -> tuple[slice, slice]:
