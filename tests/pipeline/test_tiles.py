@@ -55,7 +55,7 @@ def angles(first, second):
 
 
 def test_in_tiles_as_well_as_at_once(little):
-    capture, truth = scene("cloth")
+    capture, truth = scene()
     little(too_few_for(capture))
     tiled, count = in_tiles(capture)
     assert count > 4
@@ -64,8 +64,8 @@ def test_in_tiles_as_well_as_at_once(little):
     assert not [f for f in whole.findings if f.code == "refined-in-tiles"]
     (scores, at_once) = (evaluate_maps(each.depth, each.normals, truth) for each in (tiled, whole))
     # At 120 x 90 the whole is coarse; large photographs are as good (docs/explanation/scale.md).
-    assert scores.normals.mae_deg < 1.25 * at_once.normals.mae_deg
-    assert scores.depth.rmse_mm < 1.25 * at_once.depth.rmse_mm
+    assert scores.normals.mae_deg < 1.2 * at_once.normals.mae_deg
+    assert scores.depth.rmse_mm < 1.4 * at_once.depth.rmse_mm
     np.testing.assert_array_equal(tiled.mask, whole.mask)
     np.testing.assert_array_equal(tiled.prepared_depth, whole.prepared_depth)
     assert np.median(angles(tiled, whole)) < 1.0
