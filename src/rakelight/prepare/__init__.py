@@ -327,11 +327,8 @@ def shrunk_photographs(capture: Capture, shrink: int) -> Array:
 
 __all__ = [
     "Prepared",
-    "PreparedView",
     "Scale",
     "SensorDepth",
     "coarsest_scale",
     "prepare",
-    "prepared_view",
-    "shrunk_view",
 ]
