@@ -113,7 +113,7 @@ def write_parts(path: Path, parts: Iterable[bytes]) -> None:
                 size += len(part)
                 file.write(part)
     except OSError:
-        with clear_errors(str(path), "cannot be written", needed=f"{size} bytes or more"):
+        with clear_errors(str(path), "cannot be written", needed=f"more than {size} bytes"):
             path.unlink(missing_ok=True)
             raise
 

@@ -15,6 +15,7 @@ from rakelight.export import load_result, read_summary, write_result
 from rakelight.model import Finding, Lights
 from rakelight.photometry.images import LightParameters
 from rakelight.report import save_result
+from tests.full_disk import full_at
 
 FILES = {
     "depth.tiff",
@@ -375,19 +376,6 @@ def test_what_is_no_result_is_never_replaced(sphere, tmp_path, made):
 # ---- fault 25: disk full, read-only ----
 
 
-class HalfWritten:
-    """A file that takes half of what is written to it."""
-
-    def __init__(self, file, write):
-        self.file, self.write = file, write
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.file.close()
-
-
 @pytest.mark.parametrize("failing", ["depth.tiff", "mesh.ply", "result.json"])
 @pytest.mark.parametrize("older", [False, True])
 def test_a_full_disk_leaves_no_stump_and_the_older_result(
@@ -397,20 +385,7 @@ def test_a_full_disk_leaves_no_stump_and_the_older_result(
     if older:
         write_result(sphere, out)
     before = content(out) if older else None
-    opened = Path.open  # by Path.write_bytes, too
-
-    def full_disk(path, mode="r", *rest, **named):
-        file = opened(path, mode, *rest, **named)
-        if path.name != failing or "w" not in mode:
-            return file
-
-        def half(data):
-            type(file).write(file, data[: len(data) // 2])
-            raise OSError(errno.ENOSPC, "No space left on device", str(path))
-
-        return HalfWritten(file, half)
-
-    monkeypatch.setattr(Path, "open", full_disk)
+    full_at(monkeypatch, lambda path: path.name == failing)
     with pytest.raises(MachineError, match="cannot be written") as caught:
         write_result(replace(sphere, method="other"), out, overwrite=True)
     assert caught.value.exit_code == 3
