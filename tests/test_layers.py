@@ -17,7 +17,7 @@ LAYERS = (
     ("errors",),
     ("memory",),
     ("model", "files", "jit"),
-    ("folders",),
+    ("folders", "scratch"),
     ("geometry",),
     ("solve",),
     ("photometry",),

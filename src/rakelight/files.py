@@ -129,6 +129,20 @@ def replace_bytes(path: Path, data: bytes) -> None:
         partial.unlink(missing_ok=True)
 
 
+def write_parts(path: Path, parts: Iterable[bytes]) -> None:
+    """Write a file part by part, as `write_bytes` writes one."""
+    size = 0
+    try:
+        with path.open("wb") as file:
+            for part in parts:
+                size += len(part)
+                file.write(part)
+    except OSError:
+        with clear_errors(str(path), "cannot be written", needed=f"more than {size} bytes"):
+            path.unlink(missing_ok=True)
+            raise
+
+
 @contextmanager
 def clear_errors(source: str, what: str, *, needed: str = "") -> Iterator[None]:
     """Turn the system's errors into ours: InputError for an impossible path, else MachineError.

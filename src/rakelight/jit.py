@@ -6,15 +6,17 @@ This module is light.  Modules with kernels import numba; load those on use only
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from contextvars import ContextVar
+from contextvars import ContextVar, copy_context
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 from queue import SimpleQueue
-from threading import Thread
-from typing import Any, TypeAlias
+from threading import Event, Thread
+from typing import Any, TypeAlias, TypeVar
 
 from rakelight.errors import MachineError
 from rakelight.memory import free_addresses, require_threads
@@ -28,6 +30,8 @@ COMPILER_BYTES = 1.2e9
 STACK_BYTES = 8e6  # of addresses for each thread, as Linux gives them
 
 Function: TypeAlias = Callable[..., Any]
+S = TypeVar("S")
+T = TypeVar("T")
 
 _kernels: list[Any] = []
 _most_threads: ContextVar[int] = ContextVar("most threads", default=1 << 30)
@@ -113,6 +117,56 @@ def limited_threads(most: int) -> Iterator[None]:
         yield
     finally:
         _most_threads.reset(token)
+
+
+class StoppedError(Exception):
+    """Work of `side_by_side` whose result nobody waits for any more."""
+
+
+def side_by_side(
+    work: Callable[[S, Callable[[], None]], T], items: Iterable[S], workers: int
+) -> Iterator[T]:
+    """work(item, check) of each, in their order, some at a time, each on its part of the cores.
+
+    workers : how many at a time; work : calls check() several times a second, which ends it after
+        an error or an interrupt
+
+    For work that does not keep all cores busy by itself.
+
+    >>> list(side_by_side(lambda item, check: item + 1, [1, 2, 3], workers=2))
+    [2, 3, 4]
+    """
+    stop, cores = Event(), max(1, _cores() // workers)
+
+    def check() -> None:
+        if stop.is_set():
+            raise StoppedError
+
+    def alone(item: S) -> T:
+        with limited_threads(cores):
+            return work(item, check)
+
+    waiting: deque[Future[T]] = deque()
+    with ThreadPoolExecutor(workers) as pool:
+        try:
+            for item in items:
+                waiting.append(pool.submit(copy_context().run, alone, item))
+                if len(waiting) > workers:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            stop.set()
+            for future in waiting:
+                future.cancel()
+
+
+def worth_side_by_side() -> int:
+    """How many pieces of work that are partly Python go side by side on these cores: one or two.
+
+    More than two would wait for the interpreter.
+    """
+    return min(_cores(), 2)
 
 
 def _threads(pixels: int) -> int:

@@ -4,32 +4,72 @@ from __future__ import annotations
 
 import ctypes
 import sys
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from math import inf
 from pathlib import Path
 from threading import Event, Thread
 
 from rakelight.errors import MachineError
 
+# Bytes that a part of the program keeps to.
+_limit: ContextVar[float] = ContextVar("limit of memory", default=inf)
 # Bytes that this process may hold: its share, where several work side by side (`limit_memory`).
-_limit = inf
+_share = inf
 
 
 def limit_memory(most: float) -> None:
-    """From now on at most so many bytes count as free for this process, its own included.
+    """From now on this process keeps to so many bytes, what it holds already included.
 
     >>> limit_memory(inf)
     """
-    global _limit
-    _limit = most
+    global _share
+    _share = most
+
+
+@contextmanager
+def limited_memory(limit: float | None) -> Iterator[None]:
+    """What runs inside keeps to `limit` bytes for the whole process, beside what the system says.
+
+    None for no limit beside those that hold already.
+
+    >>> with limited_memory(1e6):
+    ...     available_memory()
+    0.0
+    """
+    token = _limit.set(_limit.get() if limit is None else limit)
+    try:
+        yield
+    finally:
+        _limit.reset(token)
+
+
+def available_memory() -> float:
+    """Bytes that may still be taken: free ones, within `limited_memory` and `limit_memory`."""
+    free, limit = free_memory(), min(_limit.get(), _share)
+    return free if limit == inf else max(min(free, limit - own_memory()), 0.0)
+
+
+def own_memory(root: Path = Path("/")) -> float:
+    """Bytes that this process holds and that are in no file; 0 where the system does not say.
+
+    >>> own_memory(Path("no/such/folder"))
+    0.0
+    """
+    with suppress(OSError, KeyError, ValueError):
+        lines = (root / "proc" / "self" / "status").read_text().splitlines()
+        table = dict(line.split()[:2] for line in lines if line.startswith("Rss"))
+        return 1024.0 * int(table["RssAnon:"])
+    return 0.0
 
 
 def require_memory(needed: float, *, source: str, remedy: str) -> None:
-    """Raise MachineError where fewer than `needed` bytes are free.
+    """Raise MachineError where fewer than `needed` bytes may be taken.
 
     >>> require_memory(1e6, source="captures/mitten", remedy="close other programs")
     """
-    free = free_memory()
+    free = available_memory()
     if needed > free:
         raise MachineError(
             "too little memory",
@@ -44,7 +84,7 @@ def free_memory(root: Path = Path("/")) -> float:
     """Bytes that can be had without swapping; infinite where the system does not say.
 
     Linux says: of the machine, of the container (cgroup v2) that this runs in, and of this process
-    (`free_addresses`, `limit_memory`).
+    (`free_addresses`).
 
     >>> free_memory(Path("no/such/folder"))
     inf
@@ -56,8 +96,6 @@ def free_memory(root: Path = Path("/")) -> float:
     with suppress(OSError, KeyError, ValueError):  # "max" is no number: there is no limit
         limit, used = (int((group / f"memory.{name}").read_text()) for name in ("max", "current"))
         free = min(free, limit - used + _table(group / "memory.stat")["inactive_file"])
-    with suppress(ImportError, OSError, ValueError):
-        free = min(free, _limit - _of_this_process(root, 1))
     return max(min(free, free_addresses(root)), 0)
 
 
@@ -74,7 +112,7 @@ def free_addresses(root: Path = Path("/")) -> float:
 
         limit, _ = getrlimit(RLIMIT_AS)
         if limit != RLIM_INFINITY:
-            return limit - _of_this_process(root, 0)
+            return limit - _addresses_taken(root)
     return inf
 
 
@@ -106,12 +144,11 @@ def give_memory_back() -> None:
             ctypes.CDLL(None).malloc_trim(0)
 
 
-def _of_this_process(root: Path, column: int) -> int:
-    """Bytes of addresses taken (column 0) or of memory held (1), as Linux counts them."""
+def _addresses_taken(root: Path) -> int:
+    """Bytes of addresses that this process has taken, as Linux counts them."""
     from resource import getpagesize
 
-    pages = (root / "proc" / "self" / "statm").read_text().split()[column]
-    return int(pages) * getpagesize()
+    return int((root / "proc" / "self" / "statm").read_text().split()[0]) * getpagesize()
 
 
 def require_threads(count: int, *, source: str, remedy: str) -> None:

@@ -12,6 +12,7 @@ from rakelight.export import RESULT
 from rakelight.folders import staged_folder
 from tests.cli.cli_helpers import contents
 from tests.cli.cli_process import PROGRAM, run_process
+from tests.full_disk import full_at
 
 ODD_NAMES = [
     b"with space",
@@ -158,28 +159,23 @@ def test_24_a_capture_in_an_older_result_is_not_replaced_with_it(refused, captur
 # --- 25: the machine ---
 
 
-def full_disk(self, data):
-    """Path.write_bytes on a disk that is full at the mesh."""
-    with self.open("wb") as file:
-        file.write(data[: len(data) // 2 if self.suffix == ".ply" else None])
-    if self.suffix == ".ply":
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self))
-    return len(data)
+def is_mesh(path):
+    return path.suffix == ".ply"
 
 
 def test_25_full_disk(run, capture, tmp_path, monkeypatch):
-    monkeypatch.setattr(Path, "write_bytes", full_disk)
+    full_at(monkeypatch, is_mesh)
     before = contents(tmp_path)
     ran = run("refine", capture, "-o", tmp_path / "out")
     assert (ran.code, ran.out, ran.err.count("\n")) == (3, "", 1)
     assert ran.err.startswith(f"error: {tmp_path}/.out.rakelight-")
-    assert "mesh.ply: cannot be written (seen No space left on device, needed 1" in ran.err
+    assert "mesh.ply: cannot be written (seen No space left on device, needed more than" in ran.err
     assert " bytes). Fix: free some space" in ran.err
     assert contents(tmp_path) == before
 
 
 def test_25_full_disk_leaves_the_old_result_whole(run, capture, old_result, tmp_path, monkeypatch):
-    monkeypatch.setattr(Path, "write_bytes", full_disk)
+    full_at(monkeypatch, is_mesh)
     before = contents(tmp_path)
     assert run("refine", capture, "-o", old_result, "--overwrite").code == 3
     assert contents(tmp_path) == before
@@ -236,14 +232,20 @@ def test_25_too_little_memory(run, capture, tmp_path, monkeypatch):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(("free", "about", "needed_mb"), [(4e4, "rgb", 0), (5e5, "", 1)])
-def test_22_too_little_memory_is_told_before_the_start(
-    refine_refused, monkeypatch, free, about, needed_mb
-):
-    # The photographs take 0.05 MB, the work on the object's window 0.9.
+@pytest.mark.parametrize("free", [4e4, 5e5])
+def test_22_too_little_memory_is_told_before_the_start(refine_refused, monkeypatch, free):
+    # The photographs take 0.05 MB, the work on the object's window 0.9, what is loaded on the way
+    # 200.
     monkeypatch.setattr("rakelight.memory.free_memory", lambda: free)
     monkeypatch.setattr("rakelight.pipeline.surface", failing(AssertionError("started")))
-    refine_refused(about, "too little memory", f"needed {needed_mb} MB", "Fix: ", code=3)
+    refine_refused("", "too little memory", "needed 20", "Fix: ", code=3)
+
+
+@pytest.mark.parametrize("size", ["lots", "0GB", "4", "-1GB", "4 TB"])
+def test_a_limit_that_is_no_size_is_refused(refused, capture, tmp_path, size):
+    words = ("not a size of memory", f"seen '{size}'", "needed a size as 4GB")
+    command = ("refine", capture, "-o", tmp_path / "out", f"--memory={size}")
+    refused(*command, about="--memory", words=words)
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from rakelight.export.lights import lights_json, parse_lights
 from rakelight.model import Finding, Lights
 from rakelight.photometry.images import LightParameters
 from rakelight.report import save_result
+from tests.full_disk import full_at
 
 FILES = {
     "depth.tiff",
@@ -392,15 +393,7 @@ def test_a_full_disk_leaves_no_stump_and_the_older_result(
     if older:
         write_result(sphere, out)
     before = content(out) if older else None
-    write = Path.write_bytes
-
-    def full_disk(path, data):
-        if path.name != failing:
-            return write(path, data)
-        write(path, data[: len(data) // 2])
-        raise OSError(errno.ENOSPC, "No space left on device", str(path))
-
-    monkeypatch.setattr(Path, "write_bytes", full_disk)
+    full_at(monkeypatch, lambda path: path.name == failing)
     with pytest.raises(MachineError, match="cannot be written") as caught:
         write_result(replace(sphere, method="other"), out, overwrite=True)
     assert caught.value.exit_code == 3

@@ -7,15 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from rakelight.capture.headers import Header, read_header
 from rakelight.capture.images import as_rgb, decode_image
 from rakelight.capture.validate import check_same_kind
-from rakelight.errors import CaptureError, InputError, MachineError, printable
+from rakelight.errors import CaptureError, InputError, printable
 from rakelight.files import clear_errors, in_threads, read_bytes
-from rakelight.memory import require_memory
 from rakelight.model import Array, Finding
+from rakelight.scratch import large_empty, release
 
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
 UNREAD = {".bmp", ".gif", ".webp", ".heic", ".jp2", ".exr", ".hdr", ".dng", ".cr2", ".nef", ".arw"}
@@ -132,18 +130,8 @@ def _refuse_same_stem(names: Sequence[str], source: str) -> None:
 
 
 def allocate(shape: tuple[int, ...], dtype: str, source: str) -> Array:
-    """An array to decode into; raises MachineError with its size when there is no memory."""
-    needed, remedy = np.prod(shape, dtype=float) * np.dtype(dtype).itemsize, "use fewer images"
-    require_memory(needed, source=source, remedy=remedy)
-    try:
-        return np.empty(shape, dtype)
-    except MemoryError as error:
-        raise MachineError(
-            "too little memory for the images",
-            source=source,
-            needed=f"{needed / 1e9:.1f} GB",
-            remedy=remedy,
-        ) from error
+    """An array to decode into; raises MachineError with its size where there is no room."""
+    return large_empty(shape, dtype, source, "use fewer images")
 
 
 def check_photograph_kind(rgb: Images) -> None:
@@ -166,6 +154,7 @@ def read_photographs(rgb: Images) -> Array:
 
     def read(index: int) -> None:
         photographs[index] = as_rgb(rgb.read(index))
+        release(photographs)
 
     in_threads(read, range(len(rgb.names)))
     return photographs

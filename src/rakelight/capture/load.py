@@ -8,10 +8,16 @@ from os import PathLike
 from pathlib import Path
 
 from rakelight.capture.readers import Wanted, find_reader
+from rakelight.memory import limited_memory
 from rakelight.model import Capture
 
 
-def load_capture(source: str | PathLike[str], photographs: Sequence[int] | None = None) -> Capture:
+def load_capture(
+    source: str | PathLike[str],
+    photographs: Sequence[int] | None = None,
+    *,
+    memory: float | None = None,
+) -> Capture:
     """Read a capture, strictly; nothing of the source is changed.
 
     Parameters
@@ -19,6 +25,8 @@ def load_capture(source: str | PathLike[str], photographs: Sequence[int] | None 
     source : a folder with capture.toml, or whatever else `rakelight import --list` names
     photographs : read only these, by their numbers from 0 in the order of their names or of the
         recording; all when None
+    memory : bytes that this process may take in all; what is free when None.  Photographs that
+        would take more than a quarter of what is left lie in a file on disk without a name
 
     Returns
     -------
@@ -42,4 +50,5 @@ def load_capture(source: str | PathLike[str], photographs: Sequence[int] | None 
     """
     path = Path(os.fsdecode(source))
     wanted = Wanted(None if photographs is None else tuple(photographs))
-    return find_reader(path).read(path, wanted).capture
+    with limited_memory(memory):
+        return find_reader(path).read(path, wanted).capture

@@ -14,8 +14,8 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
-from rakelight.capture.listing import allocate
 from rakelight.errors import CaptureError
+from rakelight.memory import require_memory
 from rakelight.model import Array
 
 # How data are stored, by their number, and how many bytes a value of each class takes at most.
@@ -165,7 +165,7 @@ class _Variable:
             raise _damaged(self.source, f"{self.name} is longer than its size")
         body: bytes | memoryview = self.data
         if self.packed:
-            allocate((self.length,), "uint8", self.source)  # says so where memory does not suffice
+            require_memory(self.length, source=self.source, remedy="use fewer images")
             unpacker = zlib.decompressobj()
             body = unpacker.decompress(bytes(self.data), self.skip + self.length)[self.skip :]
         stored, start, length = _tag(bytes(body[self.at : self.at + 8]), 0, self.order)

@@ -85,6 +85,21 @@ def parse_scale(text: str) -> Scale:
     return int(text)
 
 
+def parse_memory(text: str) -> float:
+    """Bytes of a size such as "4GB" or "800 MB".
+
+    >>> parse_memory("4GB"), parse_memory("0.5 gb"), parse_memory("800M")
+    (4000000000.0, 500000000.0, 800000000.0)
+    """
+    found = re.fullmatch(r"\s*([0-9]{1,9}(?:\.[0-9]{1,9})?)\s*([MG])B?\s*", text, re.IGNORECASE)
+    size = 0.0 if found is None else float(found[1]) * {"M": 1e6, "G": 1e9}[found[2].upper()]
+    if size == 0:
+        raise InputError(
+            "not a size of memory", source="--memory", seen=repr(text), needed="a size as 4GB"
+        )
+    return size
+
+
 def parse_photographs(text: str) -> list[int]:
     """Numbers from 0 of a list such as "0-14,17", none twice.
 

@@ -14,6 +14,7 @@ from rakelight.cli.options import (
     count_photographs,
     findings_as_json,
     output_options,
+    parse_memory,
     parse_photographs,
     parse_scale,
     print_findings,
@@ -113,11 +114,18 @@ def recipe_of(
     help="The result folder; appears complete or not at all.",
 )
 @recipe_options
+@click.option(
+    "--memory",
+    metavar="SIZE",
+    help="Keep to so much memory, as 4GB; by default to what is free. Large photographs are then "
+    "refined in parts.",
+)
 @click.option("--overwrite", is_flag=True, help="Replace an older result at OUT.")
 @output_options
 def command(
     capture: Path,
     output: Path,
+    memory: str | None,
     overwrite: bool,
     as_json: bool,
     quiet: bool,
@@ -131,11 +139,13 @@ def command(
     from rakelight.batch.one import refine_source
     from rakelight.export import RESULT
     from rakelight.folders import require_free
+    from rakelight.memory import limited_memory
 
+    limit = None if memory is None else parse_memory(memory)
     recipe = recipe_of(**options)
     refuse_input_as_output(capture, output)
     require_free(output, manifest=RESULT, overwrite=overwrite)
-    with shown_progress(quiet or as_json) as progress:
+    with limited_memory(limit), shown_progress(quiet or as_json) as progress:
         result = refine_source(capture, output, recipe, overwrite=overwrite, progress=progress)
     if as_json or not quiet:
         report_result(result, output, as_json)

@@ -5,7 +5,7 @@ What every file holds is in docs/reference/files.md.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from os import PathLike
@@ -20,7 +20,7 @@ from rakelight.export.confidence import confidence_png
 from rakelight.export.depth import choose_values_per_metre, depth_png, float32_tiff
 from rakelight.export.finite import only_finite
 from rakelight.export.lights import lights_json
-from rakelight.export.mesh import mesh_glb, mesh_ply, result_triangles
+from rakelight.export.mesh import Surface, glb_parts, ply_parts
 from rakelight.export.normals import NormalMap, normals_png, normals_tiff
 from rakelight.export.pictures import preview_png
 from rakelight.export.reading import load_result, read_summary
@@ -33,7 +33,7 @@ from rakelight.export.summary import (
     summarise,
     summary_json,
 )
-from rakelight.files import in_threads, write_bytes
+from rakelight.files import in_threads, write_bytes, write_parts
 from rakelight.folders import Manifest, staged_folder
 from rakelight.model import Finding, Result
 
@@ -117,11 +117,11 @@ def _write(
     extra_files: ExtraFiles,
 ) -> None:
     """Write every file of a finite result into the staging folder; result.json last."""
-    surface = result_triangles(result) if mesh != "none" else None
-    if surface is not None and not len(surface.faces):
+    surface = Surface.of(result) if mesh != "none" else None
+    if surface is not None and not surface.faces:
         surface, result = None, replace(result, findings=(*result.findings, _NO_MESH))
     values_per_metre = choose_values_per_metre(float(np.nanmax(result.depth)))
-    contents: dict[str, Callable[[], bytes]] = {
+    contents: dict[str, Callable[[], bytes | Iterator[bytes]]] = {
         **{name: partial(content, result) for name, content in extra_files.items()},
         "depth.tiff": lambda: float32_tiff(result.depth),
         "prepared_depth.tiff": lambda: float32_tiff(result.prepared_depth),
@@ -137,9 +137,17 @@ def _write(
         if (sigma := getattr(result, name)) is not None:
             contents[f"{name}.tiff"] = partial(float32_tiff, sigma)
     if surface is not None:
-        to_bytes = {"ply": mesh_ply, "glb": mesh_glb}[mesh]
-        contents[f"mesh.{mesh}"] = partial(to_bytes, surface, result.normals, result.albedo)
-    in_threads(lambda name: write_bytes(staging / name, contents[name]()), contents)
+        parts = {"ply": ply_parts, "glb": glb_parts}[mesh]
+        contents[f"mesh.{mesh}"] = partial(parts, surface)
+
+    def write(name: str) -> None:
+        data = contents[name]()
+        if isinstance(data, bytes):
+            write_bytes(staging / name, data)
+        else:
+            write_parts(staging / name, data)
+
+    in_threads(write, contents)
     conventions = Conventions(depth_png_values_per_metre=values_per_metre, normal_map=normal_map)
     summary = summarise(result, conventions, [*contents, MARKER])
     write_bytes(staging / MARKER, summary_json(summary))

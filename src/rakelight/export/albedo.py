@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight.capture.images import encode_png
+from rakelight.export.strips import in_strips
 from rakelight.model import Array, Floats
 from rakelight.prepare.linear import srgb
 
@@ -14,7 +15,7 @@ def albedo_png(albedo: Floats) -> bytes:
 
     Picture viewers and texture slots for base colour expect sRGB; 16 bits lose nothing by it.
     """
-    return encode_png(albedo_values(albedo))
+    return encode_png(in_strips(albedo_values, albedo))
 
 
 def albedo_values(albedo: Floats) -> Array:

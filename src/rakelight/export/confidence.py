@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight.capture.images import encode_png
+from rakelight.export.strips import in_strips
 from rakelight.model import Array, Floats
 
 
 def confidence_png(confidence: Floats) -> bytes:
     """8-bit grey PNG of a confidence map (H, W) in 0..1."""
-    return encode_png(confidence_values(confidence))
+    return encode_png(in_strips(confidence_values, confidence))
 
 
 def confidence_values(confidence: Floats) -> Array:

@@ -7,6 +7,7 @@ from math import floor, log10
 import numpy as np
 
 from rakelight.capture.images import encode_png, encode_tiff
+from rakelight.export.strips import in_strips
 from rakelight.model import Array, Floats
 
 # Many readers, ours too, take 65535 for a sensor's "too far".
@@ -15,12 +16,12 @@ LARGEST = 65534
 
 def float32_tiff(image: Floats) -> bytes:
     """float32 TIFF of depth or expected errors (H, W), metres or degrees, NaN outside."""
-    return encode_tiff(image.astype(np.float32))
+    return encode_tiff(image.astype(np.float32, copy=False))
 
 
 def depth_png(depth_m: Floats, values_per_metre: float) -> bytes:
     """16-bit grey PNG of a depth map (H, W) in metres; 0 = outside the object (NaN)."""
-    return encode_png(depth_values(depth_m, values_per_metre))
+    return encode_png(in_strips(lambda strip: depth_values(strip, values_per_metre), depth_m))
 
 
 def depth_values(depth_m: Floats, values_per_metre: float) -> Array:

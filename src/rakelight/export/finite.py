@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from rakelight.errors import InputError
+from rakelight.export.strips import ROWS
 from rakelight.geometry.camera import require_ideal
 from rakelight.model import Finding, Floats, Mask, Result
 
@@ -20,6 +21,8 @@ def only_finite(result: Result) -> Result:
     Raises InputError when the arrays differ in size or nothing usable is left.
     """
     _check_sizes(result)
+    if _is_clean(result):
+        return result
     with np.errstate(invalid="ignore"):
         inside = np.isfinite(result.depth) & (result.depth > 0)
     inside &= all_finite(result.normals)
@@ -50,6 +53,40 @@ def only_finite(result: Result) -> Result:
         findings=findings,
         converged=converged,
     )
+
+
+def _is_clean(result: Result) -> bool:
+    """Whether all is as `only_finite` would make it; looked at in strips, without copies."""
+    if not (np.isfinite(result.lights.vector).all() and np.isfinite(result.lights.ambient).all()):
+        return False
+    seen = False
+    for first in range(0, len(result.depth), ROWS):
+        rows = slice(first, first + ROWS)
+        depth, albedo, confidence = (
+            each[rows] for each in (result.depth, result.albedo, result.confidence)
+        )
+        outside, sigmas = np.isnan(depth), (result.depth_sigma, result.normal_sigma)
+        inside = ~outside
+        seen |= bool(inside.any())
+        with np.errstate(invalid="ignore"):
+            good = np.isfinite(depth) & (depth > 0)
+        clean = (
+            (good == inside).all()
+            and (all_finite(result.normals[rows]) == inside).all()
+            and np.isnan(result.normals[rows][outside]).all()
+            and np.isfinite(albedo).all()
+            and np.isfinite(confidence).all()
+            and not albedo[outside].any()
+            and not confidence[outside].any()
+            and all(
+                each is None
+                or (np.isnan(each[rows][outside]).all() and not np.isinf(each[rows]).any())
+                for each in sigmas
+            )
+        )
+        if not clean:
+            return False
+    return seen
 
 
 def _inside(sigma: Floats | None, inside: Mask) -> Floats | None:

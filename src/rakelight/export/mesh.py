@@ -7,19 +7,24 @@ glTF needs 16-bit linear colours (8 bits band in the dark) and a material that i
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import msgspec
 import numpy as np
 
 from rakelight.export.pictures import object_window
 from rakelight.geometry.camera import back_project
-from rakelight.geometry.mesh import DepthMesh, triangulate
-from rakelight.model import Array, Floats, Mesh, PointCloud, Result
+from rakelight.geometry.mesh import pixel_triangles, pixel_vertices
+from rakelight.model import Array, Camera, Floats, Mask, Mesh, PointCloud, Result
 from rakelight.prepare.linear import srgb
 
 # Camera frame (x right, y down, z forward) to glTF's (x right, y up, z to the viewer): a half
 # turn around x, so the triangles keep their winding.
 GLTF_FROM_CAMERA = np.array([1.0, -1.0, -1.0])
+
+# Rows of the object that are made into triangles at a time, which take a hundred bytes a pixel.
+STRIP_ROWS = 512
 
 _PLY_HEADER = """ply
 format binary_little_endian 1.0
@@ -42,23 +47,85 @@ _PLY_VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("colour",
 _PLY_FACE = np.dtype([("count", "u1"), ("indices", "<i4", 3)])
 
 
-def result_triangles(result: Result) -> DepthMesh:
-    """The triangles of a result's depth map; empty when no pixel has neighbours."""
-    window = object_window(result.mask, margin=0)
-    mesh = triangulate(result.depth[window], result.mask[window], result.camera.cropped(*window))
-    corner = np.array([side.start for side in window], dtype=np.int32)
-    return mesh._replace(pixels=mesh.pixels + corner)
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """The triangles of a result's depth map, made a strip of rows at a time.
+
+    window : rows and columns of the object; used : (h, w) its pixels that have a vertex
+    starts : (h + 1,) the number of the first vertex in each row; faces : how many triangles
+    """
+
+    result: Result
+    window: tuple[slice, slice]
+    used: Mask
+    starts: Array
+    faces: int
+
+    @classmethod
+    def of(cls, result: Result) -> Surface:
+        """That of a result; without triangles when no pixel has neighbours."""
+        window = object_window(result.mask, margin=0)
+        used, faces = np.zeros(result.depth[window].shape, bool), 0
+        empty = cls(result, window, used, np.zeros(len(used) + 1, np.int64), 0)
+        for rows in empty.strips():
+            corners = empty.corners(rows)
+            used[rows.start : rows.stop + 1].reshape(-1)[corners] = True
+            faces += len(corners)
+        starts = np.concatenate([[0], np.cumsum(used.sum(axis=1))])
+        return cls(result, window, used, starts, faces)
+
+    @property
+    def vertices(self) -> int:
+        """How many vertices."""
+        return int(self.starts[-1])
+
+    def strips(self) -> Iterator[slice]:
+        """Rows of the window, from the first to the last."""
+        for first in range(0, len(self.used), STRIP_ROWS):
+            yield slice(first, min(first + STRIP_ROWS, len(self.used)))
+
+    def part(self, image: Array, rows: slice) -> Array:
+        """An image (H, W[, C]) of the result in rows of the window."""
+        return image[self.window][rows]
+
+    def camera(self, rows: slice) -> Camera:
+        """The camera of rows of the window."""
+        return self.result.camera.cropped(*self.window).cropped(rows, slice(0, self.used.shape[1]))
+
+    def corners(self, rows: slice) -> Array:
+        """(F, 3) pixels, counted from the first row on, of the triangles that begin in the rows."""
+        wider = slice(rows.start, min(rows.stop + 1, len(self.used)))
+        depth_m = self.part(self.result.depth, wider)
+        return pixel_triangles(depth_m, np.isfinite(depth_m), self.camera(wider))
+
+    def points(self, rows: slice) -> tuple[Floats, Floats, Floats]:
+        """Vertices in metres, their normals and linear colours, each (V, 3), of rows."""
+        used = self.used[rows]
+        points, _ = pixel_vertices(self.part(self.result.depth, rows), used, self.camera(rows))
+        normals, albedo = (
+            self.part(image, rows)[used] for image in (self.result.normals, self.result.albedo)
+        )
+        return points, normals, albedo
+
+    def triangles(self, rows: slice) -> Array:
+        """(F, 3) int32 into all vertices, the triangles that begin in the rows."""
+        wider = self.used[rows.start : rows.stop + 1]
+        number = np.cumsum(wider, dtype=np.int32) + np.int32(self.starts[rows.start] - 1)
+        return number[self.corners(rows)]
 
 
 def result_mesh(result: Result) -> Mesh:
     """What mesh.ply holds, in memory: what `Result.mesh` returns."""
-    mesh = result_triangles(result)
-    rows, columns = mesh.pixels.T
+    surface = Surface.of(result)
+    points, normals, albedo = (
+        np.concatenate(parts)
+        for parts in zip(*(surface.points(rows) for rows in surface.strips()), strict=True)
+    )
     return Mesh(
-        vertices_m=mesh.vertices_m.astype(np.float32),
-        faces=mesh.faces,
-        normals=result.normals[rows, columns].astype(np.float32),
-        colors=vertex_colors(result.albedo[rows, columns]),
+        vertices_m=points.astype(np.float32),
+        faces=np.concatenate([surface.triangles(rows) for rows in surface.strips()]),
+        normals=normals.astype(np.float32),
+        colors=vertex_colors(albedo),
     )
 
 
@@ -81,46 +148,62 @@ def vertex_colors(albedo: Floats) -> Array:
     return np.rint(srgb(albedo) * 255).astype(np.uint8)
 
 
-def mesh_ply(mesh: DepthMesh, normals: Floats, albedo: Floats) -> bytes:
-    """Binary PLY in metres and the camera frame, with vertex normals and sRGB colours.
+def ply_parts(surface: Surface) -> Iterator[bytes]:
+    """Binary PLY in metres and the camera frame, with vertex normals and sRGB colours, in parts."""
+    yield _PLY_HEADER.format(vertices=surface.vertices, faces=surface.faces).encode()
+    for rows in surface.strips():
+        points, normals, albedo = surface.points(rows)
+        vertices = np.empty(len(points), _PLY_VERTEX)
+        vertices["position"], vertices["normal"] = points, normals
+        vertices["colour"] = vertex_colors(albedo)
+        yield vertices.tobytes()
+    for rows in surface.strips():
+        triangles = surface.triangles(rows)
+        faces = np.empty(len(triangles), _PLY_FACE)
+        faces["count"] = 3
+        faces["indices"] = triangles
+        yield faces.tobytes()
 
-    normals, albedo : (H, W, 3) maps that the mesh was made from, camera frame and linear
+
+def glb_parts(surface: Surface) -> Iterator[bytes]:
+    """Binary glTF 2.0 in metres and glTF's frame, with normals and linear colours, in parts.
+
+    The surface must not be empty: glTF has no way to say so.
     """
-    rows, columns = mesh.pixels.T
-    vertices = np.empty(len(mesh.vertices_m), _PLY_VERTEX)
-    vertices["position"] = mesh.vertices_m
-    vertices["normal"] = normals[rows, columns]
-    vertices["colour"] = vertex_colors(albedo[rows, columns])
-    faces = np.empty(len(mesh.faces), _PLY_FACE)
-    faces["count"] = 3
-    faces["indices"] = mesh.faces
-    header = _PLY_HEADER.format(vertices=len(vertices), faces=len(faces)).encode()
-    return header + vertices.tobytes() + faces.tobytes()
+    bounds = [
+        [end(surface.points(rows)[0] * GLTF_FROM_CAMERA, axis=0).astype("<f4")
+         for rows in surface.strips() if surface.used[rows].any()]
+        for end in (np.min, np.max)
+    ]  # fmt: skip
+    lowest, highest = np.min(bounds[0], axis=0), np.max(bounds[1], axis=0)
+    sizes = [12 * surface.vertices, 12 * surface.vertices, 8 * surface.vertices, 12 * surface.faces]
+    tree = msgspec.json.encode(_gltf_tree(surface, sizes, lowest.tolist(), highest.tolist()))
+    tree += b" " * (-len(tree) % 4)
+    yield struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(tree) + 8 + sum(sizes))
+    yield struct.pack("<I4s", len(tree), b"JSON") + tree
+    yield struct.pack("<I4s", sum(sizes), b"BIN\0")
+    for k in range(2):
+        for rows in surface.strips():
+            yield (surface.points(rows)[k] * GLTF_FROM_CAMERA).astype("<f4").tobytes()
+    for rows in surface.strips():
+        # glTF wants rows of a multiple of four bytes: three 16-bit colours and an alpha.
+        albedo = surface.points(rows)[2]
+        colours = np.full((len(albedo), 4), 65535, "<u2")
+        colours[:, :3] = np.rint(np.clip(albedo, 0, 1) * 65535)
+        yield colours.tobytes()
+    for rows in surface.strips():
+        yield surface.triangles(rows).astype("<u4").tobytes()
 
 
-def mesh_glb(mesh: DepthMesh, normals: Floats, albedo: Floats) -> bytes:
-    """Binary glTF 2.0 in metres and glTF's frame, with vertex normals and linear colours.
+def _gltf_tree(
+    surface: Surface, sizes: list[int], lowest: list[float], highest: list[float]
+) -> dict[str, object]:
+    """The JSON part of a glTF file whose buffer is positions, normals, colours, indices.
 
-    normals, albedo : (H, W, 3) maps that the mesh was made from, camera frame and linear.
-    The mesh must not be empty: glTF has no way to say so.
+    sizes : of these, bytes; lowest, highest : of the positions
     """
-    rows, columns = mesh.pixels.T
-    positions = (mesh.vertices_m * GLTF_FROM_CAMERA).astype("<f4")
-    directions = (normals[rows, columns] * GLTF_FROM_CAMERA).astype("<f4")
-    # glTF wants rows of a multiple of four bytes: three 16-bit colours and an alpha.
-    colours = np.full((len(positions), 4), 65535, "<u2")
-    colours[:, :3] = np.rint(np.clip(albedo[rows, columns], 0, 1) * 65535)
-    arrays = [positions, directions, colours, mesh.faces.astype("<u4").ravel()]
-    tree = msgspec.json.encode(_gltf_tree(arrays))
-    return _glb_container(tree, b"".join(array.tobytes() for array in arrays))
-
-
-def _gltf_tree(arrays: list[Array]) -> dict[str, object]:
-    """The JSON part of a glTF file whose buffer is positions, normals, colours, indices."""
-    positions, _, _, indices = arrays
     float32, uint16, uint32, vertex_buffer, index_buffer = 5126, 5123, 5125, 34962, 34963
-    count = len(positions)
-    sizes = [array.nbytes for array in arrays]
+    count = surface.vertices
     views = [
         {
             "buffer": 0,
@@ -130,12 +213,12 @@ def _gltf_tree(arrays: list[Array]) -> dict[str, object]:
         }
         for i, size in enumerate(sizes)
     ]
-    bounds = {"min": positions.min(axis=0).tolist(), "max": positions.max(axis=0).tolist()}
+    bounds = {"min": lowest, "max": highest}
     accessors: list[dict[str, object]] = [
         {"componentType": float32, "count": count, "type": "VEC3", **bounds},
         {"componentType": float32, "count": count, "type": "VEC3"},
         {"componentType": uint16, "count": count, "type": "VEC4", "normalized": True},
-        {"componentType": uint32, "count": len(indices), "type": "SCALAR"},
+        {"componentType": uint32, "count": 3 * surface.faces, "type": "SCALAR"},
     ]
     for view, accessor in enumerate(accessors):
         accessor["bufferView"] = view
@@ -152,12 +235,3 @@ def _gltf_tree(arrays: list[Array]) -> dict[str, object]:
         "bufferViews": views,
         "buffers": [{"byteLength": sum(sizes)}],
     }
-
-
-def _glb_container(tree: bytes, buffer: bytes) -> bytes:
-    """A GLB file: a header and two chunks, each padded to four bytes."""
-    tree += b" " * (-len(tree) % 4)
-    buffer += b"\0" * (-len(buffer) % 4)
-    chunks = struct.pack("<I4s", len(tree), b"JSON") + tree
-    chunks += struct.pack("<I4s", len(buffer), b"BIN\0") + buffer
-    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks

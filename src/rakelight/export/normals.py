@@ -8,6 +8,7 @@ import numpy as np
 
 from rakelight.capture.images import encode_png, encode_tiff
 from rakelight.export.finite import all_finite
+from rakelight.export.strips import in_strips
 from rakelight.model import Array, Floats
 
 NormalMap = Literal["opengl", "directx"]
@@ -24,12 +25,12 @@ _AXES: dict[str, tuple[int, int, int]] = {
 
 def normals_tiff(normals: Floats) -> bytes:
     """float32 TIFF of normals (H, W, 3) in the camera frame, NaN outside the object."""
-    return encode_tiff(normals.astype(np.float32))
+    return encode_tiff(normals.astype(np.float32, copy=False))
 
 
 def normals_png(normals: Floats, convention: NormalMap = "opengl") -> bytes:
     """8-bit RGB normal map of normals (H, W, 3) in the camera frame."""
-    return encode_png(normal_map(normals, convention))
+    return encode_png(in_strips(lambda strip: normal_map(strip, convention), normals))
 
 
 def normal_map(normals: Floats, convention: NormalMap = "opengl") -> Array:

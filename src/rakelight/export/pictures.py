@@ -6,12 +6,16 @@ import numpy as np
 
 from rakelight.capture.images import encode_png
 from rakelight.export.normals import normal_map
-from rakelight.geometry.grid import bounding_window
+from rakelight.geometry.grid import area_mean, bounding_window
 from rakelight.geometry.normals import surface_normals
-from rakelight.model import Array, Floats, Mask, Result
+from rakelight.model import Array, Camera, Floats, Mask, Result
 from rakelight.prepare.linear import srgb
 
 BACKGROUND = 32
+
+# Most pixels of a picture or map that is shown, and along a side; larger ones are averaged.  A page
+# with maps of 1.5 megapixels takes 14 MB, where they are all object and noisy.
+MOST_PIXELS, LONGEST_SIDE = 1_500_000, 4096
 
 # Confidence 0 to 1, as even steps of lightness that the colour-blind see too (cividis).
 CONFIDENCE_COLORS = (
@@ -113,12 +117,62 @@ def _on_background(picture: Array, mask: Mask) -> Array:
     return np.where(mask[..., None], np.nan_to_num(picture), BACKGROUND).astype(np.uint8)
 
 
+def display_factor(camera: Camera) -> int:
+    """Pixels along the side of a block that is averaged, so that a screen can show an image.
+
+    >>> display_factor(Camera(1000, 1000, 1.0, 1.0, 0.0, 0.0))
+    1
+    >>> display_factor(Camera(6000, 4000, 1.0, 1.0, 0.0, 0.0))
+    4
+    """
+    factor = 1
+    while (
+        camera.width * camera.height > MOST_PIXELS * factor**2
+        or max(camera.shape) > LONGEST_SIDE * factor
+    ):
+        factor += 1
+    return factor
+
+
+def shown_depth(result: Result) -> tuple[Camera, int, Floats, Floats]:
+    """What a screen shows of a result: camera, `display_factor`, and two depths, metres.
+
+    The prepared and the refined one (h, w), cropped to the object, NaN outside.  Averaged over
+    blocks where there are more pixels than a screen shows; what does not fill a block is cut off.
+    """
+    window = object_window(result.mask)
+    camera = result.camera.cropped(*window)
+    factor = display_factor(camera)
+    camera = camera if factor == 1 else camera.cropped(*whole_blocks(camera, factor))
+    before_m = np.where(prepared_mask(result)[window], result.prepared_depth[window], np.nan)
+    after_m = np.where(result.mask[window], result.depth[window], np.nan)
+    before_m, after_m = (shown_at(each, factor) for each in (before_m, after_m))
+    return (camera if factor == 1 else camera.scaled(1 / factor)), factor, before_m, after_m
+
+
+def whole_blocks(camera: Camera, factor: int) -> tuple[slice, slice]:
+    """The rows and columns of a camera's image that fill blocks of factor x factor pixels."""
+    height, width = (side // factor * factor for side in camera.shape)
+    return slice(0, height), slice(0, width)
+
+
+def shown_at(image: Floats, factor: int) -> Floats:
+    """An image (H, W[, C]) averaged over blocks, itself for a factor of 1."""
+    if factor == 1:
+        return image
+    height, width = (side // factor * factor for side in image.shape[:2])
+    return area_mean(image[:height, :width], factor)
+
+
 def preview(result: Result) -> Array:
     """The prepared depth (left) and the refined one (right) as clay, cropped to the object."""
-    window = object_window(result.mask)
-    camera, prepared = result.camera.cropped(*window), prepared_mask(result)[window]
-    before = shaded(surface_normals(result.prepared_depth[window], prepared, camera), prepared)
-    return side_by_side(before, shaded(result.normals[window], result.mask[window]))
+    camera, factor, before_m, after_m = shown_depth(result)
+    prepared = np.isfinite(before_m)
+    before = shaded(surface_normals(before_m, prepared, camera), prepared)
+    normals = shown_at(result.normals[object_window(result.mask)], factor)
+    if factor > 1:
+        normals = normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12)
+    return side_by_side(before, shaded(normals, np.isfinite(after_m)))
 
 
 def preview_png(result: Result) -> bytes:

@@ -64,6 +64,23 @@ def triangulate(
     >>> triangulate(step, np.ones((2, 3), bool), camera).faces.tolist()
     [[0, 2, 3], [0, 3, 1]]
     """
+    corners = pixel_triangles(depth_m, mask, camera, jump=jump)
+    used = np.zeros(depth_m.size, bool)
+    used[corners] = True
+    vertices_m, pixels = pixel_vertices(depth_m, used.reshape(depth_m.shape), camera)
+    vertex_of_pixel = np.cumsum(used, dtype=np.int32) - 1
+    return DepthMesh(vertices_m, vertex_of_pixel[corners].astype(np.int32, copy=False), pixels)
+
+
+def pixel_triangles(
+    depth_m: Floats, mask: Mask, camera: Camera, *, jump: float = STEEPEST
+) -> Array:
+    """(F, 3) the pixels, counted row by row, of the triangles of `triangulate`.
+
+    >>> camera = Camera(width=2, height=2, fx=100.0, fy=100.0, cx=0.5, cy=0.5)
+    >>> pixel_triangles(np.ones((2, 2)), np.ones((2, 2), bool), camera).tolist()
+    [[0, 2, 3], [0, 3, 1]]
+    """
     if depth_m.shape != camera.shape or mask.shape != camera.shape:
         raise InputError(
             "depth, mask and camera differ in size",
@@ -75,21 +92,14 @@ def triangulate(
 
     with np.errstate(invalid="ignore"):
         usable = mask & np.isfinite(depth_m) & (depth_m > 0)
-    z = np.where(usable, depth_m, np.nan).astype(np.float64)
-    corners = _triangles(z, camera, jump)
-
-    used = np.zeros(z.size, bool)
-    used[corners] = True
-    vertices_m, pixels = _vertices(z, used.reshape(z.shape), camera)
-    vertex_of_pixel = np.cumsum(used, dtype=np.int32) - 1
-    return DepthMesh(vertices_m, vertex_of_pixel[corners].astype(np.int32, copy=False), pixels)
+    return _triangles(np.where(usable, depth_m, np.nan).astype(np.float64), camera, jump)
 
 
-def _vertices(z: Floats, used: Mask, camera: Camera) -> tuple[Floats, Array]:
-    """Of the used pixels: points (V, 3) in metres, and (row, column), (V, 2)."""
+def pixel_vertices(depth_m: Floats, used: Mask, camera: Camera) -> tuple[Floats, Array]:
+    """Of the used pixels (h, w): points (V, 3) in metres, and (row, column), (V, 2) int32."""
     require_ideal(camera)
     rows, columns = np.nonzero(used)
-    z_used = z[rows, columns]
+    z_used = depth_m[rows, columns].astype(np.float64)
     vertices_m = np.stack(
         [
             (columns - camera.cx) / camera.fx * z_used,

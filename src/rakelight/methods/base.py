@@ -74,6 +74,8 @@ class Method:
         fixed ones forbid; "ignore" them, as methods of one photograph do
     bytes_per_pixel : memory that it needs at the least for each pixel of the object's window;
         measured, rounded down
+    in_tiles : whether what does not fit the memory is refined at a lower resolution first, then in
+        tiles, by `multi_light.tiles`
     """
 
     name: str
@@ -83,6 +85,7 @@ class Method:
     corrects_pose: bool = False
     given_lights: Literal["use", "find", "ignore"] = "ignore"
     bytes_per_pixel: int = 500
+    in_tiles: bool = False
 
 
 def require_options(options: object, **conditions: tuple[bool, str]) -> None:

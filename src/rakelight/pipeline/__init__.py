@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import asdict, replace
+from numbers import Real
 from time import perf_counter
 from typing import Any
 
@@ -16,7 +17,7 @@ from rakelight.check.camera_motion import camera_motion
 from rakelight.check.depth_checks import DEPTH_CHECKS
 from rakelight.errors import CaptureError, InputError, MethodError
 from rakelight.jit import one_blas_thread
-from rakelight.memory import require_memory
+from rakelight.memory import available_memory, limited_memory, require_memory
 from rakelight.methods import (
     METHODS,
     Method,
@@ -40,8 +41,11 @@ from rakelight.pipeline.degenerate import without_normals
 from rakelight.pipeline.guarded import guarded, surface
 from rakelight.pipeline.prediction import prediction_errors
 from rakelight.pipeline.saturated_albedo import bounded_albedo
-from rakelight.prepare import Prepared, Scale, prepare
+from rakelight.pipeline.tiles import Maps, tiled_maps
+from rakelight.prepare import Prepared, PreparedView, Scale, prepared_view
 from rakelight.prepare.undistort import undistorted
+
+FINITE_ROWS = 256  # looked at together by `is_finite`: megabytes of a large image
 
 
 def refine(
@@ -51,6 +55,7 @@ def refine(
     scale: Scale = "auto",
     options: Any = None,
     progress: ProgressCallback = silent,
+    memory: float | None = None,
 ) -> Result:
     """Refine the depth of a capture by its photographs.
 
@@ -59,6 +64,8 @@ def refine(
     scale : output resolution over the depth's, or "auto" for the colour camera's resolution
     options : of the method, where `method` names it; its defaults when None
     progress : called with a `Progress` at every step
+    memory : bytes that this process may take in all; what is free when None.  Where multi-light
+        needs more, it refines the whole object at a lower resolution and its detail in tiles
 
     Returns a `Result` at the output resolution: metres and unit vectors in the camera frame.
     Raises MethodError when the method does not fit the capture or the options, InputError for a bad
@@ -70,12 +77,25 @@ def refine(
     if not callable(progress):
         raise InputError("progress is no function", seen=type(progress).__name__)
     chosen, options = _chosen(capture, method, options)
-    with solving(capture):
+    if memory is not None and not (isinstance(memory, Real) and memory > 0):
+        raise InputError("not a limit of memory", seen=str(memory), needed="bytes, above 0")
+    with solving(capture), limited_memory(memory):
         result = _refined(capture, chosen, scale, options, progress)
-    found = (result.depth[result.mask], result.normals[result.mask], result.albedo)
-    if np.isinf(result.depth).any() or not all(np.isfinite(each).all() for each in found):
+    if not is_finite(result):
         raise _without_solution(capture, "values that are not finite")
     return result
+
+
+def is_finite(result: Result) -> bool:
+    """Whether all is finite but what lies outside the object, a strip of rows at a time."""
+    for first in range(0, len(result.depth), FINITE_ROWS):
+        rows = slice(first, first + FINITE_ROWS)
+        depth = result.depth[rows]
+        inside = np.isfinite(depth)
+        found = result.normals[rows][inside], result.albedo[rows]
+        if np.isinf(depth).any() or not all(np.isfinite(each).all() for each in found):
+            return False
+    return True
 
 
 def _chosen(capture: Capture, method: Any, options: Any) -> tuple[Method, Any]:
@@ -158,22 +178,20 @@ def _refined(
             capture = _registered(capture, chosen, options, progress)
     registered_at = perf_counter()
     progress(Progress("prepare"))
-    prepared, checked = _prepared(capture, chosen, scale)
-    unused = lights_unused(prepared, chosen)
+    with checks_beside(capture) as checked:
+        view = prepared_view(capture, scale)
     prepared_at = perf_counter()
-    prepared, estimate = estimated(chosen, prepared, options, progress)
+    made, prepared, estimate, maps = _maps(capture, view, chosen, options, progress)
     refined_at = perf_counter()
-
     depth_m, normals = surface(prepared, estimate)
-    albedo, bounded = bounded_albedo(prepared, depth_m, normals, estimate)
     return Result(
-        depth=prepared.embed(depth_m, np.nan),
-        normals=prepared.embed(normals, np.nan),
-        albedo=prepared.embed(np.maximum(albedo, 0), 0.0),
-        confidence=prepared.embed(prepared.marked(estimate.confidence), 0.0),
+        depth=maps.depth_m,
+        normals=maps.normals,
+        albedo=maps.albedo,
+        confidence=maps.confidence,
         lights=estimate.lights,
-        camera=prepared.full_camera,
-        prepared_depth=prepared.embed(prepared.depth_m, np.nan),
+        camera=view.camera,
+        prepared_depth=maps.prepared_m,
         method=chosen.name,
         options=asdict(options),
         iterations=estimate.iterations,
@@ -186,19 +204,49 @@ def _refined(
             "refine": refined_at - prepared_at,
             **estimate.timings_s,
         },
-        findings=prepared.findings
-        + checked
-        + unused
-        + estimate.findings
-        + bounded
-        + _convergence(estimate),
+        findings=view.findings + tuple(checked) + made + _convergence(estimate),
         source=capture.source,
         photograph_names=prepared.names,
         capture=_figures(as_read, capture.depth_to_color if capture.register else None),
         prediction_errors=prediction_errors(prepared, depth_m, normals, estimate.lights),
-        depth_sigma=_embedded(prepared, estimate.depth_sigma),
-        normal_sigma=_embedded(prepared, estimate.normal_sigma),
+        depth_sigma=maps.depth_sigma_m,
+        normal_sigma=maps.normal_sigma_deg,
     )
+
+
+def _maps(
+    capture: Capture, view: PreparedView, chosen: Method, options: Any, progress: ProgressCallback
+) -> tuple[tuple[Finding, ...], Prepared, Estimate, Maps]:
+    """Findings, what an estimate was made from, the estimate, and the maps of the whole image.
+
+    All at once where that fits the memory; else in tiles, where the method can.
+
+    Raises MachineError when there is too little memory for the method.
+    """
+    rows, columns = view.object_window
+    pixels = (rows.stop - rows.start) * (columns.stop - columns.start)
+    if chosen.in_tiles and pixels * chosen.bytes_per_pixel > available_memory():
+        return tiled_maps(capture, view, chosen, options, progress)
+    require_memory(
+        pixels * chosen.bytes_per_pixel,
+        source=capture.source,
+        remedy="close other programs, choose a smaller --scale, or crop to the object",
+    )
+    prepared = view.window(rows, columns)
+    unused = lights_unused(prepared, chosen)
+    prepared, estimate = estimated(chosen, prepared, options, progress)
+    depth_m, normals = surface(prepared, estimate)
+    albedo, bounded = bounded_albedo(prepared, depth_m, normals, estimate)
+    maps = Maps(
+        depth_m=prepared.embed(depth_m, np.nan),
+        normals=prepared.embed(normals, np.nan),
+        albedo=prepared.embed(np.maximum(albedo, 0), 0.0),
+        confidence=prepared.embed(prepared.marked(estimate.confidence), 0.0),
+        prepared_m=prepared.embed(prepared.depth_m, np.nan),
+        depth_sigma_m=_embedded(prepared, estimate.depth_sigma),
+        normal_sigma_deg=_embedded(prepared, estimate.normal_sigma),
+    )
+    return unused + estimate.findings + bounded, prepared, estimate, maps
 
 
 def estimated(
@@ -214,14 +262,13 @@ def estimated(
         return prepared, chosen.run(prepared, options, progress)
 
 
-def _prepared(
-    capture: Capture, chosen: Method, scale: Scale
-) -> tuple[Prepared, tuple[Finding, ...]]:
-    """The prepared capture, and what the checks of it found.
+@contextmanager
+def checks_beside(capture: Capture) -> Iterator[list[Finding]]:
+    """What the checks of a capture find, once the block has ended, beside which they run.
 
-    Raises MachineError when there is too little memory for the method.
+    Most of the preparation runs on one core.
     """
-    # Concurrent with the preparation, most of which runs on one core.
+    found: list[Finding] = []
     with ThreadPoolExecutor(1) as beside:
         checks = beside.submit(
             lambda: (
@@ -229,13 +276,8 @@ def _prepared(
                 *(found for check in DEPTH_CHECKS.values() for found in check(capture)),
             )
         )
-        prepared = prepare(capture, scale)
-        require_memory(
-            prepared.mask.size * chosen.bytes_per_pixel,
-            source=capture.source,
-            remedy="close other programs, choose a smaller --scale, or crop to the object",
-        )
-        return prepared, checks.result()
+        yield found
+        found += checks.result()
 
 
 def _embedded(prepared: Prepared, sigma: Floats | None) -> Floats | None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from rakelight.geometry.camera import back_project
 from rakelight.methods.base import Estimate
-from rakelight.model import SATURATED, Finding, Floats
+from rakelight.model import SATURATED, Finding, Floats, Mask
 from rakelight.photometry.forward import shadings
 from rakelight.prepare import Prepared
 from rakelight.prepare.linear import linear_table, usable
@@ -32,9 +32,29 @@ def bounded_albedo(
 
     Also a note with the share of the object where it is one.
     """
+    albedo, bounded = with_lower_bounds(prepared, depth_m, normals, estimate)
+    return albedo, bound_findings(np.count_nonzero(bounded) / np.count_nonzero(prepared.mask))
+
+
+def bound_findings(share: float) -> tuple[Finding, ...]:
+    """The note about the share of the object whose albedo is a lower bound; none for 0."""
+    if share == 0:
+        return ()
+    message = (
+        f"{share:.1%} of the object has a channel that is saturated or in shadow in all "
+        "photographs: its albedo is a lower bound"
+    )
+    return (Finding("note", "albedo-bound", message, "expose one shorter"),)
+
+
+def with_lower_bounds(
+    prepared: Prepared, depth_m: Floats, normals: Floats, estimate: Estimate
+) -> tuple[Floats, Mask]:
+    """What `bounded_albedo` says, and the pixels (h, w) where the albedo is a lower bound."""
     albedo, lights = estimate.albedo, estimate.lights
+    nowhere = np.zeros(prepared.mask.shape, dtype=bool)
     if len(lights) != len(prepared):
-        return albedo, ()
+        return albedo, nowhere
     undetermined = (albedo <= 0) & prepared.mask[..., None]
     rows, columns = np.nonzero(undetermined.any(axis=-1))
     undetermined = undetermined[rows, columns]
@@ -53,12 +73,9 @@ def bounded_albedo(
     )  # fmt: skip
     least = np.where(undetermined, np.maximum(bright, dark), 0.0)
     if not least.any():
-        return albedo, ()
+        return albedo, nowhere
     filled = albedo.copy()
     filled[rows, columns] += least
-    share = np.count_nonzero(least.any(axis=-1)) / np.count_nonzero(prepared.mask)
-    message = (
-        f"{share:.1%} of the object has a channel that is saturated or in shadow in all "
-        "photographs: its albedo is a lower bound"
-    )
-    return filled, (Finding("note", "albedo-bound", message, "expose one shorter"),)
+    bounded = nowhere
+    bounded[rows, columns] = least.any(axis=-1)
+    return filled, bounded

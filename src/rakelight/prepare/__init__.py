@@ -16,7 +16,7 @@ import numpy as np
 
 from rakelight.errors import CaptureError, InputError
 from rakelight.files import in_threads
-from rakelight.geometry.grid import area_mean, bounding_window, surface_links
+from rakelight.geometry.grid import Links, area_mean, bounding_window, surface_links
 from rakelight.model import (
     SATURATED,
     Array,
@@ -35,8 +35,13 @@ from rakelight.prepare.linear import srgb, to_linear, usable
 from rakelight.prepare.sensor import SensorDepth, SensorGrid, check_sizes, sensed, sensor_shape
 from rakelight.prepare.surfaces import beside_the_object
 from rakelight.prepare.upsample import upsample
+from rakelight.scratch import release
 
 Scale = Literal["auto"] | int
+
+# Rows of the small image that are averaged at a time: their linear light takes megabytes, that of a
+# whole large photograph hundreds.
+STRIP_ROWS = 64
 
 
 @dataclass(frozen=True)
@@ -52,6 +57,7 @@ class Prepared:
     camera : of this window; `rows`, `columns` place it in `full_camera`'s image
     sensor : the measurements themselves at the sensor's resolution, with their noise and place
     lights : of the photographs, where they are known
+    numbers : of these photographs in the capture, from 0
     """
 
     photographs: Array
@@ -70,6 +76,7 @@ class Prepared:
     source: str = ""
     findings: tuple[Finding, ...] = ()
     lights: GivenLights | None = None
+    numbers: tuple[int, ...] = ()
 
     def __len__(self) -> int:
         return len(self.photographs)
@@ -79,7 +86,14 @@ class Prepared:
         chosen = list(photographs)
         names = tuple(self.names[i] for i in chosen) if self.names else ()
         lights = None if self.lights is None else self.lights.select(chosen)
-        return replace(self, photographs=self.photographs[chosen], names=names, lights=lights)
+        numbers = tuple(self.numbers[i] for i in chosen) if self.numbers else ()
+        return replace(
+            self,
+            photographs=self.photographs[chosen],
+            names=names,
+            lights=lights,
+            numbers=numbers,
+        )
 
     def pixels(self, photograph: int) -> tuple[Floats, Mask]:
         """Linear light (P, 3) of one photograph on the mask, and which values are usable."""
@@ -99,6 +113,68 @@ class Prepared:
         return full
 
 
+@dataclass(frozen=True, eq=False)
+class PreparedView:
+    """A capture made ready, whose windows at the output resolution are made when asked for.
+
+    photographs : (N, H, W, 3) at the output resolution; mask : (H, W) the object
+    smooth_m : (hs, ws) filled and denoised depth, metres; links : which of its pixels are on one
+        surface; average_m, sigma_m : (hs, ws) the measurements and their noise; measured : (hs, ws)
+    grid : how the sensor's pixels lie on the photographs'; camera : of the photographs
+    """
+
+    photographs: Array
+    encoding: Encoding
+    mask: Mask
+    smooth_m: Floats
+    links: Links
+    average_m: Floats
+    sigma_m: Floats
+    measured: Mask
+    grid: SensorGrid
+    camera: Camera
+    names: tuple[str, ...]
+    source: str
+    findings: tuple[Finding, ...]
+    lights: GivenLights | None
+
+    @property
+    def object_window(self) -> tuple[slice, slice]:
+        """Rows and columns of the object, a pixel wider where there is one."""
+        return bounding_window(self.mask, margin=1)
+
+    def window(
+        self, rows: slice, columns: slice, photographs: Iterable[int] | None = None
+    ) -> Prepared:
+        """The window of these rows and columns; of some of the photographs only, if named."""
+        part = (rows, columns)
+        chosen = range(len(self.photographs)) if photographs is None else list(photographs)
+        images = self.photographs[:, rows, columns]
+        if photographs is not None:
+            images = np.stack([self.photographs[i][part] for i in chosen])
+        typical_sigma_m = float(np.median(self.sigma_m[self.measured]))
+        everywhere_m = np.where(self.measured, self.sigma_m, typical_sigma_m)
+        return Prepared(
+            photographs=images,
+            encoding=self.encoding,
+            mask=self.mask[part],
+            depth_m=upsample(self.smooth_m, self.camera.shape, self.links, part),
+            sigma_m=self.grid.nearest_upsample(everywhere_m, part),
+            measured=self.grid.nearest_upsample(self.measured, part),
+            sensor=self.grid.window(self.average_m, self.sigma_m, self.measured, rows, columns),
+            factor=self.grid.factor,
+            camera=self.camera.cropped(rows, columns),
+            full_camera=self.camera,
+            rows=rows,
+            columns=columns,
+            names=tuple(self.names[i] for i in chosen) if self.names else (),
+            source=self.source,
+            findings=self.findings,
+            lights=None if self.lights is None else self.lights.select(chosen),
+            numbers=tuple(chosen),
+        )
+
+
 def prepare(capture: Capture, scale: Scale = "auto") -> Prepared:
     """The window, the photographs and the prepared depth of `capture`.
 
@@ -108,13 +184,26 @@ def prepare(capture: Capture, scale: Scale = "auto") -> Prepared:
     Raises InputError for a scale that the colour camera does not reach, CaptureError where the
     object has no depth.
     """
+    view = prepared_view(capture, scale)
+    return view.window(*view.object_window)
+
+
+def prepared_view(capture: Capture, scale: Scale = "auto") -> PreparedView:
+    """What `prepare` makes of a capture, for windows of it; raises the same errors."""
     check_sizes(capture)
-    colour = SensorGrid(sensor_shape(capture), capture.camera.shape)
-    shrink = _shrink(colour, scale)
+    shrink = _shrink(SensorGrid(sensor_shape(capture), capture.camera.shape), scale)
+    return shrunk_view(capture, shrink)
+
+
+def shrunk_view(capture: Capture, shrink: int) -> PreparedView:
+    """`prepared_view` at a resolution `shrink` times lower than the photographs'.
+
+    shrink : a divisor of both sides; the sensor's pixels are no narrower than the output's
+    """
     camera = capture.camera.scaled(1 / shrink)
     mask = _shrunk_mask(capture, shrink)
     photographs = capture.photographs if shrink == 1 else shrunk_photographs(capture, shrink)
-    grid = SensorGrid(colour.sensor, camera.shape)
+    grid = SensorGrid(sensor_shape(capture), camera.shape)
 
     average, sigma = sensed(capture, capture.mask)
     sensor_mask = grid.touched(mask)
@@ -134,22 +223,17 @@ def prepare(capture: Capture, scale: Scale = "auto") -> Prepared:
         float(np.median(image[use])) for image, use in ((filled, carried), (sigma, measured))
     )
     smooth = bilateral(filled, carried, typical_sigma_m, typical_m * grid.factor / camera.fx)
-    links = surface_links(smooth, carried, camera.resized(*grid.sensor[::-1]))
-    rows, columns = bounding_window(seen, margin=1)
-    everywhere_m = np.where(measured, sigma, typical_sigma_m)
-    return Prepared(
-        photographs=photographs[:, rows, columns],
+    return PreparedView(
+        photographs=photographs,
         encoding=capture.encoding,
-        mask=seen[rows, columns],
-        depth_m=upsample(smooth, camera.shape, links, (rows, columns)),
-        sigma_m=grid.nearest_upsample(everywhere_m)[rows, columns],
-        measured=grid.nearest_upsample(measured)[rows, columns],
-        sensor=grid.window(average, sigma, measured, rows, columns),
-        factor=grid.factor,
-        camera=camera.cropped(rows, columns),
-        full_camera=camera,
-        rows=rows,
-        columns=columns,
+        mask=seen,
+        smooth_m=smooth,
+        links=surface_links(smooth, carried, camera.resized(*grid.sensor[::-1])),
+        average_m=average,
+        sigma_m=sigma,
+        measured=measured,
+        grid=grid,
+        camera=camera,
         names=capture.names,
         source=capture.source,
         findings=capture.findings + findings,
@@ -227,13 +311,24 @@ def shrunk_photographs(capture: Capture, shrink: int) -> Array:
     small = np.empty((len(capture.photographs), height, width, 3), dtype=np.uint16)
 
     def shrink_one(i: int) -> None:
-        mean = area_mean(to_linear(capture.photographs[i], capture.encoding), shrink)
-        clipped = capture.photographs[i] >= SATURATED * capture.white
-        mean[area_mean(clipped, shrink) > 0] = 1.0
-        small[i] = np.round(white * (srgb(mean) if capture.encoding == "srgb" else mean))
+        for first in range(0, height, STRIP_ROWS):
+            last = min(first + STRIP_ROWS, height)
+            strip = capture.photographs[i, first * shrink : last * shrink]
+            mean = area_mean(to_linear(strip, capture.encoding), shrink)
+            clipped = strip >= SATURATED * capture.white
+            mean[area_mean(clipped, shrink) > 0] = 1.0
+            code = srgb(mean) if capture.encoding == "srgb" else mean
+            small[i, first:last] = np.round(white * code)
+        release(capture.photographs)
 
     in_threads(shrink_one, range(len(small)))
     return small
 
 
-__all__ = ["Prepared", "Scale", "SensorDepth", "coarsest_scale", "prepare"]
+__all__ = [
+    "Prepared",
+    "Scale",
+    "SensorDepth",
+    "coarsest_scale",
+    "prepare",
+]

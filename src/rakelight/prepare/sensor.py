@@ -108,13 +108,15 @@ class SensorGrid:
         rows, columns = (overlaps(self.edges(axis), self.shape[axis]) for axis in (0, 1))
         return np.asarray(rows @ mask.astype(float) @ columns.T)
 
-    def nearest_upsample(self, image: Array) -> Array:
+    def nearest_upsample(self, image: Array, window: tuple[slice, slice] = np.s_[:, :]) -> Array:
         """(h, w) the value of the sensor pixel (hs, ws) that holds each pixel's centre.
+
+        window : rows and columns of which it is wanted
 
         >>> SensorGrid((1, 2), (1, 3)).nearest_upsample(np.array([[5, 6]])).tolist()
         [[5, 6, 6]]
         """
-        return at_centres(image, (self.edges(0), self.edges(1)), self.shape)
+        return at_centres(image, (self.edges(0), self.edges(1)), self.shape, window)
 
     def window(
         self, depth_m: Floats, sigma_m: Floats, measured: Mask, rows: slice, columns: slice
@@ -131,11 +133,19 @@ class SensorGrid:
         return SensorDepth(depth, sigma, *ends)
 
 
-def at_centres(image: Array, edges: tuple[Floats, Floats], shape: tuple[int, ...]) -> Array:
-    """(h, w) an image (hs, ws) whose pixels have those edges, at the pixel centres of `shape`."""
+def at_centres(
+    image: Array,
+    edges: tuple[Floats, Floats],
+    shape: tuple[int, ...],
+    window: tuple[slice, slice] = np.s_[:, :],
+) -> Array:
+    """(h, w) an image (hs, ws) whose pixels have those edges, at the pixel centres of `shape`.
+
+    window : rows and columns of `shape` that are wanted
+    """
     rows, columns = (
-        np.searchsorted(each, np.arange(side) + 0.5, "right") - 1
-        for each, side in zip(edges, shape, strict=True)
+        np.searchsorted(each, np.arange(side)[part] + 0.5, "right") - 1
+        for each, side, part in zip(edges, shape, window, strict=True)
     )
     return image[np.ix_(rows, columns)]
 

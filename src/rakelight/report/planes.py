@@ -17,15 +17,13 @@ from markupsafe import Markup
 
 from rakelight.export.confidence import confidence_values
 from rakelight.export.finite import all_finite
-from rakelight.export.pictures import object_window, prepared_mask
-from rakelight.geometry.grid import STEEPEST, area_mean
+from rakelight.export.pictures import object_window, shown_at, shown_depth
+from rakelight.geometry.grid import STEEPEST
 from rakelight.geometry.normals import surface_normals
 from rakelight.model import Array, Camera, Floats, Mask, Result
 from rakelight.prepare.linear import srgb
 
 MOST_TRIANGLES = 150_000
-# Most pixels of a map, and along a side, for textures and downloads; larger maps are averaged.
-MOST_PIXELS, LONGEST_SIDE = 3_000_000, 4096
 # Largest code of a depth, and of a normal's octahedral coordinates.
 DEEPEST = 65535
 OCTAHEDRAL = 4095
@@ -57,48 +55,25 @@ class Maps:
     confidence: Floats
     shrunk: int = 1
 
-    def shrink(self, factor: int) -> Maps:
-        """Averaged over blocks of factor x factor pixels; what does not fill one is cut off."""
-        height, width = (side // factor * factor for side in self.camera.shape)
-        window = slice(0, height), slice(0, width)
-
-        def mean(image: Floats) -> Floats:
-            return np.asarray(area_mean(image[window], factor))
-
-        return Maps(
-            self.camera.cropped(*window).scaled(1 / factor),
-            before_m=mean(self.before_m),
-            after_m=mean(self.after_m),
-            before=_unit(mean(self.before)),
-            after=_unit(mean(self.after)),
-            albedo=mean(self.albedo),
-            confidence=mean(self.confidence),
-            shrunk=factor,
-        )
-
 
 def viewer_maps(result: Result) -> Maps:
     """The maps of a result in the object's window, with a resolution that a page can hold."""
+    camera, factor, before_m, after_m = shown_depth(result)
     window = object_window(result.mask)
-    camera = result.camera.cropped(*window)
-    prepared = prepared_mask(result)[window]
-    before_m = np.where(prepared, result.prepared_depth[window], np.nan)
-    maps = Maps(
+    normals, albedo, confidence = (
+        shown_at(image[window], factor)
+        for image in (result.normals, result.albedo, result.confidence)
+    )
+    return Maps(
         camera,
         before_m,
-        np.where(result.mask[window], result.depth[window], np.nan),
-        surface_normals(before_m, prepared, camera),
-        result.normals[window],
-        result.albedo[window],
-        result.confidence[window],
+        after_m,
+        surface_normals(before_m, np.isfinite(before_m), camera),
+        normals if factor == 1 else _unit(normals),
+        albedo,
+        confidence,
+        shrunk=factor,
     )
-    factor = 1
-    while (
-        camera.width * camera.height > MOST_PIXELS * factor**2
-        or max(camera.shape) > LONGEST_SIDE * factor
-    ):
-        factor += 1
-    return maps if factor == 1 else maps.shrink(factor)
 
 
 def pack(maps: Maps) -> tuple[list[EncodedMap], dict[str, Any]]:

@@ -179,6 +179,7 @@ def finished(
 METHOD = Method(
     "multi-light", multi_light, MultiLight,
     starts_from_depth=True, corrects_pose=True, given_lights="use", bytes_per_pixel=1500,
+    in_tiles=True,
 )  # fmt: skip
 
 __all__ = ["METHOD", "MultiLight"]

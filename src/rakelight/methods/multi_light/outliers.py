@@ -7,7 +7,7 @@ coefficients, is estimated from the photographs; where they show none, nothing i
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -42,6 +42,44 @@ TINY = 1e-6
 FAR_M = 100.0
 
 
+@dataclass(frozen=True, eq=False)
+class Outliers:
+    """What a surface and lights predict that equation (3) leaves out.
+
+    hidden : (N, h, w, C) values in cast shadow; None for none
+    coefficients : (E,) of the highlights, of `photometry.specular`'s lobes, 0 where there are none
+    largest_fraction : of a value that may be specular for it to be used
+    """
+
+    hidden: Mask | None
+    coefficients: Floats
+    largest_fraction: float
+
+    def __bool__(self) -> bool:
+        return self.hidden is not None or bool(self.coefficients.any())
+
+    def removed(self, level: Level, log_depth: Floats, lights: LightParameters) -> Level:
+        """The level with photographs as a Lambertian object without cast shadows would show them.
+
+        log_depth (h, w), lights : the present estimates; the level itself where there is nothing
+        """
+        if not self:
+            return level
+        photographs, physical = level.photographs, lights.as_lights(level.middle_m)
+        normals, points = _geometry(level, log_depth)
+        active = photographs.active
+
+        def specular(photograph: int) -> Floats:
+            """(P, C) the specular light of the active pixels in a photograph."""
+            incident = arriving(physical.of(photograph), points[active])
+            unit = lobes(normals[active], points[active], incident)[:, 0]
+            return np.tensordot(self.coefficients, unit, 1)
+
+        highlights = specular if self.coefficients.any() else None
+        cleared = photographs.cleared(self.hidden, highlights, self.largest_fraction)
+        return replace(level, photographs=cleared)
+
+
 def remove_outliers(
     level: Level, log_depth: Floats, lights: LightParameters
 ) -> tuple[Level, Floats]:
@@ -51,11 +89,14 @@ def remove_outliers(
     that were subtracted, of `photometry.specular`'s lobes, 0 where there are none; values with more
     than `specular_limit` of them are left out.  The level itself where nothing was found.
     """
-    photographs, physical = level.photographs, lights.as_lights(level.middle_m)
-    camera, gradient = photographs.camera, level.surface(log_depth).gradient
-    normals, _ = normals_from_gradient(gradient[..., 0], gradient[..., 1], camera)
-    points = back_project(np.exp(log_depth), camera)
+    found = find_outliers(level, log_depth, lights)
+    return found.removed(level, log_depth, lights), found.coefficients
 
+
+def find_outliers(level: Level, log_depth: Floats, lights: LightParameters) -> Outliers:
+    """The highlights and cast shadows that the present estimates predict, if there are any."""
+    photographs, physical = level.photographs, lights.as_lights(level.middle_m)
+    normals, points = _geometry(level, log_depth)
     sample = photographs.subsample(SAMPLE_PIXELS)
     values, incident = photographs.light(sample), arriving(physical, points[sample])
     hidden_sample = in_shadow(level, points, sample, physical)
@@ -71,22 +112,15 @@ def remove_outliers(
     )
     if explained < LEAST_EXPLAINED:
         coefficients = np.zeros_like(coefficients)
-    if hidden is None and not coefficients.any():
-        return level, coefficients
+    largest = specular_limit(values, np.tensordot(coefficients, unit, 1))
+    return Outliers(hidden, coefficients, largest)
 
-    active = photographs.active
 
-    def specular(photograph: int) -> Floats:
-        """(P, C) the specular light of the active pixels in a photograph."""
-        incident = arriving(physical.of(photograph), points[active])
-        return np.tensordot(coefficients, lobes(normals[active], points[active], incident)[:, 0], 1)
-
-    cleared = photographs.cleared(
-        hidden,
-        specular if coefficients.any() else None,
-        specular_limit(values, np.tensordot(coefficients, unit, 1)),
-    )
-    return replace(level, photographs=cleared), coefficients
+def _geometry(level: Level, log_depth: Floats) -> tuple[Floats, Floats]:
+    """Normals and points, each (h, w, 3), of a log depth (h, w)."""
+    camera, gradient = level.photographs.camera, level.surface(log_depth).gradient
+    normals, _ = normals_from_gradient(gradient[..., 0], gradient[..., 1], camera)
+    return normals, back_project(np.exp(log_depth), camera)
 
 
 def specular_limit(values: Floats, specular: Floats) -> float:
