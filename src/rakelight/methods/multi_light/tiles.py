@@ -59,9 +59,11 @@ class Whole:
 
     shrink : the photographs' pixels along a pixel of it; rows, columns : of its window's upper left
         corner in its image
-    log_depth, mask : (h, w); depth_sigma_m : (h, w) expected error of the depth
+    mask : (h, w) the object; the other images go on beyond it as they are at its border
+    log_depth, depth_sigma_m : (h, w) of the estimate, and its expected error
     stated, lights : the lights as the estimate states them, and as the solver moves them
-    moment : (4, 4) of the whole shape, see `sensor_moment`; None under given directions
+    bas_relief : (h, w) expected squared error of normals, radians^2, by the bas-relief transform of
+        the whole shape; 0 under given directions
     """
 
     shrink: int
@@ -74,7 +76,7 @@ class Whole:
     lights: LightParameters
     middle_m: Floats
     outliers: Outliers
-    moment: Floats | None
+    bas_relief: Floats
 
     def part(self, image: Array, rows: slice, columns: slice) -> Array:
         """An image (h, w, ...) at the pixels of its image that these rows and columns name.
@@ -119,18 +121,24 @@ def whole_of(prepared: Prepared, estimate: Estimate, shrink: int) -> Whole:
     given = prepared.lights
     held = given is not None and given.fixed
     parameters = LightParameters(lights.vector, lights.ambient, inverse_distance)
+    bas_relief: Floats = np.zeros(log_depth.shape)
+    if not held:
+        moment = sensor_moment(level, log_depth)
+        bas_relief = bas_relief_variance(level, log_depth, parameters, moment)
     return Whole(
         shrink=shrink,
         row=prepared.rows.start,
         column=prepared.columns.start,
-        log_depth=log_depth,
+        log_depth=nearest_fill(log_depth, prepared.mask),
         mask=prepared.mask,
-        depth_sigma_m=estimate.depth_sigma,
+        depth_sigma_m=None
+        if estimate.depth_sigma is None
+        else nearest_fill(estimate.depth_sigma, prepared.mask),
         stated=lights,
         lights=parameters,
         middle_m=level.middle_m,
         outliers=find_outliers(level, log_depth, parameters),
-        moment=None if held else sensor_moment(level, log_depth),
+        bas_relief=nearest_fill(bas_relief, prepared.mask),
     )
 
 
@@ -158,9 +166,7 @@ def refine_tile(
     normals, linearization = fine_normals(level, fit)
     check()
     curvature, noise = missed_curvature(normals, level.grid), shared_noise(level, fit)
-    bas_relief: Floats | float = 0.0
-    if whole.moment is not None:
-        bas_relief = bas_relief_variance(level, fit.log_depth, fit.lights, whole.moment)
+    bas_relief = carried(whole.bas_relief, prepared, whole)
     local = photometric_variance(level, fit, noise) + curvature
     active = level.photographs.active
     return Estimate(
@@ -176,7 +182,7 @@ def refine_tile(
 
 def unmoved_tile(prepared: Prepared, whole: Whole) -> Estimate:
     """The window with its prepared depth, and the albedo that explains the photographs by it."""
-    level = finest_level(prepared)
+    level = finest_level(replace(prepared, factor=1.0))
     points = level.points + level.middle_m - whole.middle_m
     surface = replace(level.surface(level.prior), points=points)
     found = level.photographs.linearize(surface, whole.lights)
@@ -188,35 +194,33 @@ def carried_sigma(prepared: Prepared, whole: Whole) -> Floats | None:
     """(h, w) the expected error of the depth, metres, where the lower resolution says it."""
     if whole.depth_sigma_m is None:
         return None
-    sigma_m = np.where(whole.mask, whole.depth_sigma_m, 0.0)
-    return carried(nearest_fill(sigma_m, whole.mask), prepared, whole)
+    return carried(whole.depth_sigma_m, prepared, whole)
 
 
 def tile_level(prepared: Prepared, whole: Whole) -> tuple[Level, Floats]:
     """The level of a tile, its agreement with the lower resolution of weight 1; and its start."""
-    level = finest_level(prepared, cut=True)
+    # A factor of 1: tiles have no use for the averaging over the sensor's pixels.
+    level = finest_level(replace(prepared, factor=1.0), cut=True)
     shrink = whole.shrink
     coarse = coarse_window(prepared, whole)
-    log_depth = whole.part(nearest_fill(whole.log_depth, whole.mask), *coarse)
+    log_depth = whole.part(whole.log_depth, *coarse)
     target, covered = (
         in_blocks(image, shrink, prepared.mask.shape)
         for image in (log_depth, whole.mask_part(*coarse))
     )
-    start = carried(nearest_fill(whole.log_depth, whole.mask), prepared, whole)
+    start = carried(whole.log_depth, prepared, whole)
     edges = [np.arange(part.stop - part.start + 1) * float(shrink) for part in coarse]
     level = replace(
-        level,
+        level.cut(start),
         prior=start,
         unbiased_prior=target,
         prior_weight=np.where(covered, 1.0, EDGE),
         middle_m=whole.middle_m,
         points=back_project(np.exp(start), prepared.camera) - whole.middle_m,
         averaging=Averaging.on(prepared.mask & covered, *edges),
+        # What no pixel of the lower resolution covers whole stays near its continuation.
+        small_components=prepared.mask & ~covered,
     )
-    level = level.cut(start)
-    # What no pixel of the lower resolution covers whole stays near its continuation.
-    alone = level.small_components | (prepared.mask & ~covered)
-    level = replace(level, small_components=alone)
     outliers = whole.outliers
     if outliers.hidden is not None:
         hidden = whole.part(np.moveaxis(outliers.hidden, 0, 2), *coarse)
