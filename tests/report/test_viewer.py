@@ -442,7 +442,7 @@ def test_paper_gets_the_view_and_the_pictures(open_report, vase):
     assert report.page.is_visible("#still")
     assert "lamp at the upper left (308°), 24°" in report.page.inner_text("#still-caption")
     assert not report.page.is_visible(".panel")
-    assert report.page.locator(".plates img >> visible=true").count() == 5
+    assert report.page.locator(".pictures img >> visible=true").count() == 5
     assert report.page.get_by_text("depth weight", exact=True).is_visible()
     report.page.evaluate("dispatchEvent(new Event('afterprint'))")
     assert not report.page.get_by_text("depth weight", exact=True).is_visible()
@@ -491,7 +491,7 @@ def test_without_webgl_there_are_pictures_and_a_word(launch, open_in):
         assert report.state == "nowebgl"
         assert "no WebGL" in report.page.inner_text("#fallback")
         assert not report.page.is_visible("#viewer")
-        pictures = report.page.locator(".plates img")
+        pictures = report.page.locator(".pictures img")
         assert [pictures.nth(k).get_attribute("alt").split(":")[0] for k in range(5)] == [
             "Before", "After", "Albedo", "Normals", "Confidence"
         ]  # fmt: skip
@@ -500,7 +500,7 @@ def test_without_webgl_there_are_pictures_and_a_word(launch, open_in):
 
 
 def test_a_damaged_page_says_so_and_shows_its_pictures(open_report, vase, monkeypatch):
-    monkeypatch.setattr("rakelight.report.planes.encode", lambda values: "bm8gcGxhbmU=")
+    monkeypatch.setattr("rakelight.report.encoded_maps.encode", lambda values: "bm8gcGxhbmU=")
     report = open_report(vase)
     assert report.state == "failed"
     assert "could not start" in report.page.inner_text("#fallback")

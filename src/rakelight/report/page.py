@@ -22,11 +22,11 @@ from rakelight.geometry.normals import surface_normals
 from rakelight.metrics import evaluate_maps
 from rakelight.model import Result, Truth
 from rakelight.report import charts, facts
-from rakelight.report.planes import pack, viewer_maps
-from rakelight.report.plates import result_plates, truth_plates
+from rakelight.report.encoded_maps import pack, viewer_maps
+from rakelight.report.pictures import result_pictures, truth_pictures
 
 # In this order they are one script.
-VIEWER = ("planes.js", "mesh.js", "view.js", "scene.js", "measure.js", "main.js")
+VIEWER = ("encoded_maps.js", "mesh.js", "view.js", "scene.js", "measure.js", "main.js")
 
 
 def report_html(result: Result, truth: Truth | None = None) -> bytes:
@@ -37,7 +37,7 @@ def report_html(result: Result, truth: Truth | None = None) -> bytes:
     names = tuple(map(printable, result.photograph_names))
     lights = charts.drawn_lights(result.lights, names)
     maps = viewer_maps(result)
-    planes, viewer = pack(maps)
+    encoded, viewer = pack(maps)
     viewer |= {
         "ramp": [[value / 255 for value in color] for color in CONFIDENCE_COLORS],
         "lights": charts.viewer_lights(lights),
@@ -67,10 +67,10 @@ def report_html(result: Result, truth: Truth | None = None) -> bytes:
         tilts=charts.tilts(lights) if lights else None,
         energy=charts.energy_curve(result.energy),
         prediction=_prediction(result, names),
-        plates=result_plates(maps),
+        pictures=result_pictures(maps),
         truth=None if truth is None else _against(result, truth),
         shrunk=maps.shrunk,
-        planes=planes,
+        encoded_maps=encoded,
         viewer=viewer,
     )
     return page.encode("utf-8", "backslashreplace")
@@ -93,7 +93,7 @@ def _against(result: Result, truth: Truth) -> dict[str, Any]:
             ("before", evaluate_maps(*before, truth)),
             ("after", evaluate_maps(*after, truth)),
         ],
-        "plates": truth_plates(before, after, truth),
+        "pictures": truth_pictures(before, after, truth),
     }
 
 

@@ -1,8 +1,8 @@
 // The maps of the page: base64, deflated, each value minus what its left, upper and upper left
 // neighbours predict.  Depth is uint16 (0 = none), normals are octahedral in 12 bits.
 
-async function unpackPlane({ name, bits, width, height }) {
-  const text = atob(document.getElementById("plane-" + name).textContent);
+async function unpackMap({ name, bits, width, height }) {
+  const text = atob(document.getElementById("map-" + name).textContent);
   const packed = new Uint8Array(text.length);
   for (let i = 0; i < text.length; i++) packed[i] = text.charCodeAt(i);
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
@@ -18,16 +18,16 @@ async function unpackPlane({ name, bits, width, height }) {
 }
 
 async function unpackMaps(facts) {
-  const planes = {};
-  await Promise.all(facts.planes.map(async (plane) => {
-    planes[plane.name] = await unpackPlane(plane);
+  const maps = {};
+  await Promise.all(facts.maps.map(async (each) => {
+    maps[each.name] = await unpackMap(each);
   }));
   const { width, height } = facts.camera;
   const surface = (name) => {
-    const depth = metres(planes["depth-" + name], facts.depth);
-    return { depth, normals: packNormals(planes[name + "-a"], planes[name + "-b"], depth) };
+    const depth = metres(maps["depth-" + name], facts.depth);
+    return { depth, normals: packNormals(maps[name + "-a"], maps[name + "-b"], depth) };
   };
-  return { width, height, after: surface("after"), before: surface("before"), paint: packPaint(planes) };
+  return { width, height, after: surface("after"), before: surface("before"), paint: packPaint(maps) };
 }
 
 function metres(values, { nearest_m, step_m }) {

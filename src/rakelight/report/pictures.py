@@ -27,7 +27,7 @@ from rakelight.metrics import (
     normal_error_map_deg,
 )
 from rakelight.model import Array, Floats, Truth
-from rakelight.report.planes import Maps
+from rakelight.report.encoded_maps import Maps
 
 # Depth (H, W) in metres and normals (H, W, 3).
 Surface: TypeAlias = tuple[Floats, Floats]
@@ -36,7 +36,7 @@ LONGEST_SIDE = 1000
 
 
 @dataclass(frozen=True, slots=True)
-class Plate:
+class ReportPicture:
     """A picture with its title, what it shows in words, and its address as data."""
 
     title: str
@@ -46,28 +46,28 @@ class Plate:
     uri: Markup
 
 
-def result_plates(maps: Maps) -> list[Plate]:
+def result_pictures(maps: Maps) -> list[ReportPicture]:
     """Before, after, albedo, normals and confidence."""
     prepared, mask = np.isfinite(maps.before_m), np.isfinite(maps.after_m)
     return [
-        _plate("Before", "The prepared depth as clay, lamp low at the upper left",
+        _picture("Before", "The prepared depth as clay, lamp low at the upper left",
                shaded(maps.before, prepared)),
-        _plate("After", "The refined depth as clay, under the same lamp",
+        _picture("After", "The refined depth as clay, under the same lamp",
                shaded(maps.after, mask)),
-        _plate("Albedo", "The paint: what is left when light and shade are taken away",
+        _picture("Albedo", "The paint: what is left when light and shade are taken away",
                albedo_picture(maps.albedo, mask)),
-        _plate("Normals", "Red: to the right, green: up, blue: to the viewer",
+        _picture("Normals", "Red: to the right, green: up, blue: to the viewer",
                normals_picture(maps.after, mask)),
-        _plate("Confidence", "Yellow: the photographs settle the slope; blue: they leave it open",
+        _picture("Confidence", "Yellow: the photographs settle the slope; blue: they leave it open",
                confidence_picture(maps.confidence, mask)),
     ]  # fmt: skip
 
 
-def truth_plates(before: Surface, after: Surface, truth: Truth) -> list[Plate]:
+def truth_pictures(before: Surface, after: Surface, truth: Truth) -> list[ReportPicture]:
     """Error maps of the depth and the normals before and after."""
     window = object_window(truth.mask)
     mask = truth.mask[window][..., None]
-    plates = []
+    pictures = []
     for when, (depth_m, normals) in (("before", before), ("after", after)):
         for title, errors, largest, unit in (
             ("Depth error", depth_error_map_mm(depth_m, truth.depth, truth.mask),
@@ -77,15 +77,15 @@ def truth_plates(before: Surface, after: Surface, truth: Truth) -> list[Plate]:
         ):  # fmt: skip
             picture = np.where(mask, color_errors(errors[window], largest), BACKGROUND)
             caption = f"Blue: none, dark red: {largest:g} {unit} or more"
-            plates.append(_plate(f"{title} {when}", caption, picture.astype(np.uint8)))
-    return plates
+            pictures.append(_picture(f"{title} {when}", caption, picture.astype(np.uint8)))
+    return pictures
 
 
-def _plate(title: str, caption: str, picture: Array) -> Plate:
+def _picture(title: str, caption: str, picture: Array) -> ReportPicture:
     factor = -(-max(picture.shape[:2]) // LONGEST_SIDE)
     if factor > 1:
         height, width = (side // factor * factor for side in picture.shape[:2])
         picture = np.rint(area_mean(picture[:height, :width], factor)).astype(np.uint8)
     data = b64encode(encode_jpeg(picture)).decode("ascii")
     uri = Markup("data:image/jpeg;base64,{}").format(Markup(data))
-    return Plate(title, caption, picture.shape[1], picture.shape[0], uri)
+    return ReportPicture(title, caption, picture.shape[1], picture.shape[0], uri)

@@ -1,4 +1,4 @@
-"""The maps that the viewer draws, encoded as text: what viewer/planes.js reads.
+"""The maps that the viewer draws, encoded as text: what viewer/encoded_maps.js reads.
 
 Every map is cut to the object's window and, as rows of whole numbers, predicted from its
 neighbours, deflated and written in base64.
@@ -81,18 +81,18 @@ def pack(maps: Maps) -> tuple[list[EncodedMap], dict[str, Any]]:
     depths = np.stack([maps.before_m, maps.after_m])
     nearest, deepest = float(np.nanmin(depths)), float(np.nanmax(depths))
     step = max((deepest - nearest) / (DEEPEST - 1), 1e-9)
-    planes = []
+    encoded = []
     for name, values in _values(maps, nearest, step):
-        planes.append(EncodedMap(name, 8 * values.dtype.itemsize, encode(values)))
+        encoded.append(EncodedMap(name, 8 * values.dtype.itemsize, encode(values)))
     camera = maps.camera
     sizes = {"width": camera.width, "height": camera.height}
     facts = {
-        "planes": [{"name": plane.name, "bits": plane.bits, **sizes} for plane in planes],
+        "maps": [{"name": each.name, "bits": each.bits, **sizes} for each in encoded],
         "camera": {name: getattr(camera, name) for name in (*sizes, "fx", "fy", "cx", "cy")},
         "depth": {"nearest_m": nearest, "step_m": step},
         "mesh": {"most_triangles": MOST_TRIANGLES, "steepest": STEEPEST},
     }
-    return planes, facts
+    return encoded, facts
 
 
 def _values(maps: Maps, nearest_m: float, step_m: float) -> Iterator[tuple[str, Array]]:
@@ -147,9 +147,9 @@ def octahedral(normals: Floats) -> tuple[Array, Array]:
 def encode(values: Array) -> Markup:
     """uint8 or uint16 (h, w) as text.
 
-    >>> plane = np.array([[5, 6], [7, 9]], np.uint8)
+    >>> values = np.array([[5, 6], [7, 9]], np.uint8)
     >>> import base64
-    >>> zlib.decompress(base64.b64decode(encode(plane))).hex()
+    >>> zlib.decompress(base64.b64decode(encode(values))).hex()
     '05010201'
     """
     # Differences wrap around, and so does the sum that undoes them.

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rakelight.export import pictures
-from rakelight.report.planes import encode, octahedral, pack, viewer_maps
+from rakelight.report.encoded_maps import encode, octahedral, pack, viewer_maps
 from tests.report.report_scenes import vase_result
 
 
@@ -48,8 +48,8 @@ def test_depth_comes_back_within_half_a_step():
     packed, facts = pack(maps)
     height, width = maps.camera.shape
     for name, depth_m in (("depth-after", maps.after_m), ("depth-before", maps.before_m)):
-        (plane,) = (plane for plane in packed if plane.name == name)
-        steps = decode(plane.text, 16, height, width).astype(float)
+        (found,) = (each for each in packed if each.name == name)
+        steps = decode(found.text, 16, height, width).astype(float)
         back = facts["depth"]["nearest_m"] + (steps - 1) * facts["depth"]["step_m"]
         np.testing.assert_array_equal(steps == 0, np.isnan(depth_m))
         inside = steps > 0
