@@ -96,7 +96,7 @@ def moved(capture: Capture) -> Capture:
 
 WRONG: dict[str, tuple[str, Change]] = {
     "half the photographs moved": ("camera-moved", moved),
-    "depth shifted": ("depth-misaligned", shifted),
+    "depth shifted": ("depth-shifted", shifted),
     "depth mirrored": ("depth-turned", mirrored),
     "depth turned": ("depth-turned", turned),
     "disparity": ("depth-inside-out", disparity),

@@ -48,7 +48,7 @@ def test_registered_depth_is_not_doubted(shape, changes):
 )
 def test_shifted_depth_is_told_with_the_photographs_pixels(registered, right, down, told):
     (found,) = depth_shift(with_depth_moved(registered, right, down))
-    assert (found.severity, found.code) == ("warning", "depth-misaligned")
+    assert (found.severity, found.code) == ("warning", "depth-shifted")
     assert found.message.endswith(f"shifted by about {told}")
     assert found.remedy.startswith("register = true in capture.toml")
 
@@ -99,7 +99,7 @@ def test_real_captures_are_not_doubted(name):
     capture = replace(capture, depth_m=capture.depth_m[:1])
     assert depth_shift(capture) == ()
     assert depth_shift(ending_early(capture, 4)) == ()
-    assert depth_shift(with_depth_moved(capture, 10, 0))[0].code == "depth-misaligned"
+    assert depth_shift(with_depth_moved(capture, 10, 0))[0].code == "depth-shifted"
 
 
 def test_an_object_on_a_table_at_its_depth_is_no_shift(registered):

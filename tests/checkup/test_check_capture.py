@@ -150,12 +150,12 @@ def test_one_photograph_is_said_to_be_one(head):
 
 
 def test_shifted_depth():
-    assert first(with_depth_moved(still_scene(), 3, 0)) == "depth-misaligned"
+    assert first(with_depth_moved(still_scene(), 3, 0)) == "depth-shifted"
 
 
 def test_depth_of_another_place_is_not_usable():
     report = check_capture(with_depth_moved(still_scene(), 10, 0))
-    assert report.findings[0].code == "depth-misaligned"
+    assert report.findings[0].code == "depth-shifted"
     assert report.verdict == "not usable"
 
 

@@ -199,12 +199,12 @@ def shift(path, right, down):
 
 
 def test_8_31_what_lies_on_each_other_is_not_doubted(larger, run, tmp_path):
-    assert not {"depth-misaligned", "camera-moved"} & set(refined(run, larger, tmp_path / "out"))
+    assert not {"depth-shifted", "camera-moved"} & set(refined(run, larger, tmp_path / "out"))
 
 
 def test_8_depth_shifted_against_the_photographs(larger, run, tmp_path, refine_refused):
     shift(larger / "depth" / "000.png", 3, -2)
-    said = refined(run, larger, tmp_path / "out")["depth-misaligned"]
+    said = refined(run, larger, tmp_path / "out")["depth-shifted"]
     assert said.endswith(
         "not registered to the photographs: shifted by about 7 pixels (6 right, 4 up)"
     )

@@ -11,7 +11,7 @@ from rakelight.model import Capture, Finding
 
 # Each returns findings of its code, or raises CaptureError where the depth is wrong beyond doubt.
 DEPTH_CHECKS: dict[str, Callable[[Capture], tuple[Finding, ...]]] = {
-    "depth-misaligned": depth_shift,
+    "depth-shifted": depth_shift,
     "depth-turned": depth_orientation,
     "depth-inside-out": inside_out,
 }

@@ -88,7 +88,7 @@ def depth_shift(capture: Capture) -> tuple[Finding, ...]:
         raise CaptureError(what, source=capture.source, seen=shift, needed=limit, remedy=REMEDY)
     can_register = len(capture.photographs) > 1 and not capture.register
     remedy = f"register = true in capture.toml, or {REMEDY}" if can_register else REMEDY
-    return (Finding("warning", "depth-misaligned", f"{what}: {shift}", remedy),)
+    return (Finding("warning", "depth-shifted", f"{what}: {shift}", remedy),)
 
 
 def seen_by_sensor(capture: Capture) -> tuple[Mask, float]:

@@ -13,7 +13,7 @@ from rakelight.model import Finding
 ORDER = (
     "depth-turned",
     "depth-inside-out",
-    "depth-misaligned",
+    "depth-shifted",
     "too-few-photographs",
     "no-surface",
     "few-lights",
