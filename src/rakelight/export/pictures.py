@@ -14,8 +14,8 @@ from rakelight.prepare.linear import srgb
 BACKGROUND = 32
 
 # Most pixels of a picture or map that is shown, and along a side; larger ones are averaged.  A page
-# with maps of 1.5 megapixels takes 14 MB, where they are all object and noisy.
-MOST_PIXELS, LONGEST_SIDE = 1_500_000, 4096
+# with maps of 1.5 megapixels takes 15 MB, where they are all object and noisy.
+MOST_PIXELS, LONGEST_SIDE = 1_400_000, 4096
 
 # Confidence 0 to 1, as even steps of lightness that the colour-blind see too (cividis).
 CONFIDENCE_COLORS = (
@@ -123,7 +123,7 @@ def display_factor(camera: Camera) -> int:
     >>> display_factor(Camera(1000, 1000, 1.0, 1.0, 0.0, 0.0))
     1
     >>> display_factor(Camera(6000, 4000, 1.0, 1.0, 0.0, 0.0))
-    4
+    5
     """
     factor = 1
     while (

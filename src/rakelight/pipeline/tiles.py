@@ -111,7 +111,7 @@ class Span:
 def spans(window: slice, side: int, shrink: int, most: int) -> list[Span]:
     """The tiles of at most about `most` pixels, margins included, along one side of a window.
 
-    >>> [(s.first, s.last, s.refined) for s in spans(slice(3, 203), 210, 2, 148)]
+    >>> [(s.first, s.last, s.refined) for s in spans(slice(3, 203), 210, 2, 150)]
     [(2, 104, slice(2, 128, None)), (104, 204, slice(80, 204, None))]
     """
     margin = MARGIN * shrink

@@ -32,6 +32,7 @@ from rakelight.model import (
 )
 from rakelight.prepare.linear import linear_table, srgb
 from rakelight.prepare.sensor import depth_camera_of, sensor_shape
+from rakelight.scratch import large_empty, release
 
 # Most that the image grows on each side to show the object whole, over its own side.
 WIDEST = 0.5
@@ -70,7 +71,7 @@ def undistorted(capture: Capture, *, whole: bool = True) -> Capture:
         return capture if camera is capture.camera else replace(capture, camera=camera)
     ideal = _ideal_camera(capture, whole)
     require_memory(
-        ideal.width * ideal.height * (_BYTES_OF_MAP + 6 * len(capture.photographs))
+        ideal.width * ideal.height * _BYTES_OF_MAP
         + camera.width * camera.height * _BYTES_OF_PHOTOGRAPH,
         source=capture.source,
         remedy="close other programs, or crop to the object",
@@ -188,7 +189,12 @@ def _resampled(capture: Capture, place: Floats) -> Array:
         derivatives = np.stack([np.gradient(place, axis=axis) for axis in (1, 0)], axis=-2)
         jacobian = np.where(np.isfinite(derivatives), derivatives, jacobian)
     weights = _lanczos()
-    images = np.empty((len(capture.photographs), *place.shape[:2], 3), dtype=np.uint16)
+    images = large_empty(
+        (len(capture.photographs), *place.shape[:2], 3),
+        "uint16",
+        capture.source or "photographs",
+        "crop to the object",
+    )
 
     def resample_one(i: int) -> None:
         linear = table.take(capture.photographs[i])
@@ -197,6 +203,8 @@ def _resampled(capture: Capture, place: Floats) -> Array:
         resample(0, len(out), linear, place, jacobian, saturated, black, weights, total, out)
         code = srgb(out) if capture.encoding == "srgb" else out
         images[i] = np.rint(WHITE_16_BIT * code)
+        release(images)
+        release(capture.photographs)
 
     in_threads(resample_one, range(len(images)))
     return images
