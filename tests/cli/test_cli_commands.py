@@ -267,7 +267,7 @@ def test_synth_then_refine_then_eval(run, tmp_path):
         (["--cone", "40", "12"], "--cone", "needed two angles"),
         (["--lighting", "disco"], "--lighting", "needed moving-lamp, rgb-leds or ambient"),
         (["--bits", "12"], "--bits", "needed 8 or 16"),
-        (["--depth-factor", "7"], "--depth-factor", "needed a divisor"),
+        (["--depth-factor", "0.5"], "--depth-factor", "needed 1 to 100"),
         (["--depth-noise", "-1"], "--depth-noise", "needed 0 to 10000"),
         (["--depth-correlation", "1e9"], "--depth-correlation", "needed 0 to 10000"),
         (["--exposure", "1e300"], "--exposure", "needed above 0, at most a million"),

@@ -69,7 +69,7 @@ def test_cell_sums_cell_by_cell(cell, channels):
 
 @pytest.mark.parametrize("cell", [1, 2, 3, 4])
 @pytest.mark.parametrize("shape", [(12, 24), (11, 14), (5, 3)])
-def test_spread_is_linear_between_the_centres(cell, shape):
+def test_interpolation_is_linear_between_the_centres(cell, shape):
     # A plane stays one between the outermost centres, and goes on level beyond them.
     height, width = (-(-side // cell) for side in shape)
     row, column = np.mgrid[:height, :width].astype(float)
@@ -83,7 +83,7 @@ def test_spread_is_linear_between_the_centres(cell, shape):
 
 
 @pytest.mark.parametrize("cell", [1, 2, 4])
-def test_spread_hands_each_cell_s_value_to_as_many_pixels(cell):
+def test_interpolation_hands_each_cell_s_value_to_as_many_pixels(cell):
     # What a cell gives out is what it covers: sums over whole images agree.
     coarse = np.zeros((6, 8))
     coarse[1:-1, 1:-1] = np.random.default_rng(2).normal(size=(4, 6))
@@ -93,7 +93,7 @@ def test_spread_hands_each_cell_s_value_to_as_many_pixels(cell):
 
 
 @pytest.mark.parametrize("cell", [2, 3, 4])
-def test_spread_has_the_slopes_of_the_correction(cell):
+def test_interpolation_has_the_slopes_of_the_correction(cell):
     # The mean gradient over the whole is 1 / cell of that per cell.
     row, column = np.mgrid[:6, :8].astype(float)
     fine = interpolate(3 * row + 5 * column, cell, (6 * cell, 8 * cell))
@@ -156,7 +156,7 @@ def test_the_weight_is_the_precision_of_log_depth():
     np.testing.assert_allclose((level.prior_weight * change**2)[seen], 1, rtol=6e-3)
 
 
-def test_trust_multiplies_the_weight_alone():
+def test_a_factor_multiplies_the_weight_alone():
     level = finest_level(make_prepared())
     np.testing.assert_array_equal(level.weighted(7.0).prior_weight, 7 * level.prior_weight)
     np.testing.assert_array_equal(level.weighted(7.0).prior, level.prior)
@@ -379,3 +379,15 @@ def test_parts_that_floated_are_put_back_where_the_sensor_has_them(factor):
     # of one part, the mean alone is put right
     mean = np.sum(weight * (whole.unbiased_prior - floated)) / weight.sum()
     np.testing.assert_allclose(whole.placed(floated) - floated, mean, rtol=1e-6)
+
+
+def test_links_are_cut_at_jumps_but_not_all_of_them():
+    level = finest_level(make_prepared())
+    column = np.indices(level.mask.shape)[1]
+    stepped = level.cut(level.prior + np.where(column < 15, 0.0, 2.0))
+    before, after = Links.of(level.grid), Links.of(stepped.grid)
+    lost = before.right & ~after.right
+    assert lost.any(axis=0).nonzero()[0].tolist() == [14]
+    assert (after.down == before.down).all()
+    everywhere = level.prior + 2.0 * (np.indices(level.mask.shape).sum(axis=0) % 2)
+    assert level.cut(everywhere) is level

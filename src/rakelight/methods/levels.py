@@ -167,10 +167,15 @@ class Level:
         return replace(self, prior_weight=factor * self.prior_weight)
 
     def cut(self, log_depth: Floats) -> Level:
-        """This level with its links cut at the jumps of `log_depth` (h, w) as well."""
+        """This level with its links cut at the jumps of `log_depth` (h, w) as well.
+
+        Itself where nothing would be left that has a normal: then the depth is no surface.
+        """
         here = Links.of(self.grid)
         steep = surface_links(np.exp(log_depth), here.mask, self.photographs.camera)
         both = Links(here.mask, here.right & steep.right, here.down & steep.down)
+        if not has_gradient(both).any():
+            return self
         small_components = find_small_components(both, self.averaging)
         return replace(
             self,

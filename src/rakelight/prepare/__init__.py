@@ -148,14 +148,10 @@ class PreparedView:
     ) -> Prepared:
         """The window of these rows and columns; of some of the photographs only, if named."""
         part = (rows, columns)
-        chosen = range(len(self.photographs)) if photographs is None else list(photographs)
-        images = self.photographs[:, rows, columns]
-        if photographs is not None:
-            images = np.stack([self.photographs[i][part] for i in chosen])
         typical_sigma_m = float(np.median(self.sigma_m[self.measured]))
         everywhere_m = np.where(self.measured, self.sigma_m, typical_sigma_m)
-        return Prepared(
-            photographs=images,
+        prepared = Prepared(
+            photographs=self.photographs[:, rows, columns],
             encoding=self.encoding,
             mask=self.mask[part],
             depth_m=upsample(self.smooth_m, self.camera.shape, self.links, part),
@@ -167,12 +163,13 @@ class PreparedView:
             full_camera=self.camera,
             rows=rows,
             columns=columns,
-            names=tuple(self.names[i] for i in chosen) if self.names else (),
+            names=self.names,
             source=self.source,
             findings=self.findings,
-            lights=None if self.lights is None else self.lights.select(chosen),
-            numbers=tuple(chosen),
+            lights=self.lights,
+            numbers=tuple(range(len(self.photographs))),
         )
+        return prepared if photographs is None else prepared.select(photographs)
 
 
 def prepare(capture: Capture, scale: Scale = "auto") -> Prepared:

@@ -145,7 +145,7 @@ def damped_tensor(level: Level, fit: Fit, damping: float, sample: Mask | None = 
     """M plus a damping that limits the step of normals that the photographs leave open.
 
     Relative to the median over the pixels of the information on the normal.
-    some : (h, w) the pixels whose M, scaled up, stands for all of them; None for every pixel
+    sample : (h, w) the pixels whose M, scaled up, stands for all of them; None for every pixel
     """
     camera = level.photographs.camera
     gradient, tensor = fit.surface.gradient, fit.linearization.jtwj.copy()
