@@ -60,15 +60,14 @@ def write_capture(folder: Path, factor: int, photographs: int) -> None:
     """A capture folder whose photographs are rendered and kept a strip at a time."""
     from rakelight.capture.images import encode_png, encode_tiff
     from rakelight.geometry.normals import normals_from_depth
-    from rakelight.model import Lights
-    from rakelight.photometry.forward import render
+    from rakelight.photometry.forward import shading
 
     camera, random = camera_of(factor), np.random.default_rng(0)
     height, width = camera.shape
     turn = np.arange(photographs) * 2.4
     tilt = np.radians(15 + 25 * (np.arange(photographs) + 0.5) / photographs)
     toward = [np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), -np.cos(tilt)]
-    lights = Lights(0.8 * np.stack(toward, axis=-1)[:, None], np.full((photographs, 1), 0.06))
+    lights = 0.8 * np.stack(toward, axis=-1)
     images = [np.empty((height, width, 3), np.uint8) for _ in range(photographs)]
     for top in range(0, height, ROWS):
         first, last = max(top - 1, 0), min(top + ROWS + 1, height)
@@ -80,7 +79,7 @@ def write_capture(folder: Path, factor: int, photographs: int) -> None:
         paint = 0.5 + 0.3 * np.stack(paint, axis=-1)
         own = slice(top - first, min(top + ROWS, height) - first)
         for i, image in enumerate(images):
-            light = render(normals, paint, lights, i)[own]
+            light = (paint * shading(normals, lights[i], 0.06)[..., None])[own]
             light += random.normal(scale=0.005, size=light.shape)
             image[top : top + ROWS] = np.clip(np.rint(255 * light), 0, 255)
     for name in ("rgb", "depth"):

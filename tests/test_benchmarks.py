@@ -1,7 +1,10 @@
 """The benchmarks can be called: their figures are made by hand, their options are checked here."""
 
+import ast
 import runpy
 import sys
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -19,3 +22,14 @@ def test_each_says_what_it_takes(path, monkeypatch, capsys):
         runpy.run_path(str(path), run_name="__main__")
     assert left.value.code == 0
     assert "usage:" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_what_each_imports_of_rakelight_exists(path):
+    # Also what a function imports when it runs.
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("rakelight"):
+            module = import_module(node.module)
+            for alias in node.names:
+                found = hasattr(module, alias.name) or find_spec(f"{node.module}.{alias.name}")
+                assert found, f"{node.module} has no {alias.name}"
