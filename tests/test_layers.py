@@ -29,6 +29,7 @@ LAYERS = (
     ("checkup",),
     ("synthetic", "metrics", "export"),
     ("report", "paper"),
+    ("recipe",),
     ("batch",),
     ("cli",),
     ("__main__",),

@@ -105,6 +105,9 @@ def write_bytes(path: Path, data: bytes) -> None:
             raise
 
 
+_PARTIAL_END = ".partial"
+
+
 def replace_bytes(path: Path, data: bytes) -> None:
     """Write `data` to `path`, in the place of an older file, whole or not at all.
 
@@ -118,7 +121,7 @@ def replace_bytes(path: Path, data: bytes) -> None:
     ...     [path.read_bytes() for path in Path(scratch).iterdir()]
     [b'2']
     """
-    partial = path.with_name(f".{path.name}.rakelight-{secrets.token_hex(4)}.partial")
+    partial = path.with_name(f"{_partial_start(path.name)}{secrets.token_hex(4)}{_PARTIAL_END}")
     try:
         write_bytes(partial, data)
         with clear_errors(str(path), "cannot be written"):
@@ -127,6 +130,19 @@ def replace_bytes(path: Path, data: bytes) -> None:
             partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def is_partial(found: str, name: str) -> bool:
+    """Whether a file `found` is what a killed `replace_bytes` left of a file `name` beside it.
+
+    >>> is_partial(".note.txt.rakelight-0a1b2c3d.partial", "note.txt")
+    True
+    """
+    return found.startswith(_partial_start(name)) and found.endswith(_PARTIAL_END)
+
+
+def _partial_start(name: str) -> str:
+    return f".{name}.rakelight-"
 
 
 def write_parts(path: Path, parts: Iterable[bytes]) -> None:

@@ -6,11 +6,12 @@ from functools import partial
 
 import pytest
 
-from rakelight.batch.one import STAMP, Recipe, run_one, stamp_of
+from rakelight.batch.one import STAMP, run_one, stamp_of
 from rakelight.batch.plan import Job
 from rakelight.cli.settings import options_with
 from rakelight.export import read_summary
 from rakelight.export.summary import program_version
+from rakelight.recipe import Recipe
 
 # Quick: no method iterates less.
 QUICK = {"max_iterations": "1"}
@@ -89,7 +90,8 @@ def test_it_is_replaced_when_asked(capture, done):
 
 
 def test_another_version_counts(capture, done, monkeypatch):
-    monkeypatch.setattr("rakelight.batch.one.program_version", lambda: "9.9")
+    for module in ("batch.one", "recipe"):
+        monkeypatch.setattr(f"rakelight.{module}.program_version", lambda: "9.9")
     entry = do(capture, done, version="9.9")
     assert "another version" in entry.message
 

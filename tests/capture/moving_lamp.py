@@ -11,7 +11,9 @@ from rakelight.capture.recording import Recording, Stream
 from rakelight.geometry.camera import back_project
 from rakelight.photometry.cast_shadows import in_sight
 from rakelight.prepare.linear import srgb
-from rakelight.synthetic import random_capture
+from rakelight.synthetic import make_albedo, make_shape, random_capture
+from rakelight.synthetic.noise import DepthNoise
+from rakelight.synthetic.scene import SceneOptions, render_scene
 
 FPS = 30.0
 SKIN = np.array([0.45, 0.28, 0.2])
@@ -193,3 +195,20 @@ def recording_of(frames, depth, camera, rng):
         "video", camera, Stream(times, frames.shape[1:3], colour),
         Stream(times, depth.shape, metres),
     )  # fmt: skip
+
+
+def head_seen_by_two_cameras(scale, depth_factor, depth_to_color):
+    """A capture of 16 photographs of 8 bit, with depth of a camera beside; and its truth."""
+    shape = make_shape("head")
+    options = SceneOptions(
+        camera=shape.camera.scaled(scale),
+        photographs=16,
+        bits=8,
+        encoding="srgb",
+        image_noise=0.005,
+        depth_factor=depth_factor,
+        depth_to_color=depth_to_color,
+        depth_frames=16,
+        depth_noise=DepthNoise(rms_mm=2.0, correlation_length_px=1.0),
+    )
+    return render_scene(shape, make_albedo("white"), options)

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from base64 import b64encode
 from collections.abc import Sequence
-from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from jinja2 import Environment, StrictUndefined
-from markupsafe import Markup
-
 from rakelight.batch.record import Entry
 from rakelight.errors import printable
-from rakelight.export.summary import program_version
-from rakelight.report.page import page_text, shown
 from rakelight.report.sealed import sealed
+from rakelight.report.template import page_text, rendered
 
 
 def index_html(out: Path, entries: Sequence[Entry]) -> bytes:
@@ -28,20 +22,13 @@ def index_html(out: Path, entries: Sequence[Entry]) -> bytes:
     >>> b"no such folder" in page
     True
     """
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, finalize=shown,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
-    style = page_text("page.css") + _own("index.css")
-    digest = b64encode(sha256(style.encode()).digest()).decode()
     done = [_row(entry) for entry in entries if entry.state == "done"]
-    page = environment.from_string(_own("index.html")).render(
+    page = rendered(
+        _own("index.html"),
+        style=page_text("page.css") + _own("index.css"),
         # file: for the page as it lies on a disk, 'self' for one that a server gives out.
-        policy=f"default-src 'none'; style-src 'sha256-{digest}'; img-src 'self' file: data:; "
-        "base-uri 'none'; form-action 'none'",
-        style=Markup(style),
+        image_sources="'self' file: data:",
         title=printable(out.resolve().name) or "batch",
-        version=program_version(),
         total=len(entries),
         done=done,
         failed=[entry for entry in entries if entry.state == "failed"],

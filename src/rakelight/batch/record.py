@@ -12,7 +12,7 @@ import numpy as np
 
 from rakelight.errors import InputError, OutputExistsError, parsing, printable
 from rakelight.export.summary import Summary, program_version
-from rakelight.files import clear_errors, read_bytes, replace_bytes
+from rakelight.files import clear_errors, is_partial, read_bytes, replace_bytes
 
 SCHEMA = "rakelight-batch/1"
 
@@ -161,5 +161,4 @@ def delete_remains(out: Path) -> None:
 
 
 def _is_remains(name: str) -> bool:
-    starts = tuple(f".{each}.rakelight-" for each in (RECORD, INDEX))
-    return name.startswith(starts) and name.endswith(".partial")
+    return any(is_partial(name, each) for each in (RECORD, INDEX))

@@ -10,7 +10,7 @@ from time import perf_counter, sleep
 from typing import Any, TypeAlias
 
 from rakelight.batch.cluster import Deaths, local_client, remote_client, worker_count
-from rakelight.batch.one import Recipe, explained, run_one
+from rakelight.batch.one import explained, run_one
 from rakelight.batch.page import index_html
 from rakelight.batch.plan import Job
 from rakelight.batch.record import (
@@ -25,6 +25,7 @@ from rakelight.export import RESULT
 from rakelight.export.summary import program_version
 from rakelight.files import clear_errors
 from rakelight.folders import only_writer, remove_unfinished, require_free
+from rakelight.recipe import Recipe
 from rakelight.report.sealed import require_free_page, write_page
 
 # Seconds in which the system says how a process of ours ended; it takes milliseconds.

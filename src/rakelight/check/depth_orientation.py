@@ -99,14 +99,14 @@ def orientation_fits(capture: Capture) -> list[Fit]:
         return []
     depth_m, _ = sensed(replace(capture, depth_m=capture.depth_m[:1]))
     as_it_is = slopes(depth_m, shading, capture)
-    known = shading.seen & np.isfinite(as_it_is).all(axis=-1)
+    measured = shading.seen & np.isfinite(as_it_is).all(axis=-1)
     fits = []
     for name, turn in TURNS.items():
         if turn(depth_m).shape != depth_m.shape:
             continue
         turned = slopes(turn(depth_m), shading, capture)
-        both = known & np.isfinite(turned).all(axis=-1)
-        if np.count_nonzero(both) > COVERED * np.count_nonzero(known):
+        both = measured & np.isfinite(turned).all(axis=-1)
+        if np.count_nonzero(both) > COVERED * np.count_nonzero(measured):
             components = shading.components[:, both]
             squares = [unexplained(each[both], components) for each in (as_it_is, turned)]
             before, after = (
@@ -135,7 +135,7 @@ def evidence(as_it_is: Floats, turned: Floats, both: Mask) -> float:
 def slopes(depth_m: Floats, shading: RelativeShading, capture: Capture) -> Floats:
     """(h, w, 2) the normals' x and y of a depth map (hs, ws), smoothed, on the shading's grid.
 
-    NaN where the depth is not known.
+    NaN where the depth is not measured.
     """
     height, width = capture.mask.shape
     rows = np.arange(shading.rows.start, shading.rows.stop, shading.step)
@@ -143,11 +143,11 @@ def slopes(depth_m: Floats, shading: RelativeShading, capture: Capture) -> Float
     small = depth_m[
         np.ix_((rows * depth_m.shape[0]) // height, (columns * depth_m.shape[1]) // width)
     ]
-    known = shading.seen & (np.nan_to_num(small) > 0)
-    log_depth = blurred(np.log(np.where(known, small, 1.0)), shading.sigma_px, known)
-    gradient = gradient_image(log_depth, known)
+    measured = shading.seen & (np.nan_to_num(small) > 0)
+    log_depth = blurred(np.log(np.where(measured, small, 1.0)), shading.sigma_px, measured)
+    gradient = gradient_image(log_depth, measured)
     normals, _ = normals_from_gradient(gradient[..., 0], gradient[..., 1], shading.camera)
-    return np.where(known[..., None], normals[..., :2], np.nan)
+    return np.where(measured[..., None], normals[..., :2], np.nan)
 
 
 def unexplained(slopes: Floats, components: Floats) -> Floats:

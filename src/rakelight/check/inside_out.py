@@ -108,22 +108,22 @@ def outline_of(capture: Capture) -> Outline | None:
 
     depth_m, _ = sensed(replace(capture, depth_m=capture.depth_m[:1]))
     mask = SensorGrid(depth_m.shape, capture.mask.shape).covered(capture.mask)
-    known = np.isfinite(depth_m)
+    measured = np.isfinite(depth_m)
     side = float(np.sqrt(np.count_nonzero(mask)))
     # The image's own border is no outline.
     inside = distance_transform_edt(np.pad(mask, 1, mode="edge"))[1:-1, 1:-1]
-    border = mask & known & (inside > MIXED_PX) & (inside < MIXED_PX + BORDER * side)
+    border = mask & measured & (inside > MIXED_PX) & (inside < MIXED_PX + BORDER * side)
     if mask.all() or np.count_nonzero(border) < max(side, FEWEST):
         return None
     camera = capture.camera.resized(*depth_m.shape[::-1])
-    log_depth = np.log(np.where(known, depth_m, 1.0))
+    log_depth = np.log(np.where(measured, depth_m, 1.0))
     sigma_px = max(SMOOTHING * side, 1.0)
-    smooth = blurred(log_depth, sigma_px, mask & known)
+    smooth = blurred(log_depth, sigma_px, mask & measured)
     outward = _outward(blurred(inside, sigma_px, np.ones_like(mask)))
     down, right = np.gradient(smooth)
     slope = camera.fx * right * outward[1] + camera.fy * down * outward[0]
     beyond = ~mask & (distance_transform_edt(~mask) < MIXED_PX + BORDER * side)
-    seen = beyond & known
+    seen = beyond & measured
     sector = _sectors(mask)
     slopes = _medians(slope, border, sector)
     behind = np.full(SECTORS, np.nan)
@@ -147,9 +147,9 @@ def _sectors(mask: Mask) -> Array:
     return np.asarray(((angle / (2 * np.pi) + 0.5) * SECTORS).astype(int) % SECTORS)
 
 
-def _medians(image: Floats, part: Mask, sector: Array) -> Floats:
-    """(SECTORS,) medians of an image over the sectors of a part; NaN where there is too little."""
-    parts = [image[part & (sector == k)] for k in range(SECTORS)]
+def _medians(image: Floats, where: Mask, sector: Array) -> Floats:
+    """(SECTORS,) medians of an image over the sectors of a mask; NaN where there is too little."""
+    values = [image[where & (sector == k)] for k in range(SECTORS)]
     return np.array(
-        [np.median(each) if len(each) >= FEWEST_OF_SECTOR else np.nan for each in parts]
+        [np.median(each) if len(each) >= FEWEST_OF_SECTOR else np.nan for each in values]
     )

@@ -24,7 +24,6 @@ from rakelight.checkup.quick import Quick, quickly_refined, some_maps
 from rakelight.checkup.report import CheckReport, PhotographCheck
 from rakelight.checkup.verdict import judged, ordered, refused_finding
 from rakelight.errors import CaptureError, InputError
-from rakelight.jit import one_blas_thread
 from rakelight.methods import choose_method
 from rakelight.model import Array, Capture, Finding, Floats
 from rakelight.prepare.undistort import undistorted
@@ -53,9 +52,8 @@ def check_capture(capture: Capture) -> CheckReport:
     began = perf_counter()
     capture = undistorted(checked_capture(capture))
     capture = replace(capture, names=_names(capture))
-    # The checks run no kernel of ours, so they may run beside the method, which does.  Threads of a
-    # BLAS, which wait awake, would take both cores from the two.
-    with one_blas_thread(), ThreadPoolExecutor(1) as beside:
+    # The checks run no kernel of ours, so they may run beside the method, which does.
+    with ThreadPoolExecutor(1) as beside:
         checks = beside.submit(_checked, capture)
         quick = quickly_refined(capture)
         found = checks.result()

@@ -15,8 +15,8 @@ from rakelight.methods import choose_method, load_method
 from rakelight.methods.base import UNDETERMINED_RAD, Estimate
 from rakelight.methods.multi_light import MultiLight
 from rakelight.model import Capture, Finding, Floats
-from rakelight.pipeline import estimated, solving
-from rakelight.pipeline.guarded import surface
+from rakelight.pipeline import solving
+from rakelight.pipeline.guarded import estimated, surface
 from rakelight.prepare import Prepared, prepare
 from rakelight.prepare.reduced import reduced
 

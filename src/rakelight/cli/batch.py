@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rakelight.cli.options import output_options, refuse_input_as_output
+from rakelight.cli.options import output_folder, output_options, refuse_input_as_output
 from rakelight.cli.progress import shown_captures
 from rakelight.cli.refine import recipe_of, recipe_options
 from rakelight.errors import printable
@@ -22,14 +22,7 @@ SOME_FAILED = 4
 
 @click.command("batch")
 @click.argument("captures", nargs=-1, required=True, metavar="CAPTURE...")
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
-    required=True,
-    metavar="OUT",
-    help="The folder of the results; one of an earlier batch is continued.",
-)
+@output_folder("OUT", "The folder of the results; one of an earlier batch is continued.")
 @click.option(
     "--workers",
     type=click.IntRange(1, 1000),

@@ -10,6 +10,7 @@ import click
 from rakelight.cli.options import (
     count_photographs,
     findings_as_json,
+    output_folder,
     output_options,
     print_findings,
     refuse_input_as_output,
@@ -33,14 +34,7 @@ def _list_readers(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
 
 @click.command("import")
 @click.argument("source", type=click.Path(path_type=Path))
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
-    required=True,
-    metavar="CAPTURE",
-    help="The capture folder; appears complete or not at all.",
-)
+@output_folder("CAPTURE", "The capture folder; appears complete or not at all.")
 @click.option("--overwrite", is_flag=True, help="Replace an older imported capture at CAPTURE.")
 @click.option(
     "--list", is_flag=True, is_eager=True, expose_value=False, callback=_list_readers,

@@ -29,6 +29,18 @@ def output_options(command: F) -> F:
     return command
 
 
+def output_folder(metavar: str, text: str) -> Callable[[F], F]:
+    """The required option -o/--output, a path; text : its help."""
+    return click.option(
+        "-o",
+        "--output",
+        type=click.Path(path_type=Path),
+        required=True,
+        metavar=metavar,
+        help=text,
+    )
+
+
 def print_findings(findings: Iterable[Finding]) -> None:
     """One line each on stderr, with what to do about it."""
     for finding in findings:

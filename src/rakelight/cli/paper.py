@@ -6,7 +6,12 @@ from pathlib import Path
 
 import click
 
-from rakelight.cli.options import output_options, print_findings, refuse_input_as_output
+from rakelight.cli.options import (
+    output_folder,
+    output_options,
+    print_findings,
+    refuse_input_as_output,
+)
 from rakelight.cli.progress import shown_progress
 from rakelight.errors import printable
 
@@ -15,14 +20,7 @@ FIGURES = [f"figure{number}" for number in range(1, 9)]
 
 @click.command("paper")
 @click.argument("what", type=click.Choice(["all", "table1", "table2", "scenarios", *FIGURES]))
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
-    required=True,
-    metavar="DIR",
-    help="Where it goes as Markdown, CSV and JSON, with pictures.",
-)
+@output_folder("DIR", "Where it goes as Markdown, CSV and JSON, with pictures.")
 @click.option("--size", type=float, default=1.0, show_default=True, help="Scale of 640 x 480.")
 @click.option(
     "--capture",

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rakelight.model import Progress, ProgressCallback, silent
 
@@ -20,19 +20,9 @@ def shown_progress(quiet: bool = False) -> Iterator[ProgressCallback]:
     if quiet or not sys.stderr.isatty():
         yield silent
         return
-    from rich.console import Console
-    from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bars
+    from rich.progress import TaskID, TextColumn, TimeRemainingColumn
 
-    columns = (
-        TextColumn("{task.description:>8}"),
-        BarColumn(),
-        TextColumn("{task.fields[detail]}"),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-    )
-    with Bars(*columns, console=Console(stderr=True)) as bars:
+    with _bars(TextColumn("left"), TimeRemainingColumn()) as bars:
         if not _compiled():
             bars.console.print("first run: compiling takes 20 seconds or so, later runs need none")
         tasks: dict[str, TaskID] = {}
@@ -59,6 +49,22 @@ def shown_captures(quiet: bool = False) -> Iterator[Callable[[Standing], None]]:
     if quiet or not sys.stderr.isatty():
         yield lambda _: None
         return
+    from rich.progress import TextColumn
+
+    # rich's own estimate forgets what is older than half a minute.
+    with _bars(TextColumn("left {task.fields[left]}")) as bars:
+        task = bars.add_task("captures", total=None, detail="starting", left="-:--:--")
+
+        def show(now: Standing) -> None:
+            detail = f"{now.done}/{now.total}" + (f"  {now.failed} failed" if now.failed else "")
+            left = "-:--:--" if now.left_s is None else str(timedelta(seconds=round(now.left_s)))
+            bars.update(task, total=now.total, completed=now.done, detail=detail, left=left)
+
+        yield show
+
+
+def _bars(*last: Any) -> Any:
+    """rich's bars on stderr: what, a bar, its `detail`, the time, and these last columns."""
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Bars
@@ -68,18 +74,8 @@ def shown_captures(quiet: bool = False) -> Iterator[Callable[[Standing], None]]:
         BarColumn(),
         TextColumn("{task.fields[detail]}"),
         TimeElapsedColumn(),
-        TextColumn("left {task.fields[left]}"),
     )
-    with Bars(*columns, console=Console(stderr=True)) as bars:
-        task = bars.add_task("captures", total=None, detail="starting", left="-:--:--")
-
-        def show(now: Standing) -> None:
-            detail = f"{now.done}/{now.total}" + (f"  {now.failed} failed" if now.failed else "")
-            # rich's own estimate forgets what is older than half a minute.
-            left = "-:--:--" if now.left_s is None else str(timedelta(seconds=round(now.left_s)))
-            bars.update(task, total=now.total, completed=now.done, detail=detail, left=left)
-
-        yield show
+    return Bars(*columns, *last, console=Console(stderr=True))
 
 
 def _compiled() -> bool:

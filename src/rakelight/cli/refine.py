@@ -13,6 +13,7 @@ from rakelight.cli.options import (
     F,
     count_photographs,
     findings_as_json,
+    output_folder,
     output_options,
     parse_memory,
     parse_photographs,
@@ -27,7 +28,7 @@ from rakelight.methods import METHODS
 from rakelight.model import Result
 
 if TYPE_CHECKING:
-    from rakelight.batch.one import Recipe
+    from rakelight.recipe import Recipe
 
 
 # How a capture is refined and written; `recipe_of` reads them.
@@ -86,8 +87,8 @@ def recipe_of(
 
     written : `mesh` and `normal_map`
     """
-    from rakelight.batch.one import Recipe
     from rakelight.cli.settings import options_with, parse_settings
+    from rakelight.recipe import Recipe
 
     named = parse_settings(settings)
     recipe = Recipe(
@@ -105,14 +106,7 @@ def recipe_of(
 
 @click.command("refine")
 @click.argument("capture", type=click.Path(path_type=Path))
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
-    required=True,
-    metavar="OUT",
-    help="The result folder; appears complete or not at all.",
-)
+@output_folder("OUT", "The result folder; appears complete or not at all.")
 @recipe_options
 @click.option(
     "--memory",
@@ -136,10 +130,10 @@ def command(
 
     CAPTURE is a capture folder or whatever else `rakelight import --list` names.
     """
-    from rakelight.batch.one import refine_source
     from rakelight.export import RESULT
     from rakelight.folders import require_free
     from rakelight.memory import limited_memory
+    from rakelight.recipe import refine_source
 
     limit = None if memory is None else parse_memory(memory)
     recipe = recipe_of(**options)

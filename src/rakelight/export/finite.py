@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from rakelight.errors import InputError
-from rakelight.export.strips import ROWS
 from rakelight.geometry.camera import require_ideal
+from rakelight.geometry.grid import row_strips
 from rakelight.model import Finding, Floats, Mask, Result
 
 
@@ -60,8 +60,7 @@ def _is_clean(result: Result) -> bool:
     if not (np.isfinite(result.lights.vector).all() and np.isfinite(result.lights.ambient).all()):
         return False
     seen = False
-    for first in range(0, len(result.depth), ROWS):
-        rows = slice(first, first + ROWS)
+    for rows in row_strips(len(result.depth)):
         depth, albedo, confidence = (
             each[rows] for each in (result.depth, result.albedo, result.confidence)
         )

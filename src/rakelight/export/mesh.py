@@ -15,6 +15,7 @@ import numpy as np
 
 from rakelight.export.pictures import object_window
 from rakelight.geometry.camera import back_project
+from rakelight.geometry.grid import row_strips
 from rakelight.geometry.mesh import pixel_triangles, pixel_vertices
 from rakelight.model import Array, Camera, Floats, Mask, Mesh, PointCloud, Result
 from rakelight.prepare.linear import srgb
@@ -81,8 +82,7 @@ class Surface:
 
     def strips(self) -> Iterator[slice]:
         """Rows of the window, from the first to the last."""
-        for first in range(0, len(self.used), STRIP_ROWS):
-            yield slice(first, min(first + STRIP_ROWS, len(self.used)))
+        return row_strips(len(self.used), STRIP_ROWS)
 
     def part(self, image: Array, rows: slice) -> Array:
         """An image (H, W[, C]) of the result in rows of the window."""

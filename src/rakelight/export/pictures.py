@@ -164,14 +164,20 @@ def shown_at(image: Floats, factor: int) -> Floats:
     return area_mean(image[:height, :width], factor)
 
 
+def shown_normals(normals: Floats, factor: int) -> Floats:
+    """Unit normals (h, w, 3) averaged over blocks, themselves for a factor of 1."""
+    if factor == 1:
+        return normals
+    mean = shown_at(normals, factor)
+    return np.asarray(mean / np.maximum(np.linalg.norm(mean, axis=-1, keepdims=True), 1e-12))
+
+
 def preview(result: Result) -> Array:
     """The prepared depth (left) and the refined one (right) as clay, cropped to the object."""
     camera, factor, before_m, after_m = shown_depth(result)
     prepared = np.isfinite(before_m)
     before = shaded(surface_normals(before_m, prepared, camera), prepared)
-    normals = shown_at(result.normals[object_window(result.mask)], factor)
-    if factor > 1:
-        normals = normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12)
+    normals = shown_normals(result.normals[object_window(result.mask)], factor)
     return side_by_side(before, shaded(normals, np.isfinite(after_m)))
 
 

@@ -6,9 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from rakelight.geometry.grid import row_strips
 from rakelight.model import Array
-
-ROWS = 256
 
 
 def in_strips(convert: Callable[[Array], Array], image: Array) -> Array:
@@ -17,11 +16,11 @@ def in_strips(convert: Callable[[Array], Array], image: Array) -> Array:
     >>> in_strips(lambda strip: 2 * strip, np.ones((600, 1))).sum()
     np.float64(1200.0)
     """
-    first = convert(image[:ROWS])
-    if len(image) <= ROWS:
-        return first
+    strips = row_strips(len(image))
+    rows = next(strips)
+    first = convert(image[rows])
     out = np.empty((len(image), *first.shape[1:]), first.dtype)
-    out[:ROWS] = first
-    for row in range(ROWS, len(image), ROWS):
-        out[row : row + ROWS] = convert(image[row : row + ROWS])
+    out[rows] = first
+    for rows in strips:
+        out[rows] = convert(image[rows])
     return out

@@ -8,6 +8,7 @@ function here takes a mask, which links all its neighbours, or `Links`.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from math import radians, tan
@@ -261,6 +262,19 @@ def connected(grid: Grid) -> tuple[Array, int]:
     count, label = connected_components(graph, directed=False)
     labels[links.mask] = label
     return labels, int(count) if size else 0
+
+
+def row_strips(height: int, most: int = 256) -> Iterator[slice]:
+    """Rows of an image from the first to the last, at most so many at a time.
+
+    Work that needs memory for each pixel needs it for a strip's alone then; 256 rows of a large
+    photograph are megabytes.
+
+    >>> list(row_strips(5, 2))
+    [slice(0, 2, None), slice(2, 4, None), slice(4, 5, None)]
+    """
+    for first in range(0, height, most):
+        yield slice(first, min(first + most, height))
 
 
 def bounding_window(mask: Mask, margin: int = 0) -> tuple[slice, slice]:

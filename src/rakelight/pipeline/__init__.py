@@ -16,6 +16,7 @@ from rakelight.capture.arrays import checked_capture
 from rakelight.check.camera_motion import camera_motion
 from rakelight.check.depth_checks import DEPTH_CHECKS
 from rakelight.errors import CaptureError, InputError, MethodError
+from rakelight.geometry.grid import row_strips
 from rakelight.jit import one_blas_thread
 from rakelight.memory import available_memory, limited_memory, require_memory
 from rakelight.methods import (
@@ -37,15 +38,13 @@ from rakelight.model import (
     RigidTransform,
     silent,
 )
-from rakelight.pipeline.degenerate import without_normals
-from rakelight.pipeline.guarded import guarded, surface
+from rakelight.pipeline.guarded import estimated, surface
+from rakelight.pipeline.lower_resolution import REMEDY
 from rakelight.pipeline.prediction import prediction_errors
 from rakelight.pipeline.saturated_albedo import bounded_albedo
 from rakelight.pipeline.tiles import Maps, tiled_maps
 from rakelight.prepare import Prepared, PreparedView, Scale, prepared_view
 from rakelight.prepare.undistort import undistorted
-
-FINITE_ROWS = 256  # looked at together by `is_finite`: megabytes of a large image
 
 
 def refine(
@@ -88,8 +87,7 @@ def refine(
 
 def is_finite(result: Result) -> bool:
     """Whether all is finite but what lies outside the object, a strip of rows at a time."""
-    for first in range(0, len(result.depth), FINITE_ROWS):
-        rows = slice(first, first + FINITE_ROWS)
+    for rows in row_strips(len(result.depth)):
         depth = result.depth[rows]
         inside = np.isfinite(depth)
         found = result.normals[rows][inside], result.albedo[rows]
@@ -223,16 +221,15 @@ def _maps(
 
     Raises MachineError when there is too little memory for the method.
     """
-    rows, columns = view.object_window
-    pixels = (rows.stop - rows.start) * (columns.stop - columns.start)
+    pixels = view.window_pixels
     if chosen.in_tiles and pixels * chosen.bytes_per_pixel > available_memory():
         return tiled_maps(capture, view, chosen, options, progress)
     require_memory(
         pixels * chosen.bytes_per_pixel,
         source=capture.source,
-        remedy="close other programs, choose a smaller --scale, or crop to the object",
+        remedy=REMEDY,
     )
-    prepared = view.window(rows, columns)
+    prepared = view.window(*view.object_window)
     unused = lights_unused(prepared, chosen)
     prepared, estimate = estimated(chosen, prepared, options, progress)
     depth_m, normals = surface(prepared, estimate)
@@ -247,19 +244,6 @@ def _maps(
         normal_sigma_deg=_embedded(prepared, estimate.normal_sigma),
     )
     return unused + estimate.findings + bounded, prepared, estimate, maps
-
-
-def estimated(
-    chosen: Method, prepared: Prepared, options: Any, progress: ProgressCallback = silent
-) -> tuple[Prepared, Estimate]:
-    """The method's estimate with its safeguards, and the photographs that it was made from."""
-    with one_blas_thread():
-        degenerate = without_normals(prepared)
-        if degenerate is not None:
-            return prepared, degenerate
-        if chosen.starts_from_depth:
-            return guarded(chosen.run, prepared, options, progress)
-        return prepared, chosen.run(prepared, options, progress)
 
 
 @contextmanager

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from rakelight.check.odd_photograph import odd_finding, odd_photographs
 from rakelight.errors import MethodError
 from rakelight.geometry.normals import surface_normals
-from rakelight.methods.base import Estimate
-from rakelight.model import Floats, ProgressCallback
+from rakelight.jit import one_blas_thread
+from rakelight.methods.base import Estimate, Method
+from rakelight.model import Floats, ProgressCallback, silent
+from rakelight.pipeline.degenerate import without_normals
 from rakelight.pipeline.held_back import LARGEST_RATIO, Prediction, kept, predict
 from rakelight.prepare import Prepared
 
@@ -22,6 +24,19 @@ Run = Callable[[Prepared, Options, ProgressCallback], Estimate]
 # Rounds of looking for odd photographs, since one can hide another; each refines again (no draw of
 # ablation.md changes by 5 %).
 LOOKS = 2
+
+
+def estimated(
+    chosen: Method, prepared: Prepared, options: Any, progress: ProgressCallback = silent
+) -> tuple[Prepared, Estimate]:
+    """The method's estimate with its safeguards, and the photographs that it was made from."""
+    with one_blas_thread():
+        degenerate = without_normals(prepared)
+        if degenerate is not None:
+            return prepared, degenerate
+        if chosen.starts_from_depth:
+            return guarded(chosen.run, prepared, options, progress)
+        return prepared, chosen.run(prepared, options, progress)
 
 
 def guarded(

@@ -29,8 +29,7 @@ def lower_resolution(capture: Capture, view: PreparedView, chosen: Method) -> in
 
     Raises MachineError where it fits at none that the depth sensor's pixels allow.
     """
-    rows, columns = view.object_window
-    pixels = (rows.stop - rows.start) * (columns.stop - columns.start)
+    pixels = view.window_pixels
     room = COARSE_SHARE * (available_memory() - FIXED_BYTES) / chosen.bytes_per_pixel
     finest = int(view.grid.factor * (1 + 1e-9))
     possible = [s for s in SHRINKS if s <= finest and pixels <= s**2 * room]

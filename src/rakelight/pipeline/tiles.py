@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rakelight.geometry.grid import row_strips
 from rakelight.jit import one_blas_thread, side_by_side, worth_side_by_side
 from rakelight.memory import available_memory, require_memory
 from rakelight.methods.base import Estimate, Method, brightest, lights_unused
 from rakelight.model import Capture, Finding, Floats, Mask, Progress, ProgressCallback
-from rakelight.pipeline.guarded import surface
+from rakelight.pipeline.guarded import estimated, surface
 from rakelight.pipeline.lower_resolution import REMEDY, coarse_view, lower_resolution
 from rakelight.pipeline.saturated_albedo import bound_findings, with_lower_bounds
 from rakelight.prepare import Prepared, PreparedView
@@ -35,8 +36,6 @@ MAP_BYTES, TILE_BYTES = 48, 2000
 LARGEST_TILE = 500_000
 # Share of the memory that may be had which the tiles take.
 TILE_SHARE = 0.7
-# Rows of a map that are finished at a time.
-ROWS = 256
 # Pixels whose albedo is looked at for its 99th percentile.
 SAMPLE = 1_000_000
 
@@ -138,8 +137,6 @@ def tiled_maps(
 
     Raises MachineError where the memory does not suffice for the lower resolution, or for a tile.
     """
-    from rakelight.pipeline import estimated
-
     shrink = lower_resolution(capture, view, chosen)
     coarse = coarse_view(capture, view, shrink)
     prepared = coarse.window(*coarse.object_window)
@@ -235,8 +232,7 @@ def finish(maps: Maps, view: PreparedView) -> float:
     """
     inside = np.flatnonzero(view.mask)[:: max(1, np.count_nonzero(view.mask) // SAMPLE)]
     gain = brightest(maps.albedo.reshape(-1, 3)[inside])
-    for first in range(0, len(view.mask), ROWS):
-        strip = slice(first, first + ROWS)
+    for strip in row_strips(len(view.mask)):
         outside = ~view.mask[strip]
         length = np.linalg.norm(maps.normals[strip], axis=-1, keepdims=True)
         maps.normals[strip] /= np.maximum(length, 1e-12)

@@ -16,7 +16,7 @@ import numpy as np
 
 from rakelight.errors import CaptureError, InputError
 from rakelight.files import in_threads
-from rakelight.geometry.grid import Links, area_mean, bounding_window, surface_links
+from rakelight.geometry.grid import Links, area_mean, bounding_window, row_strips, surface_links
 from rakelight.model import (
     SATURATED,
     Array,
@@ -142,6 +142,12 @@ class PreparedView:
     def object_window(self) -> tuple[slice, slice]:
         """Rows and columns of the object, a pixel wider where there is one."""
         return bounding_window(self.mask, margin=1)
+
+    @property
+    def window_pixels(self) -> int:
+        """How many pixels `object_window` has."""
+        rows, columns = self.object_window
+        return int((rows.stop - rows.start) * (columns.stop - columns.start))
 
     def window(
         self, rows: slice, columns: slice, photographs: Iterable[int] | None = None
@@ -308,14 +314,13 @@ def shrunk_photographs(capture: Capture, shrink: int) -> Array:
     small = np.empty((len(capture.photographs), height, width, 3), dtype=np.uint16)
 
     def shrink_one(i: int) -> None:
-        for first in range(0, height, STRIP_ROWS):
-            last = min(first + STRIP_ROWS, height)
-            strip = capture.photographs[i, first * shrink : last * shrink]
+        for rows in row_strips(height, STRIP_ROWS):
+            strip = capture.photographs[i, rows.start * shrink : rows.stop * shrink]
             mean = area_mean(to_linear(strip, capture.encoding), shrink)
             clipped = strip >= SATURATED * capture.white
             mean[area_mean(clipped, shrink) > 0] = 1.0
             code = srgb(mean) if capture.encoding == "srgb" else mean
-            small[i, first:last] = np.round(white * code)
+            small[i, rows] = np.round(white * code)
         release(capture.photographs)
 
     in_threads(shrink_one, range(len(small)))

@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 from base64 import b64encode
-from hashlib import sha256
 from math import radians, sin
 from pathlib import PurePath
 from typing import Any
 
 import cv2
 import numpy as np
-from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from rakelight.capture.images import encode_jpeg
 from rakelight.checkup.report import CheckReport
 from rakelight.errors import printable
 from rakelight.export.pictures import object_window
-from rakelight.export.summary import program_version
 from rakelight.model import Array, Capture, Encoding
 from rakelight.prepare.linear import srgb, to_linear
-from rakelight.report.page import page_text, shown
 from rakelight.report.sealed import require_free_page, sealed, write_page
+from rakelight.report.template import page_text, rendered
 
 __all__ = ["check_html", "require_free_page", "thumbnail", "write_page"]
 
@@ -38,18 +35,10 @@ def check_html(report: CheckReport, capture: Capture) -> bytes:
     >>> b"not usable" in check_html(CheckReport("good", "good", (), (), "multi-light"), capture)
     False
     """
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, finalize=shown,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
-    style = page_text("page.css") + page_text("check.css")
-    digest = b64encode(sha256(style.encode()).digest()).decode()
-    page = environment.from_string(page_text("check.html")).render(
-        policy=f"default-src 'none'; style-src 'sha256-{digest}'; img-src data:; "
-        "base-uri 'none'; form-action 'none'",
-        style=Markup(style),
+    page = rendered(
+        page_text("check.html"),
+        style=page_text("page.css") + page_text("check.css"),
         title=PurePath(printable(report.source)).name or printable(report.source) or "capture",
-        version=program_version(),
         report=report,
         warnings=[finding for finding in report.findings if finding.severity == "warning"],
         notes=[finding for finding in report.findings if finding.severity != "warning"],

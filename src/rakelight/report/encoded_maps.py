@@ -17,7 +17,7 @@ from markupsafe import Markup
 
 from rakelight.export.confidence import confidence_values
 from rakelight.export.finite import all_finite
-from rakelight.export.pictures import object_window, shown_at, shown_depth
+from rakelight.export.pictures import object_window, shown_at, shown_depth, shown_normals
 from rakelight.geometry.grid import STEEPEST
 from rakelight.geometry.normals import surface_normals
 from rakelight.model import Array, Camera, Floats, Mask, Result
@@ -60,16 +60,15 @@ def viewer_maps(result: Result) -> Maps:
     """The maps of a result in the object's window, with a resolution that a page can hold."""
     camera, factor, before_m, after_m = shown_depth(result)
     window = object_window(result.mask)
-    normals, albedo, confidence = (
-        shown_at(image[window], factor)
-        for image in (result.normals, result.albedo, result.confidence)
+    albedo, confidence = (
+        shown_at(image[window], factor) for image in (result.albedo, result.confidence)
     )
     return Maps(
         camera,
         before_m,
         after_m,
         surface_normals(before_m, np.isfinite(before_m), camera),
-        normals if factor == 1 else _unit(normals),
+        shown_normals(result.normals[window], factor),
         albedo,
         confidence,
         shrunk=factor,
@@ -162,11 +161,6 @@ def encode(values: Array) -> Markup:
     # What is left repeats itself in runs of zeros only: the search for more would take long.
     deflate = zlib.compressobj(strategy=zlib.Z_RLE)
     return Markup(b64encode(deflate.compress(data) + deflate.flush()).decode("ascii"))
-
-
-def _unit(vectors: Floats) -> Floats:
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.asarray(vectors / np.maximum(length, 1e-12))
 
 
 def _continued(image: Floats, inside: Mask) -> Floats:

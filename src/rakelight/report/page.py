@@ -1,29 +1,20 @@
-"""The page: template, style, viewer, maps and pictures in one file that asks for nothing.
-
-The content security policy allows the one script and the one style that are in it, by their
-hashes, and pictures that are data; everything else is forbidden, requests above all.
-"""
+"""The report: template, style, viewer, maps and pictures in one file that asks for nothing."""
 
 from __future__ import annotations
 
-from base64 import b64encode
-from hashlib import sha256
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined
-from markupsafe import Markup
 
 from rakelight.errors import printable
 from rakelight.export.pictures import CONFIDENCE_COLORS
-from rakelight.export.summary import program_version
 from rakelight.geometry.normals import surface_normals
 from rakelight.metrics import evaluate_maps
 from rakelight.model import Result, Truth
 from rakelight.report import charts, facts
 from rakelight.report.encoded_maps import pack, viewer_maps
 from rakelight.report.pictures import result_pictures, truth_pictures
+from rakelight.report.template import page_text, rendered
 
 # In this order they are one script.
 VIEWER = ("encoded_maps.js", "mesh.js", "view.js", "scene.js", "measure.js", "main.js")
@@ -42,20 +33,11 @@ def report_html(result: Result, truth: Truth | None = None) -> bytes:
         "ramp": [[value / 255 for value in color] for color in CONFIDENCE_COLORS],
         "lights": charts.viewer_lights(lights),
     }
-    style, script = _style(), _script()
-    environment = Environment(
-        autoescape=True,
-        undefined=StrictUndefined,
-        finalize=shown,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    page = environment.from_string(page_text("page.html")).render(
-        policy=_policy(script, style),
-        style=Markup(style),
-        script=Markup(script),
+    page = rendered(
+        page_text("page.html"),
+        style=page_text("page.css"),
+        script=_script(),
         title=facts.title_of(result),
-        version=program_version(),
         result=result,
         warnings=[f for f in result.findings if f.severity == "warning"],
         notes=[f for f in result.findings if f.severity != "warning"],
@@ -97,31 +79,6 @@ def _against(result: Result, truth: Truth) -> dict[str, Any]:
     }
 
 
-def shown(value: Any) -> Any:
-    """What the page says of a value: no text from outside reverses or hides the text around it."""
-    return printable(value) if isinstance(value, str) and not isinstance(value, Markup) else value
-
-
-def page_text(name: str) -> str:
-    """The content of a file of this folder."""
-    return files("rakelight.report").joinpath(name).read_text(encoding="utf-8")
-
-
-def _style() -> str:
-    return page_text("page.css")
-
-
 def _script() -> str:
     parts = "\n".join(page_text(f"viewer/{name}") for name in VIEWER)
     return f'(() => {{\n"use strict";\n{parts}\n}})();\n'
-
-
-def _policy(script: str, style: str) -> str:
-    """What the page may do: run this script, use this style, show pictures that are data."""
-    script_hash, style_hash = (
-        b64encode(sha256(text.encode()).digest()).decode() for text in (script, style)
-    )
-    return (
-        f"default-src 'none'; script-src 'sha256-{script_hash}'; "
-        f"style-src 'sha256-{style_hash}'; img-src data:; base-uri 'none'; form-action 'none'"
-    )

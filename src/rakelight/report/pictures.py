@@ -51,15 +51,15 @@ def result_pictures(maps: Maps) -> list[ReportPicture]:
     prepared, mask = np.isfinite(maps.before_m), np.isfinite(maps.after_m)
     return [
         _picture("Before", "The prepared depth as clay, lamp low at the upper left",
-               shaded(maps.before, prepared)),
+                 shaded(maps.before, prepared)),
         _picture("After", "The refined depth as clay, under the same lamp",
-               shaded(maps.after, mask)),
+                 shaded(maps.after, mask)),
         _picture("Albedo", "The paint: what is left when light and shade are taken away",
-               albedo_picture(maps.albedo, mask)),
+                 albedo_picture(maps.albedo, mask)),
         _picture("Normals", "Red: to the right, green: up, blue: to the viewer",
-               normals_picture(maps.after, mask)),
+                 normals_picture(maps.after, mask)),
         _picture("Confidence", "Yellow: the photographs settle the slope; blue: they leave it open",
-               confidence_picture(maps.confidence, mask)),
+                 confidence_picture(maps.confidence, mask)),
     ]  # fmt: skip
 
 

@@ -7,9 +7,7 @@ import numpy as np
 from rakelight import evaluate, load_capture, refine
 from rakelight.capture.from_arrays import capture_from_arrays
 from rakelight.model import RigidTransform, Truth
-from rakelight.synthetic import make_albedo, make_shape
-from rakelight.synthetic.noise import DepthNoise
-from rakelight.synthetic.scene import SceneOptions, render_scene
+from tests.capture.moving_lamp import head_seen_by_two_cameras
 from tests.capture.readers.kinect_files import (
     DEPTH_HEIGHT,
     DEPTH_WIDTH,
@@ -43,25 +41,8 @@ def moved(camera, shape, at):
     )
 
 
-def filmed():
-    """(frames, millimetres, camera, depth camera, truth), all of the small scene."""
-    shape = make_shape("head")
-    options = SceneOptions(
-        camera=shape.camera.scaled(0.3),
-        photographs=16,
-        bits=8,
-        encoding="srgb",
-        image_noise=0.005,
-        depth_factor=2.5,
-        depth_to_color=BESIDE,
-        depth_frames=16,
-        depth_noise=DepthNoise(rms_mm=2.0, correlation_length_px=1.0),
-    )
-    return render_scene(shape, make_albedo("white"), options)
-
-
 def test_a_recording_is_refined_as_well_as_its_frames(tmp_path):
-    made, truth = filmed()
+    made, truth = head_seen_by_two_cameras(0.3, 2.5, BESIDE)
     color_shape, depth_shape = (HEIGHT, WIDTH), (DEPTH_HEIGHT, DEPTH_WIDTH)
     camera = moved(made.camera, color_shape, AT)
     depth_camera = moved(made.depth_camera, depth_shape, DEPTH_AT)

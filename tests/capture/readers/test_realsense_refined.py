@@ -5,30 +5,11 @@ import numpy as np
 from rakelight import evaluate, load_capture, refine
 from rakelight.capture.from_arrays import capture_from_arrays
 from rakelight.model import RigidTransform
-from rakelight.synthetic import make_albedo, make_shape
-from rakelight.synthetic.noise import DepthNoise
-from rakelight.synthetic.scene import SceneOptions, render_scene
+from tests.capture.moving_lamp import head_seen_by_two_cameras
 from tests.capture.readers.realsense_files import Take, write_db3
 
 BESIDE = RigidTransform(np.eye(3), np.array([0.015, 0.0, 0.0]))
 UNIT_M = 0.001
-
-
-def filmed(scale):
-    """A capture of 16 frames of 8 bit, with depth of a camera beside it; and its truth."""
-    shape = make_shape("head")
-    options = SceneOptions(
-        camera=shape.camera.scaled(scale),
-        photographs=16,
-        bits=8,
-        encoding="srgb",
-        image_noise=0.005,
-        depth_factor=1.5,
-        depth_to_color=BESIDE,
-        depth_frames=16,
-        depth_noise=DepthNoise(rms_mm=2.0, correlation_length_px=1.0),
-    )
-    return render_scene(shape, make_albedo("white"), options)
 
 
 def recorded(path, capture):
@@ -45,7 +26,7 @@ def recorded(path, capture):
 
 
 def test_a_recording_is_refined_as_well_as_its_frames(tmp_path):
-    capture, truth = filmed(0.25)
+    capture, truth = head_seen_by_two_cameras(0.25, 1.5, BESIDE)
     recorded(tmp_path / "rec.db3", capture)
     found = load_capture(tmp_path / "rec.db3")
     direct = capture_from_arrays(

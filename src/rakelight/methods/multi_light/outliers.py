@@ -48,7 +48,7 @@ class Outliers:
 
     hidden : (N, h, w, C) values in cast shadow; None for none
     coefficients : (E,) of the highlights, of `photometry.specular`'s lobes, 0 where there are none
-    largest_fraction : of a value that may be specular for it to be used
+    largest_fraction : of a value that may be specular for it to be used; 1 without highlights
     """
 
     hidden: Mask | None
@@ -112,7 +112,9 @@ def find_outliers(level: Level, log_depth: Floats, lights: LightParameters) -> O
     )
     if explained < LEAST_EXPLAINED:
         coefficients = np.zeros_like(coefficients)
-    largest = specular_limit(values, np.tensordot(coefficients, unit, 1))
+    largest = 1.0
+    if coefficients.any():
+        largest = specular_limit(values, np.tensordot(coefficients, unit, 1))
     return Outliers(hidden, coefficients, largest)
 
 
