@@ -32,14 +32,12 @@ from scipy.ndimage import binary_dilation, gaussian_filter
 from scipy.stats import spearmanr
 
 from rakelight.capture.images import encode_png
-from rakelight.export.pictures import object_window, side_by_side
 from rakelight.geometry.camera import pixel_rays
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light.bas_relief import nearest_bas_relief
 from rakelight.methods.multi_light.noise import estimate_equal_intensity_weight
 from rakelight.metrics import (
-    color_errors,
     depth_error_map_mm,
     evaluate_depth,
     evaluate_maps,
@@ -48,6 +46,9 @@ from rakelight.metrics import (
 from rakelight.model import Array, Camera, Capture, Floats, Lights, Mask, Result, Truth
 from rakelight.paper.scenes import PAPER_OPTIONS, paper_object
 from rakelight.photometry.images import LightParameters
+from rakelight.pictures.colors import color_errors
+from rakelight.pictures.montage import side_by_side
+from rakelight.pictures.shown import object_window
 from rakelight.pipeline import refine
 from rakelight.prepare import prepare
 from rakelight.solve import assemble, solve

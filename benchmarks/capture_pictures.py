@@ -23,10 +23,11 @@ import numpy as np
 from rakelight import check_capture, evaluate, refine
 from rakelight.capture.images import encode_jpeg
 from rakelight.errors import RakelightError
-from rakelight.export.pictures import object_window, shaded
 from rakelight.geometry.normals import surface_normals
 from rakelight.metrics import evaluate_maps
 from rakelight.model import Array, Capture, Floats, Truth
+from rakelight.pictures.clay import shaded
+from rakelight.pictures.shown import object_window
 from rakelight.prepare import prepare
 from rakelight.prepare.linear import srgb, to_linear
 from rakelight.report.check_page import check_html

@@ -14,7 +14,9 @@ import cv2
 import numpy as np
 
 from rakelight.capture.images import encode_png
-from rakelight.export.pictures import object_window, shaded, side_by_side
+from rakelight.pictures.clay import shaded
+from rakelight.pictures.montage import side_by_side
+from rakelight.pictures.shown import object_window
 
 ENLARGED = 3
 

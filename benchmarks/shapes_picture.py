@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from rakelight.export.pictures import shaded
 from rakelight.model import Array
+from rakelight.pictures.clay import shaded
 from rakelight.prepare.linear import srgb
 from rakelight.synthetic import SHAPES, SceneOptions, make_albedo, make_shape, render_scene
 

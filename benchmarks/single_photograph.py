@@ -17,9 +17,10 @@ import numpy as np
 
 from rakelight.capture import load_capture
 from rakelight.capture.images import encode_png
-from rakelight.export.pictures import RAKING, shaded, side_by_side
 from rakelight.geometry.normals import surface_normals
 from rakelight.model import Array, Capture
+from rakelight.pictures.clay import RAKING, shaded
+from rakelight.pictures.montage import side_by_side
 from rakelight.pipeline import refine
 from rakelight.prepare import prepare
 

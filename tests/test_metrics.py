@@ -7,7 +7,6 @@ from hypothesis.extra.numpy import arrays
 import rakelight
 from rakelight.errors import InputError
 from rakelight.metrics import (
-    color_errors,
     depth_error_map_mm,
     depth_errors,
     evaluate_maps,
@@ -158,22 +157,6 @@ def test_wrong_input(depth, truth, mask, words):
 def test_normals_of_another_size():
     with pytest.raises(InputError, match="different size"):
         normal_errors(FACING[:2], FACING, ALL)
-
-
-def test_colors_grow_darker_to_the_stated_range_and_stay_there():
-    picture = color_errors(np.array([[10.0, 11.0, 1e9, 0.0, np.nan]]), largest=10)
-    assert picture.dtype == np.uint8
-    assert picture.shape == (1, 5, 3)
-    assert (picture[0, 0] == picture[0, 1]).all()
-    assert (picture[0, 0] == picture[0, 2]).all()
-    assert (picture[0, 0] != picture[0, 3]).any()
-    assert (picture[0, 4] == 255).all()
-
-
-@pytest.mark.parametrize("largest", [0.0, -1.0, np.nan, np.inf])
-def test_an_impossible_color_range(largest):
-    with pytest.raises(InputError, match="range"):
-        color_errors(np.zeros(SIZE), largest)
 
 
 @pytest.mark.parametrize("bad", [None, [[1.0]], np.full(SIZE, "x"), np.ones(SIZE, complex), 3.0])

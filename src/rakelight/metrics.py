@@ -19,7 +19,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from rakelight.errors import InputError, check_is
 from rakelight.geometry.normals import surface_normals
@@ -195,33 +194,6 @@ def normal_error_map_deg(normals: Floats, truth_normals: Floats, mask: Mask) -> 
     crossed = np.linalg.norm(np.cross(a, b), axis=-1)
     errors[present] = np.degrees(np.arctan2(crossed, np.sum(a * b, axis=-1)))
     return errors
-
-
-def color_errors(errors: Floats, largest: float) -> npt.NDArray[np.uint8]:
-    """(H, W, 3) uint8 picture of an error map: 0 is dark blue, `largest` and above dark red.
-
-    NaN (off the mask) is white.  Raises InputError when `largest` is not positive.
-
-    >>> color_errors(np.array([[0.0, 5.0, 99.0, np.nan]]), largest=10).tolist()
-    [[[18, 26, 92], [245, 240, 170], [128, 0, 28], [255, 255, 255]]]
-    """
-    if not (np.isfinite(largest) and largest > 0):
-        raise InputError(
-            "the range of an error map is not positive",
-            source="largest",
-            seen=f"{largest}",
-            needed="a value above 0",
-        )
-    share = np.clip(np.nan_to_num(np.asarray(errors, float)) / largest, 0, 1)
-    stops = np.linspace(0, 1, len(_COLORS))
-    picture = np.stack([np.interp(share, stops, column) for column in _COLORS.T], axis=-1)
-    picture[np.isnan(errors)] = 255
-    return np.asarray(np.rint(picture).astype(np.uint8))
-
-
-_COLORS = np.array(
-    [[18, 26, 92], [52, 128, 178], [245, 240, 170], [226, 120, 54], [128, 0, 28]], float
-)
 
 
 def _has_depth(depth_m: Floats) -> Mask:

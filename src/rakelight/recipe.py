@@ -10,10 +10,10 @@ from typing import Any
 
 from rakelight.capture import has_truth, load_truth
 from rakelight.capture.readers import Wanted, find_reader
-from rakelight.export.normals import NormalMap
 from rakelight.export.summary import MeshFormat, program_version
 from rakelight.methods import Method, choose_method, load_method
 from rakelight.model import Progress, ProgressCallback, Result, silent
+from rakelight.pictures.colors import NormalMap
 from rakelight.pipeline import refine
 from rakelight.prepare import Scale
 from rakelight.report import save_result

@@ -8,9 +8,8 @@ import pytest
 
 from rakelight.export import write_result
 from rakelight.export.depth import choose_values_per_metre, depth_values
-from rakelight.export.normals import normal_map
-from rakelight.export.pictures import object_window, preview, shaded, side_by_side
-from rakelight.model import Camera
+from rakelight.export.preview import preview
+from rakelight.pictures.shown import object_window
 from tests.export.readers import from_srgb, read_png
 
 tifffile = pytest.importorskip("tifffile")
@@ -87,10 +86,6 @@ def test_normals_png_directx_differs_in_green_alone(sphere, folder, tmp_path):
     assert np.abs(dx[:, 1] - gl[:, 1]).max() > 200
 
 
-def test_normal_map_does_not_wrap_for_vectors_slightly_too_long():
-    assert normal_map(np.array([[[1.02, 0, -1.02]]])).tolist() == [[[255, 128, 255]]]
-
-
 def test_albedo_png_is_16_bit_srgb(sphere, folder):
     values = read_png((folder / "albedo.png").read_bytes())
     assert values.max() > 255
@@ -128,29 +123,9 @@ def test_preview_png_shows_before_and_after_cropped(sphere, folder):
     assert len(np.unique(after[:, :width])) > 20
 
 
-def test_shading_is_lit_from_where_the_lamp_is(sphere):
-    image = shaded(sphere.normals, sphere.mask, light=(-1.0, 0.0, -0.5)).astype(float)
-    rows, columns = np.nonzero(sphere.mask)
-    middle = int(np.median(rows))
-    on_row = columns[rows == middle]
-    assert image[middle, on_row[2]] > 2 * image[middle, on_row[-2]]
-    assert (image[~sphere.mask] == 32).all()
-
-
-def test_side_by_side_keeps_the_order():
-    left, right = np.full((2, 3), 7, np.uint8), np.full((2, 3), 9, np.uint8)
-    assert side_by_side(left, right, gap=1)[0].tolist() == [7, 7, 7, 32, 9, 9, 9]
-
-
 def test_prepared_depth_with_holes_still_gives_a_preview(sphere, tmp_path):
     prepared = sphere.prepared_depth.copy()
     prepared[20:25, 20:40] = np.nan
     prepared[30, 30] = 0
     write_result(replace(sphere, prepared_depth=prepared), tmp_path / "out", mesh="none")
     assert (tmp_path / "out" / "preview.png").stat().st_size > 0
-
-
-def test_object_at_the_border_is_not_cut_off():
-    mask = np.ones((5, 7), bool)
-    assert object_window(mask) == (slice(0, 5), slice(0, 7))
-    assert Camera(7, 5, 1.0, 1.0, 3.0, 2.0).cropped(*object_window(mask)).shape == (5, 7)

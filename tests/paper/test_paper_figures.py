@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from rakelight.capture.images import decode_image
-from rakelight.export.pictures import BACKGROUND
 from rakelight.model import Camera, RigidTransform
 from rakelight.paper.bas_relief import bas_relief_aligned
-from rakelight.paper.drawing import clay, in_column, in_row, panel, turned
+from rakelight.paper.drawing import turned
 from rakelight.paper.figure1 import figure1
 from rakelight.paper.figure2 import explanations, figure2
 from rakelight.paper.figure3 import SENSOR, figure3
@@ -25,6 +24,7 @@ from rakelight.paper.runs import Runs, row_of
 from rakelight.paper.scenarios import scenarios
 from rakelight.paper.scenes import PAPER_OPTIONS, SCENARIOS, paper_camera
 from rakelight.paper.sheet import Sheet
+from rakelight.pictures.montage import BACKGROUND
 from rakelight.synthetic import DepthNoise, make_albedo, make_shape, render_scene
 
 CAMERA = Camera(60, 40, fx=400.0, fy=400.0, cx=29.5, cy=19.5)
@@ -210,22 +210,6 @@ def test_what_is_near_is_drawn_over_what_is_far():
     assert (front != BACKGROUND).sum() > 0.9 * MASK.sum()
     side = turned(depth_m, MASK, CAMERA, 90.0)
     assert side.shape[1] > 60  # the step of 0.2 m is 80 pixels deep
-
-
-def test_panels_are_joined_on_a_dark_ground():
-    small = panel(np.full((10, 20), 200, np.uint8), "a")
-    wide = panel(np.full((10, 20, 3), 200, np.uint8), "b", width=40)
-    assert in_row(small, wide).shape == (42, 20 + 8 + 40, 3)
-    assert in_column(small, wide).shape == (32 + 8 + 42, 40, 3)
-    assert (in_row(small, wide)[-1, 0] == BACKGROUND).all()
-
-
-def test_clay_is_dark_where_there_is_no_depth():
-    depth_m = np.where(MASK, 1.0, np.nan)
-    depth_m[20, 20] = np.nan
-    picture = clay(depth_m, MASK, CAMERA)
-    assert picture[20, 20] == BACKGROUND
-    assert (picture[MASK] != BACKGROUND).sum() == MASK.sum() - 1
 
 
 def test_a_sheet_names_its_files():

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from rakelight.capture.images import decode_image
-from rakelight.export.pictures import object_window
+from rakelight.pictures.shown import object_window
 from rakelight.report import report_html
 
 SOFTWARE = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")

@@ -6,7 +6,7 @@ from zlib import decompress
 import numpy as np
 import pytest
 
-from rakelight.export import pictures
+from rakelight.pictures import shown
 from rakelight.report.encoded_maps import encode, octahedral, pack, viewer_maps
 from tests.report.report_scenes import vase_result
 
@@ -62,7 +62,7 @@ def test_depth_comes_back_within_half_a_step():
 def test_large_maps_are_averaged_and_keep_their_place(monkeypatch):
     result, _ = vase_result(0.5)
     whole = viewer_maps(result)
-    monkeypatch.setattr(pictures, "MOST_PIXELS", 5000)
+    monkeypatch.setattr(shown, "MOST_PIXELS", 5000)
     small = viewer_maps(result)
     assert small.shrunk > 1
     assert small.camera.width * small.camera.height <= 5000

@@ -265,7 +265,7 @@ def test_distances_stay_when_the_object_is_turned(report, vase):
 
 def turned_pixel(report, result, point, yaw):
     """Where a point in metres is seen after a turn about the vertical through the middle."""
-    from rakelight.export.pictures import object_window
+    from rakelight.pictures.shown import object_window
 
     camera = result.camera.cropped(*object_window(result.mask))
     z = np.sort(result.depth[result.mask])[result.mask.sum() // 2]

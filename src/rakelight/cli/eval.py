@@ -101,7 +101,8 @@ def _write_maps(
 ) -> tuple[Finding, ...]:
     from rakelight.capture.images import encode_png
     from rakelight.files import write_bytes
-    from rakelight.metrics import color_errors, depth_error_map_mm, normal_error_map_deg
+    from rakelight.metrics import depth_error_map_mm, normal_error_map_deg
+    from rakelight.pictures.colors import color_errors
 
     depth_map = depth_error_map_mm(depth, truth.depth, truth.mask)
     normal_map = normal_error_map_deg(normals, truth.normals, truth.mask)

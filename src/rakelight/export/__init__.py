@@ -21,8 +21,8 @@ from rakelight.export.depth import choose_values_per_metre, depth_png, float32_t
 from rakelight.export.finite import only_finite
 from rakelight.export.lights import lights_json
 from rakelight.export.mesh import Surface, glb_parts, ply_parts
-from rakelight.export.normals import NormalMap, normals_png, normals_tiff
-from rakelight.export.pictures import preview_png
+from rakelight.export.normals import normals_png, normals_tiff
+from rakelight.export.preview import preview_png
 from rakelight.export.reading import load_result, read_summary
 from rakelight.export.summary import (
     MARKER,
@@ -36,6 +36,7 @@ from rakelight.export.summary import (
 from rakelight.files import in_threads, write_bytes, write_parts
 from rakelight.folders import Manifest, staged_folder
 from rakelight.model import Finding, Result
+from rakelight.pictures.colors import NormalMap
 
 __all__ = ["RESULT", "Summary", "load_result", "read_summary", "write_result"]
 

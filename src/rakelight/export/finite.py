@@ -8,7 +8,7 @@ import numpy as np
 
 from rakelight.errors import InputError
 from rakelight.geometry.camera import require_ideal
-from rakelight.geometry.grid import row_strips
+from rakelight.geometry.grid import all_finite, row_strips
 from rakelight.model import Finding, Floats, Mask, Result
 
 
@@ -93,17 +93,6 @@ def _inside(sigma: Floats | None, inside: Mask) -> Floats | None:
     if sigma is None:
         return None
     return np.where(inside & np.isfinite(sigma), sigma, np.nan)
-
-
-def all_finite(image: Floats) -> Mask:
-    """(H, W) where all three channels of an image (H, W, 3) are finite.
-
-    >>> all_finite(np.array([[[0.0, 1.0, 2.0], [0.0, np.nan, 2.0]]])).tolist()
-    [[True, False]]
-    """
-    # Six times as fast as `all` over an axis of three.
-    first, second, third = np.moveaxis(np.isfinite(image), -1, 0)
-    return np.asarray(first & second & third)
 
 
 def _finding(pixels: int, lights_bad: bool) -> Finding:

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from rakelight.export.pictures import object_window
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.grid import row_strips
 from rakelight.geometry.mesh import pixel_triangles, pixel_vertices
 from rakelight.model import Array, Camera, Floats, Mask, Mesh, PointCloud, Result
+from rakelight.pictures.shown import object_window
 from rakelight.prepare.linear import srgb
 
 # Camera frame (x right, y down, z forward) to glTF's (x right, y up, z to the viewer): a half

@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from rakelight.errors import InputError, parsing
-from rakelight.export.normals import NormalMap
 from rakelight.export.plain import json_bytes, plain
 from rakelight.model import Camera, Finding, Result
+from rakelight.pictures.colors import NormalMap
 
 SCHEMA = "rakelight-result/1"
 

@@ -335,3 +335,14 @@ def gradient_matrices(grid: Grid) -> tuple[Any, Any]:
         size = int(np.count_nonzero(mask))
         matrices.append(csr_array((np.concatenate(entries), place), shape=(size, size)))
     return matrices[0], matrices[1]
+
+
+def all_finite(image: Floats) -> Mask:
+    """(H, W) where all three channels of an image (H, W, 3) are finite.
+
+    >>> all_finite(np.array([[[0.0, 1.0, 2.0], [0.0, np.nan, 2.0]]])).tolist()
+    [[True, False]]
+    """
+    # Six times as fast as `all` over an axis of three.
+    first, second, third = np.moveaxis(np.isfinite(image), -1, 0)
+    return np.asarray(first & second & third)

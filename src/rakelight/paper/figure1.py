@@ -4,22 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rakelight.export.pictures import object_window
 from rakelight.geometry.normals import surface_normals
 from rakelight.metrics import evaluate_maps
 from rakelight.model import Array, Result
-from rakelight.paper.drawing import (
-    FACE,
-    clay,
-    close_up,
-    in_column,
-    in_row,
-    panel,
-    profile,
-    turned,
-)
+from rakelight.paper.drawing import FACE, close_up, profile, turned
 from rakelight.paper.runs import MAIN, Runs
 from rakelight.paper.sheet import Sheet
+from rakelight.pictures.clay import clay
+from rakelight.pictures.montage import in_column, in_row, panel
+from rakelight.pictures.shown import object_window
 
 YAW_DEG = 35.0
 MIDDLE = (0.5, 0.5)

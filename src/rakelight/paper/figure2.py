@@ -11,11 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rakelight.export.pictures import object_window, shaded
 from rakelight.model import Array, Floats
-from rakelight.paper.drawing import in_column, in_row, panel, photograph_picture
 from rakelight.paper.runs import Runs
 from rakelight.paper.sheet import Sheet
+from rakelight.pictures.clay import shaded
+from rakelight.pictures.colors import photograph_picture
+from rakelight.pictures.montage import in_column, in_row, panel
+from rakelight.pictures.shown import object_window
 from rakelight.synthetic import make_shape
 
 LAMP = (-0.5, -0.4, -0.77)

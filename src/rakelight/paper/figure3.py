@@ -6,20 +6,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rakelight.export.pictures import object_window
 from rakelight.model import Array, Camera, Capture, Floats, Mask, Truth
-from rakelight.paper.drawing import (
-    clay,
-    close_up,
-    depth_colors,
-    in_row,
-    panel,
-    photograph_picture,
-    profile,
-)
+from rakelight.paper.drawing import close_up, profile
 from rakelight.paper.runs import MAIN, Runs
 from rakelight.paper.scenes import PAPER_OPTIONS, paper_camera
 from rakelight.paper.sheet import Sheet
+from rakelight.pictures.clay import clay
+from rakelight.pictures.colors import depth_colors, photograph_picture
+from rakelight.pictures.montage import in_row, panel
+from rakelight.pictures.shown import object_window
 from rakelight.prepare.linear import to_linear
 from rakelight.prepare.sensor import SensorGrid, sensed, sensor_shape
 from rakelight.synthetic import DepthNoise, make_albedo, render_scene

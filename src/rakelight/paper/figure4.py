@@ -6,22 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rakelight.export.pictures import object_window
 from rakelight.geometry.normals import surface_normals
 from rakelight.metrics import depth_errors, normal_errors
 from rakelight.model import Array, Capture, Floats, Truth
-from rakelight.paper.drawing import (
-    clay,
-    close_up,
-    depth_colors,
-    in_column,
-    in_row,
-    panel,
-    profile,
-)
+from rakelight.paper.drawing import close_up, profile
 from rakelight.paper.figure3 import depth_camera, depth_mask, sensed_scene
 from rakelight.paper.runs import Runs
 from rakelight.paper.sheet import Sheet
+from rakelight.pictures.clay import clay
+from rakelight.pictures.colors import depth_colors
+from rakelight.pictures.montage import in_column, in_row, panel
+from rakelight.pictures.shown import object_window
 from rakelight.prepare.denoise import bilateral
 from rakelight.prepare.inpaint import inpaint
 from rakelight.prepare.sensor import sensed

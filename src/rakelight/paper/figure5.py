@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rakelight.export.pictures import object_window
 from rakelight.model import Array, Capture, Lights, Result
-from rakelight.paper.drawing import in_column, in_row, panel, photograph_picture
 from rakelight.paper.runs import MAIN, Runs
 from rakelight.paper.sheet import Sheet
+from rakelight.pictures.colors import photograph_picture
+from rakelight.pictures.montage import in_column, in_row, panel
+from rakelight.pictures.shown import object_window
 from rakelight.prepare.linear import to_linear
 
 IN_A_ROW, MOST = 4, 12

@@ -5,23 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from rakelight.export.normals import normal_map
-from rakelight.export.pictures import object_window
 from rakelight.geometry.normals import surface_normals
 from rakelight.metrics import depth_errors, normal_errors
 from rakelight.model import Array, Capture, Floats, Mask, Progress, Truth, silent
-from rakelight.paper.drawing import (
-    clay,
-    depth_colors,
-    in_column,
-    in_row,
-    panel,
-    photograph_picture,
-)
 from rakelight.paper.rows import Row
 from rakelight.paper.runs import MAIN, Runs, row_of
 from rakelight.paper.scenes import PAPER_OPTIONS, paper_camera
 from rakelight.paper.sheet import Sheet
+from rakelight.pictures.clay import clay
+from rakelight.pictures.colors import depth_colors, normal_map, photograph_picture
+from rakelight.pictures.montage import in_column, in_row, panel
+from rakelight.pictures.shown import object_window
 from rakelight.prepare.linear import to_linear
 from rakelight.synthetic import make_albedo, make_shape, render_scene
 

@@ -6,14 +6,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rakelight.export.pictures import object_window
 from rakelight.metrics import evaluate_maps, normal_errors
 from rakelight.model import Array, Camera, Floats, Mask, Result, Truth, silent
 from rakelight.paper.bas_relief import bas_relief_aligned
-from rakelight.paper.drawing import clay, in_column, in_row, panel, profile, turned
+from rakelight.paper.drawing import profile, turned
 from rakelight.paper.runs import MAIN, Runs, row_of
 from rakelight.paper.scenes import PAPER_OPTIONS
 from rakelight.paper.sheet import Sheet
+from rakelight.pictures.clay import clay
+from rakelight.pictures.montage import in_column, in_row, panel
+from rakelight.pictures.shown import object_window
 from rakelight.synthetic import make_albedo, render_scene
 
 METHODS = ("multi-light", "multi-light-alternating", "ldr-ps")

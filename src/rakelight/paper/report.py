@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from rakelight.paper.drawing import small_jpeg
 from rakelight.paper.figure6 import FEW
 from rakelight.paper.figure7 import LITTLE, NOTHING, enough
 from rakelight.paper.figure8 import LAMBERTIAN
 from rakelight.paper.scenes import SCENARIOS, paper_camera
 from rakelight.paper.sheet import SECONDS, Sheet
+from rakelight.pictures.montage import small_jpeg
 
 Sheets = Mapping[str, Sheet]
 

@@ -7,13 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rakelight.export.pictures import object_window
 from rakelight.model import Array, Floats, Mask, Truth
-from rakelight.paper.drawing import clay, in_column, in_row, panel, photograph_picture
 from rakelight.paper.rows import ROWS, Row
 from rakelight.paper.runs import Runs
 from rakelight.paper.scenes import SCENARIOS
 from rakelight.paper.sheet import Sheet
+from rakelight.pictures.clay import clay
+from rakelight.pictures.colors import photograph_picture
+from rakelight.pictures.montage import in_column, in_row, panel
+from rakelight.pictures.shown import object_window
 
 DETAIL_PX = 3.0
 """Detail is what an average over this many pixels, at 640 x 480, takes away."""

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from rakelight.export.pictures import object_window, shaded, side_by_side
 from rakelight.geometry.normals import surface_normals
 from rakelight.metrics import Evaluation, evaluate_maps
 from rakelight.model import Array, Progress, ProgressCallback, Truth, silent
 from rakelight.paper.rows import ROWS, Row
 from rakelight.paper.runs import Runs
 from rakelight.paper.scenes import SCENARIOS
+from rakelight.pictures.clay import shaded
+from rakelight.pictures.montage import side_by_side
+from rakelight.pictures.shown import object_window
 from rakelight.prepare import prepare
 
 

@@ -14,8 +14,8 @@ from markupsafe import Markup
 from rakelight.capture.images import encode_jpeg
 from rakelight.checkup.report import CheckReport
 from rakelight.errors import printable
-from rakelight.export.pictures import object_window
 from rakelight.model import Array, Capture, Encoding
+from rakelight.pictures.shown import object_window
 from rakelight.prepare.linear import srgb, to_linear
 from rakelight.report.sealed import require_free_page, sealed, write_page
 from rakelight.report.template import page_text, rendered

@@ -16,11 +16,10 @@ import numpy as np
 from markupsafe import Markup
 
 from rakelight.export.confidence import confidence_values
-from rakelight.export.finite import all_finite
-from rakelight.export.pictures import object_window, shown_at, shown_depth, shown_normals
-from rakelight.geometry.grid import STEEPEST
+from rakelight.geometry.grid import STEEPEST, all_finite
 from rakelight.geometry.normals import surface_normals
 from rakelight.model import Array, Camera, Floats, Mask, Result
+from rakelight.pictures.shown import object_window, shown_at, shown_depth, shown_normals
 from rakelight.prepare.linear import srgb
 
 MOST_TRIANGLES = 150_000

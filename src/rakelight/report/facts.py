@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from rakelight.errors import printable
-from rakelight.export.pictures import prepared_mask
 from rakelight.export.plain import plain
 from rakelight.model import Result
+from rakelight.pictures.shown import prepared_mask
 
 Rows = list[tuple[str, str]]
 

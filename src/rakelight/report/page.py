@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from rakelight.errors import printable
-from rakelight.export.pictures import CONFIDENCE_COLORS
 from rakelight.geometry.normals import surface_normals
 from rakelight.metrics import evaluate_maps
 from rakelight.model import Result, Truth
+from rakelight.pictures.colors import CONFIDENCE_COLORS
 from rakelight.report import charts, facts
 from rakelight.report.encoded_maps import pack, viewer_maps
 from rakelight.report.pictures import result_pictures, truth_pictures

@@ -10,23 +10,23 @@ import numpy as np
 from markupsafe import Markup
 
 from rakelight.capture.images import encode_jpeg
-from rakelight.export.pictures import (
-    BACKGROUND,
-    albedo_picture,
-    confidence_picture,
-    normals_picture,
-    object_window,
-    shaded,
-)
 from rakelight.geometry.grid import area_mean
 from rakelight.metrics import (
     DEPTH_RANGE_MM,
     NORMAL_RANGE_DEG,
-    color_errors,
     depth_error_map_mm,
     normal_error_map_deg,
 )
 from rakelight.model import Array, Floats, Truth
+from rakelight.pictures.clay import shaded
+from rakelight.pictures.colors import (
+    albedo_picture,
+    color_errors,
+    confidence_picture,
+    normals_picture,
+)
+from rakelight.pictures.montage import BACKGROUND
+from rakelight.pictures.shown import object_window
 from rakelight.report.encoded_maps import Maps
 
 # Depth (H, W) in metres and normals (H, W, 3).

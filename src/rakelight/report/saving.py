@@ -8,9 +8,9 @@ from os import PathLike
 
 from rakelight.errors import check_is
 from rakelight.export import write_result
-from rakelight.export.normals import NormalMap
 from rakelight.export.summary import MeshFormat
 from rakelight.model import Finding, Result, Truth
+from rakelight.pictures.colors import NormalMap
 from rakelight.report.page import report_html
 
 REPORT = "report.html"

@@ -1,0 +1,1 @@
+"""Drawings that export, report, paper and benchmarks share; arrays in, pictures out."""
