@@ -123,7 +123,9 @@ def write_video(
 ):  # fmt: skip
     """An mp4 of (N, H, W, 3) images."""
     with av.open(str(path), "w", format="mp4") as container:
-        stream = container.add_stream(codec, rate=fps, options={"crf": str(crf)})
+        # x264's macroblock tree reads memory that it has not written, where frames are tiny.
+        options = {"crf": str(crf), "mbtree": "0"}
+        stream = container.add_stream(codec, rate=fps, options=options)
         if codec == "libx265":
             stream.options = {"x265-params": f"log-level=none:crf={crf}:pools=1"}
         stream.width, stream.height, stream.pix_fmt = images[0].shape[1], images[0].shape[0], pixels
