@@ -3,9 +3,9 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-SOURCES := src tests benchmarks examples
+SOURCES := src tests benchmarks examples docs
 
-.PHONY: demo test lint types pytest format fuzz kills picture screenshot paper clean
+.PHONY: demo test lint types pytest format fuzz kills reference picture screenshot paper clean
 
 demo: $(VENV)/demo.stamp
 	@echo "== rendering a capture with 12 lights and refining it (the first run also compiles)"
@@ -40,6 +40,10 @@ format: $(VENV)/dev.stamp
 # make kills SEED=5 takes this seed alone.
 kills: $(VENV)/dev.stamp
 	$(BIN)/python -m tests.faults.kills $(if $(SEED),--seed $(SEED))
+
+# docs/reference/api.md, from the docstrings of the public names.
+reference: $(VENV)/dev.stamp
+	$(BIN)/python docs/api.py
 
 # The README's picture, from the real capture of an oven mitten.
 MITTEN ?= ../shared/captures/mitten

@@ -2,6 +2,7 @@
 
 import ast
 import re
+import runpy
 import shlex
 from inspect import signature
 from pathlib import Path
@@ -261,6 +262,15 @@ def test_words_are_the_fields(page):
     for word in NOT_THE_FIELDS:
         found = re.search(word, text, re.IGNORECASE)
         assert not found, text[max(found.start() - 60, 0) : found.end() + 60]
+
+
+def test_the_public_names_are_those_of_the_docstrings():
+    made = runpy.run_path(str(DOCS / "api.py"))["page"]()
+    assert text_of("docs/reference/api.md") == made, "make reference"
+    headings = re.findall(r"^### (.*)$", made, re.MULTILINE)
+    assert {name for name in rakelight.__all__ if name[0] != "_"} <= set(headings)
+    assert "refine(\n    capture: Capture" in made
+    assert "Result.mesh(" in made
 
 
 def test_the_glossary_is_alphabetical():
