@@ -3,7 +3,19 @@
 A module says which: `make_scene()` gives a capture and its truth, `run(capture)` the result.
 """
 
+from contextlib import ExitStack
+
 import pytest
+
+from rakelight.jit import limited_threads
+
+
+def pytest_configure(config):
+    """Files that run side by side (pytest -n) use a core each, or they wait for each other."""
+    if hasattr(config, "workerinput"):
+        stack = ExitStack()
+        stack.enter_context(limited_threads(1))
+        config.add_cleanup(stack.close)
 
 
 @pytest.fixture(scope="module")
