@@ -91,7 +91,9 @@ def mean_confidence(result):
 @pytest.mark.parametrize("shape", wrong.SOLIDS)
 def test_confidence_falls_where_the_depth_is_flat(shape):
     capture, _ = wrong.sound(shape)
-    assert mean_confidence(refine(wrong.flat_depth(capture))) < 0.8 * mean_confidence(refined(shape))
+    assert mean_confidence(refine(wrong.flat_depth(capture))) < 0.8 * mean_confidence(
+        refined(shape)
+    )
 
 
 def test_confidence_falls_with_the_depths_noise():

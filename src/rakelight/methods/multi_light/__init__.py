@@ -27,6 +27,7 @@ from rakelight.methods.multi_light.confidence import (
     confidence,
     depth_sigma,
     missed_curvature,
+    normal_sigma,
     photometric_variance,
     shared_noise,
 )
@@ -172,7 +173,7 @@ def finished(
         converged=descent.converged,
         findings=(*light_findings(lights, prepared.names), *notes),
         depth_sigma=depth_sigma(level, fit, prepared, local, moment),
-        normal_sigma=np.degrees(np.sqrt(local + bas_relief)),
+        normal_sigma=normal_sigma(local + bas_relief),
     )
 
 

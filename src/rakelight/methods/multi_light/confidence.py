@@ -52,6 +52,18 @@ def photometric_variance(level: Level, fit: Fit, noise: Floats) -> Floats:
     return np.where(level.photographs.active, variance, UNDETERMINED_RAD**2)
 
 
+def normal_sigma(variance: Floats) -> Floats:
+    """(h, w) expected error of each normal, degrees, of its variance, radians^2.
+
+    The variance is of the step beside the unit normal, tangential to the sphere; where nothing
+    determines it, it is larger than any angle, and the error goes to 90 degrees.
+
+    >>> normal_sigma(np.array([0.01, 1e6])).round(1).tolist()
+    [5.7, 89.9]
+    """
+    return np.degrees(np.arctan(np.sqrt(variance)))
+
+
 def depth_sigma(
     level: Level, fit: Fit, prepared: Prepared, local: Floats, moment: Floats
 ) -> Floats:

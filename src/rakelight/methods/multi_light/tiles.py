@@ -29,6 +29,7 @@ from rakelight.methods.multi_light.bas_relief_variance import bas_relief_varianc
 from rakelight.methods.multi_light.confidence import (
     confidence,
     missed_curvature,
+    normal_sigma,
     photometric_variance,
     shared_noise,
 )
@@ -176,7 +177,7 @@ def refine_tile(
         lights=whole.stated,
         normals=normals,
         depth_sigma=carried_sigma(prepared, whole),
-        normal_sigma=np.degrees(np.sqrt(local + bas_relief)),
+        normal_sigma=normal_sigma(local + bas_relief),
     )
 
 
