@@ -15,7 +15,7 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 # A room may import from rooms further up, and from itself.
 LAYERS = (
     ("errors",),
-    ("memory",),
+    ("memory", "extras"),
     ("model", "files", "jit"),
     ("folders", "scratch"),
     ("geometry",),

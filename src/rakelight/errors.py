@@ -5,7 +5,7 @@
     │   ├── CaptureError      a capture folder or one of its files
     │   ├── MethodError       a method that does not exist or does not fit the capture
     │   └── OutputExistsError a result stands where one is to be written
-    └── MachineError          disk, memory or permission               exit code 3
+    └── MachineError          disk, memory, permission, a library      exit code 3
         └── MissingExtraError an optional package is not installed
 
 The library raises these and nothing else for bad input; it never prints and never exits.
@@ -84,7 +84,7 @@ class OutputExistsError(InputError):
 
 
 class MachineError(RakelightError):
-    """The machine is at fault: disk, memory, permission."""
+    """The machine is at fault: disk, memory, permission, a library that is not installed."""
 
     exit_code = 3
 

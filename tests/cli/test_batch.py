@@ -201,7 +201,7 @@ def test_a_scheduler_that_does_not_answer(captures, refused_batch, tmp_path, mon
 def test_without_dask_the_extra_is_named(captures, refused_batch, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     arguments = (captures / "good0", "-o", tmp_path / "out")
-    about = "a library that batch needs is missing (needed distributed). Fix"
+    about = "rakelight batch: a library that it needs is not installed (needed distributed). Fix"
     refused_batch(*arguments, about=about, words=['pip install "rakelight[batch]"'], code=3)
 
 

@@ -11,7 +11,8 @@ from math import isfinite
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from rakelight.errors import InputError, MachineError, MissingExtraError
+from rakelight.errors import InputError, MachineError
+from rakelight.extras import needs
 from rakelight.memory import free_memory, require_memory
 
 # Bytes that a worker needs for the smallest capture: its libraries alone take 0.3e9.
@@ -40,14 +41,7 @@ Deaths = dict[str, int]
 
 def require_dask() -> None:
     """Raise MissingExtraError where Dask is not installed."""
-    try:
-        import distributed  # noqa: F401
-    except ImportError as error:
-        raise MissingExtraError(
-            "a library that batch needs is missing",
-            needed="distributed",
-            remedy='pip install "rakelight[batch]"',
-        ) from error
+    needs("distributed", "batch", "rakelight batch")
 
 
 def worker_count(asked: int | None, jobs: int) -> int:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote, urlsplit
 
 from rakelight.errors import CaptureError, InputError, MachineError, MissingExtraError, printable
+from rakelight.extras import needs
 from rakelight.files import clear_errors
 
 if TYPE_CHECKING:
@@ -130,16 +131,7 @@ def _opened(url: str) -> tuple[Any, str]:
         raise InputError(
             "archives are not read", source=url, remedy="unpack it, and name the folder"
         )
-    try:
-        from fsspec.core import url_to_fs
-    except ImportError as error:
-        raise MissingExtraError(
-            "a library that reads URLs is missing",
-            source=url,
-            needed="fsspec",
-            remedy='pip install "rakelight[batch]"',
-        ) from error
-    system, path = url_to_fs(url)
+    system, path = needs("fsspec.core", "batch", url).url_to_fs(url)
     return system, path
 
 

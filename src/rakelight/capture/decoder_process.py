@@ -23,8 +23,8 @@ from typing import IO, Any
 import numpy as np
 
 from rakelight.capture.headers import MAX_PIXELS, damaged
-from rakelight.capture.readers.extras import needs
 from rakelight.errors import CaptureError, InputError, MachineError, RakelightError
+from rakelight.extras import needs
 from rakelight.model import Array
 
 # Library that decodes each kind.
@@ -72,7 +72,7 @@ class DecoderProcess:
         options : of that decoder, JSON
 
         Raises CaptureError for a file that is damaged, too large or of a kind that is not read,
-        InputError where the library is missing.
+        MissingExtraError where the library is not installed.
         """
         needs(LIBRARIES[kind], "photos", source)
         child = self._child = self._child or self._start()

@@ -38,7 +38,9 @@ def load_capture(
     CaptureError
         something is missing, damaged or contradicts itself; says which file and what to do
     InputError
-        there are not so many photographs, or a library that the source needs is not installed
+        there are not so many photographs
+    MissingExtraError
+        a library that this kind of source needs is not installed; says what installs it
     MachineError
         a file cannot be read, or memory does not suffice
 

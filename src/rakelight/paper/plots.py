@@ -7,7 +7,7 @@ from io import BytesIO
 from typing import Any
 
 from rakelight.capture.images import as_rgb, decode_image
-from rakelight.errors import MissingExtraError
+from rakelight.extras import needs
 from rakelight.model import Array
 
 Curves = Mapping[str, Sequence[tuple[float, float]]]
@@ -26,15 +26,8 @@ def curves(points: Iterable[tuple[str, float, float]]) -> Curves:
 
 
 def require_matplotlib() -> Any:
-    """matplotlib's module of figures; MissingExtraError says how to get it."""
-    try:
-        from matplotlib import figure
-    except ImportError as error:
-        raise MissingExtraError(
-            "figure 7 is drawn with matplotlib, which is not installed",
-            remedy="python -m pip install 'rakelight[paper]'",
-        ) from error
-    return figure
+    """matplotlib's module of figures; raises MissingExtraError where it is not installed."""
+    return needs("matplotlib.figure", "paper", "figure 7")
 
 
 def plotted(

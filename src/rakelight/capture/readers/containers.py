@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from rakelight.capture.readers.extras import needs
 from rakelight.errors import CaptureError, parsing
+from rakelight.extras import needs
 from rakelight.files import clear_errors, open_regular
 
 # Pixels of a frame, at most: 8K.  A decoder keeps 17 frames of what a damaged header states.
@@ -28,8 +28,8 @@ def opened_container(
 
     options : of FFmpeg's demuxer
 
-    Raises CaptureError for a file that is damaged or of another format, InputError where PyAV is
-    missing.
+    Raises CaptureError for a file that is damaged or of another format, MissingExtraError where
+    PyAV is not installed.
     """
     av = needs("av", "recordings", source)
     with clear_errors(source, "cannot be read"):

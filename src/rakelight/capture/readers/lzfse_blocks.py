@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import struct
 
-from rakelight.capture.readers.extras import needs
 from rakelight.errors import CaptureError, parsing
+from rakelight.extras import needs
 
 # Bytes that a match of a compressed block can stand for: the longest literal and match.
 _LONGEST_MATCH = 315 + 2359

@@ -22,8 +22,8 @@ from typing import Any
 
 import numpy as np
 
-from rakelight.capture.readers.extras import needs
 from rakelight.errors import CaptureError, parsing
+from rakelight.extras import needs
 from rakelight.files import clear_errors
 from rakelight.model import Array
 
@@ -104,7 +104,7 @@ def is_bag(path: Path) -> bool:
 def opened(path: Path) -> Iterator[Bag]:
     """A file that `is_bag` accepts; what is read of it is read before it is closed again.
 
-    Raises CaptureError where it is damaged, InputError where rosbags is not installed.
+    Raises CaptureError where it is damaged, MissingExtraError where rosbags is not installed.
     """
     source = str(path)
     with clear_errors(source, "cannot be read"), path.open("rb") as file:

@@ -23,9 +23,9 @@ from rakelight.capture.readers.containers import (
     demuxing,
     opened_container,
 )
-from rakelight.capture.readers.extras import needs
 from rakelight.capture.recording import Stream
 from rakelight.errors import CaptureError, parsing
+from rakelight.extras import needs
 from rakelight.model import Array
 
 # Codes of ITU-T H.273: matrix, range, transfer, primaries.
@@ -59,7 +59,8 @@ def video_stream(path: Path, source: str) -> Stream:
     after the other; where some are left out, from the key frame before the next.
 
     Raises CaptureError for a file that is damaged, no mp4 or mov, or high dynamic range (HLG, PQ,
-    BT.2020), whose values are no plain sRGB; InputError where PyAV is missing.
+    BT.2020), whose values are no plain sRGB; MissingExtraError where PyAV
+    is not installed.
     """
     av = needs("av", "recordings", source)
     with _opened(path, source) as (container, stream):
