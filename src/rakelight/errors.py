@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import repeat
 from typing import Any
 
 _LONGEST = 400  # characters of each part of a message; what a file holds may be any length
@@ -180,11 +181,12 @@ def fsencode_safe(path: str) -> str:
     return path.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
-def listed(names: Sequence[str], chosen: Iterable[bool]) -> str:
-    """The chosen names, safe for a terminal; the first few of many.
+def listed(names: Sequence[str], chosen: Iterable[bool] | None = None) -> str:
+    """The chosen names, or all, safe for a terminal; the first few of many.
 
     >>> listed(["0.png", "1.png", "2.png"], [True, False, True])
     '0.png, 2.png'
     """
-    these = [printable(name) for name, taken in zip(names, chosen, strict=True) if taken]
+    wanted = repeat(True, len(names)) if chosen is None else chosen
+    these = [printable(name) for name, taken in zip(names, wanted, strict=True) if taken]
     return ", ".join(these[:4]) + (f" and {len(these) - 4} more" if len(these) > 4 else "")

@@ -10,7 +10,7 @@ from pathlib import Path
 from rakelight.capture.headers import Header, read_header
 from rakelight.capture.images import as_rgb, decode_image
 from rakelight.capture.validate import check_same_kind
-from rakelight.errors import CaptureError, InputError, printable
+from rakelight.errors import CaptureError, InputError, listed
 from rakelight.files import clear_errors, in_threads, read_bytes
 from rakelight.model import Array, Finding
 from rakelight.scratch import large_empty, release
@@ -174,7 +174,7 @@ def file_findings(images: Images) -> tuple[Finding, ...]:
             Finding(
                 "warning",
                 "exif-orientation",
-                f"{kind}: EXIF orientation ignored in {_some(turned)}",
+                f"{kind}: EXIF orientation ignored in {listed(turned)}",
                 "make sure that depth and photographs are the same way up",
             )
         )
@@ -183,13 +183,13 @@ def file_findings(images: Images) -> tuple[Finding, ...]:
             Finding(
                 "warning",
                 "jpeg",
-                f"{kind}: {_some(jpegs)} JPEG; its compression looks like relief",
+                f"{kind}: {listed(jpegs)} JPEG; its compression looks like relief",
                 "use PNG or raw",
             )
         )
     if misnamed:
         findings.append(
-            Finding("warning", "misnamed", f"{kind}: another format than named: {_some(misnamed)}")
+            Finding("warning", "misnamed", f"{kind}: another format than named: {listed(misnamed)}")
         )
     if channels in (2, 4):
         findings.append(Finding("note", "alpha-dropped", f"{kind}: alpha channel dropped"))
@@ -203,14 +203,14 @@ def file_findings(images: Images) -> tuple[Finding, ...]:
             Finding(
                 "warning",
                 "unread-images",
-                f"{kind}: images of a format that is not read: {_some(unread)}",
+                f"{kind}: images of a format that is not read: {listed(unread)}",
                 "convert them to PNG",
             )
         )
     others = [name for name in images.ignored if name not in unread]
     if others:
         findings.append(
-            Finding("note", "ignored-files", f"{kind}: not images, ignored: {_some(others)}")
+            Finding("note", "ignored-files", f"{kind}: not images, ignored: {listed(others)}")
         )
     return tuple(findings)
 
@@ -218,9 +218,3 @@ def file_findings(images: Images) -> tuple[Finding, ...]:
 def _named_as(name: str, header: Header) -> bool:
     suffix = Path(name).suffix.lower().replace("tiff", "tif").replace("jpeg", "jpg")
     return suffix == {"PNG": ".png", "TIFF": ".tif", "JPEG": ".jpg"}[header.format]
-
-
-def _some(names: Sequence[str]) -> str:
-    return ", ".join(map(printable, names[:3])) + (
-        f" and {len(names) - 3} more" if len(names) > 3 else ""
-    )

@@ -136,14 +136,18 @@ def candidates(folder: Path) -> list[Path]:
     return found
 
 
-def list_loose_files(folder: Path) -> LooseFiles:
-    """The files of a folder, each as what it is; raises CaptureError where that is not clear."""
+def list_loose_files(folder: Path, photographs: Sequence[str] = ()) -> LooseFiles:
+    """The files of a folder, each as what it is; raises CaptureError where that is not clear.
+
+    photographs : their names in their order, where a list says them; other pictures are then none
+    """
     with clear_errors(str(folder), "cannot be read"):
         paths = candidates(folder)
     texts = [p for p in paths if p.suffix.lower() in intrinsics.SUFFIXES]
     scales = [p for p in texts if re.fullmatch(r"depth[-_ ]?scale", p.stem.lower())]
     images = [file for path in paths if path not in texts and (file := _looked_at(folder, path))]
-    roles = {file.name: role_of(file.name) for file in images}
+    stated = dict.fromkeys(photographs, "photograph")
+    roles = {file.name: stated.get(file.name) or role_of(file.name) for file in images}
     named = {
         word: [file for file in images if roles[file.name] == word]
         for word in ("depth", "mask", "ambient", "flat")
@@ -158,11 +162,13 @@ def list_loose_files(folder: Path) -> LooseFiles:
             )
     rest = [file for file in images if roles[file.name] is None]
     depth, unused = _depth_among(folder, named["depth"], rest)
-    photographs, paired = _without_pairs([file for file in rest if file not in depth])
-    _check_photographs(folder, photographs)
+    if photographs:
+        rest = _listed(folder, images, photographs)
+    taken, paired = _without_pairs([file for file in rest if file not in depth])
+    _check_photographs(folder, taken, depth)
     one = {word: next(iter(named[word]), None) for word in ("mask", "ambient", "flat")}
     return LooseFiles(
-        tuple(photographs),
+        tuple(taken),
         tuple(depth),
         one["mask"],
         one["ambient"],
@@ -200,6 +206,19 @@ def is_dng(data: bytes) -> bool:
         return False
 
 
+def _listed(folder: Path, images: Sequence[LooseFile], names: Sequence[str]) -> list[LooseFile]:
+    """The images called `names`; raises CaptureError where one is not there."""
+    there = {file.name: file for file in images}
+    for name in names:
+        if name not in there:
+            raise CaptureError(
+                "a photograph that is listed is not there",
+                source=f"{folder}/{name}",
+                needed="PNG, TIFF, JPEG, HEIC, EXR or raw",
+            )
+    return [there[name] for name in names]
+
+
 def _depth_among(
     folder: Path, named: list[LooseFile], rest: list[LooseFile]
 ) -> tuple[list[LooseFile], list[LooseFile]]:
@@ -216,15 +235,8 @@ def _depth_among(
             source=str(folder),
             seen=_names(rest),
             needed="photographs and their depth: 16-bit PNG or TIFF, float TIFF, PFM, NPY, EXR",
-            remedy='name it depth.png, or put the depth maps into a folder "depth"',
-        )
-    if len(possible) == len(rest):
-        raise CaptureError(
-            "not clear which of these is depth",
-            source=str(folder),
-            seen=_names(rest),
-            needed="photographs, and depth by name",
-            remedy='name the depth depth.png, or put the depth maps into a folder "depth"',
+            remedy="put it there as depth.png (16 bit, millimetres) or depth.tiff (floating point, "
+            'metres), or several into a folder "depth"',
         )
     return possible, []
 
@@ -240,9 +252,19 @@ def _without_pairs(files: list[LooseFile]) -> tuple[list[LooseFile], list[LooseF
     return [file for file in files if file not in paired], paired
 
 
-def _check_photographs(folder: Path, files: Sequence[LooseFile]) -> None:
+def _check_photographs(
+    folder: Path, files: Sequence[LooseFile], depth: Sequence[LooseFile]
+) -> None:
     """Raise CaptureError unless there are some, of one kind, in one folder."""
     source = str(folder)
+    if not files and not any(file.only_depth or role_of(file.name) for file in depth):
+        raise CaptureError(
+            "not clear which of these is depth",
+            source=source,
+            seen=_names(depth),
+            needed="photographs, and depth by name",
+            remedy='name the depth depth.png, or put the depth maps into a folder "depth"',
+        )
     if not files:
         raise CaptureError(
             "no photographs in it",
@@ -273,4 +295,4 @@ def _check_photographs(folder: Path, files: Sequence[LooseFile]) -> None:
 
 
 def _names(files: Sequence[LooseFile]) -> str:
-    return listed([file.name for file in files], [True] * len(files))
+    return listed([file.name for file in files])

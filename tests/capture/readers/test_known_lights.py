@@ -14,6 +14,7 @@ from rakelight.capture.matfile import read_mat
 from rakelight.capture.readers import find_reader
 from rakelight.errors import CaptureError, InputError
 from tests.capture.capture_builder import HEIGHT, WIDTH, small_capture
+from tests.capture.photo_files import pfm
 
 SMALL = small_capture(dtype=np.uint16, maps=1)
 DIRECTIONS = np.array([[0.0, 0.0, -1.0], [0.6, 0, -0.8], [0, 0.6, -0.8], [-0.48, -0.36, -0.8]])
@@ -89,26 +90,41 @@ def test_a_folder_with_lights_is_read_with_the_depth_beside(tmp_path, make, name
     assert again.directions == pytest.approx(capture.lights.directions, abs=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("make", "matrix", "depth"),
-    [
-        (diligent, r"needed K\.txt beside", r"needed depth\.tiff beside"),
-        (rti, r"into intrinsics\.txt", r"no depth map"),
-    ],
-)
-def test_without_depth_or_intrinsics_it_says_what_to_put_there(tmp_path, make, matrix, depth):
+@pytest.mark.parametrize("make", [diligent, rti])
+def test_without_depth_or_intrinsics_it_says_what_to_put_there(tmp_path, make):
     folder = make(tmp_path / "set")
+    (folder / "K.txt").write_text("40 0 15.25\n")
+    with pytest.raises(CaptureError, match=r"K\.txt: no intrinsics in it"):
+        load_capture(folder)
     (folder / "K.txt").unlink()
-    with pytest.raises(CaptureError, match=matrix):
+    with pytest.raises(CaptureError, match=r"set: no intrinsics.*into intrinsics\.txt"):
         load_capture(folder)
     (folder / "depth.tiff").unlink()
-    with pytest.raises(CaptureError, match=depth):
+    with pytest.raises(CaptureError, match=r"set: no depth map.*depth\.png .16 bit, millimetres"):
         load_capture(folder)
     (folder / "depth.png").write_bytes(encode_png(np.full((HEIGHT, WIDTH), 612, np.uint16)))
     (folder / "K.txt").write_text(lines(K))
     capture = load_capture(folder)
     assert np.nanmedian(capture.depth_m) == pytest.approx(0.612)
     assert "depth-unit-assumed" in [finding.code for finding in capture.findings]
+
+
+def test_what_else_lies_in_a_diligent_folder(tmp_path):
+    folder = diligent(tmp_path / "set")
+    (folder / "Normal_gt.png").write_bytes(encode_png(SMALL.photographs[0]))
+    (folder / "depth.tiff").unlink()
+    (folder / "Z.pfm").write_bytes(pfm(SMALL.depth_m[0]))
+    # Three rows that could be a calibration matrix.
+    for name in ("filenames.txt", "light_intensities.txt", "light_directions.txt"):
+        (folder / name).write_text("".join((folder / name).read_text().splitlines(True)[1:]))
+    (folder / "light_directions.txt").write_text("0.6 0 0.8\n0 0.6 0.8\n0 0 1\n")
+    capture = load_capture(folder)
+    assert capture.names == ("001.png", "002.png", "003.png")
+    assert capture.camera == SMALL.camera
+    assert np.array_equal(capture.depth_m, SMALL.depth_m, equal_nan=True)
+    (folder / "filenames.txt").write_text("001.png\n002.png\n010.png\n")
+    with pytest.raises(CaptureError, match=r"set/010\.png: a photograph that is listed is not"):
+        load_capture(folder)
 
 
 @pytest.mark.parametrize("name", ["../secret.png", "/etc/passwd", "a\\b.png", "..", "C:x.png"])

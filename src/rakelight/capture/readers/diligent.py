@@ -1,16 +1,16 @@
 """A folder of the DiLiGenT benchmark: photographs and calibrated lights, with depth put beside.
 
 001.png ... 096.png (16 bit, linear), filenames.txt, light_directions.txt (x right, y up, z to the
-viewer), light_intensities.txt (red green blue), mask.png.  It has no depth and no intrinsics:
-depth.tiff or depth.png and K.txt have to lie beside the photographs.
+viewer), light_intensities.txt (red green blue), mask.png.  It has no depth and no intrinsics: both
+have to lie beside the photographs, as in any folder of photographs.
 """
 
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
-from rakelight.capture.beside import capture_beside
 from rakelight.capture.lights import (
     INTENSITIES_FILE,
     MAX_LIGHTS_BYTES,
@@ -21,12 +21,16 @@ from rakelight.capture.lights import (
     text_lines,
     unit,
 )
+from rakelight.capture.loose_files import list_loose_files
+from rakelight.capture.readers import photographs
 from rakelight.capture.readers.base import Reader, Reading, Wanted
 from rakelight.errors import CaptureError
 from rakelight.files import read_bytes
 from rakelight.model import Floats, GivenLights
 
 DIRECTIONS, NAMES = "light_directions.txt", "filenames.txt"
+LISTS = (DIRECTIONS, NAMES, INTENSITIES_FILE)  # none of which states intrinsics
+LISTS = (DIRECTIONS, NAMES, INTENSITIES_FILE)
 
 
 def sniff(path: Path) -> bool:
@@ -53,7 +57,9 @@ def read(path: Path, wanted: Wanted) -> Reading:
         intensities = _rows(path, INTENSITIES_FILE, len(names))
     directions = unit(in_frame(directions, "opengl"), f"{path}/{DIRECTIONS}")
     lights = GivenLights(directions, None, intensities, fixed=True)
-    return Reading(capture_beside(path, names, wanted.photographs, lights, "linear"))
+    files = list_loose_files(path, names)
+    texts = tuple(text for text in files.texts if text.name not in LISTS)
+    return photographs.reading_of(path, replace(files, texts=texts), wanted, lights, "linear")
 
 
 def _rows(path: Path, name: str, count: int) -> Floats:
@@ -68,6 +74,4 @@ def _rows(path: Path, name: str, count: int) -> Floats:
     return rows
 
 
-READER = Reader(
-    "diligent", "a DiLiGenT folder with depth.tiff or depth.png and K.txt beside", sniff, read
-)
+READER = Reader("diligent", "a DiLiGenT folder, with depth and intrinsics beside", sniff, read)

@@ -24,15 +24,20 @@ from rakelight.capture.loose_files import (
 )
 from rakelight.capture.loose_photographs import Photos, read_loose_mask, read_loose_photographs
 from rakelight.capture.readers.base import Reader, Reading, Wanted
-from rakelight.errors import CaptureError, named_in, printable
+from rakelight.errors import CaptureError, listed, named_in, printable
 from rakelight.files import read_bytes
-from rakelight.model import Camera, Finding
+from rakelight.model import Camera, Encoding, Finding, GivenLights
 
 # Sides whose proportions differ by less show the same field of view: 4032x3024 and 256x192 are
 # alike, 1920x1440 and 640x480, and rounding of one pixel in 192.
 _SAME_PROPORTIONS = 0.01
 
 EXIF_FOCAL = "intrinsics-from-exif"
+
+# Names, without ending, of files that hold intrinsics or are a mistake.
+_SURELY_INTRINSICS = ("intrinsics", "intrinsic", "calibration", "calib", "camera", "cameras", "k")
+_FORMATS = "OpenCV YAML or XML, Open3D JSON, COLMAP cameras.txt, or a 3 x 3 matrix"
+_MATRIX = "fx 0 cx / 0 fy cy / 0 0 1 (pixels, three lines)"
 
 
 def sniff(path: Path) -> bool:
@@ -64,11 +69,25 @@ def sniff(path: Path) -> bool:
 
 def read(path: Path, wanted: Wanted) -> Reading:
     """The capture of the folder."""
-    files = list_loose_files(path)
+    return reading_of(path, list_loose_files(path), wanted)
+
+
+def reading_of(
+    path: Path,
+    files: LooseFiles,
+    wanted: Wanted,
+    lights: GivenLights | None = None,
+    encoding: Encoding | None = None,
+) -> Reading:
+    """The capture of a folder whose files are known.
+
+    lights : of all its photographs; encoding : where neither the format nor the bits are to say it
+    """
     if wanted.photographs is not None:
         check_numbers(wanted.photographs, len(files.photographs))
         chosen = tuple(files.photographs[i] for i in wanted.photographs)
         files = replace(files, photographs=chosen)
+        lights = None if lights is None else lights.select(wanted.photographs)
     with DecoderProcess() as decoder:
         depth_m, depth_findings = read_loose_depth(files, decoder)
         photos = read_loose_photographs(files, decoder, depth_m.shape[2], wanted.progress)
@@ -83,11 +102,12 @@ def read(path: Path, wanted: Wanted) -> Reading:
             depth_m,
             camera,
             mask=mask,
-            encoding=photos.encoding,
+            encoding=photos.encoding or encoding,
             names=tuple(printable(Path(file.name).name) for file in files.photographs),
             depth_camera=depth_camera,
             ambient=photos.ambient,
             flat=photos.flat,
+            lights=lights,
         )
     findings = (
         *camera_findings,
@@ -116,11 +136,13 @@ def _camera(folder: Path, files: LooseFiles, photos: Photos) -> tuple[Camera, tu
         return camera.resized(width, height), ()
     found = camera_of(photos.exif, full_width, full_height)
     if found is None:
+        texts = [path.name for path in files.texts]
         raise CaptureError(
             "no intrinsics: no file with them, and EXIF does not say the focal length",
             source=str(folder),
-            needed="OpenCV YAML or XML, Open3D JSON, COLMAP cameras.txt, or a 3 x 3 matrix",
-            remedy="write fx 0 cx / 0 fy cy / 0 0 1 (pixels, three lines) into intrinsics.txt",
+            seen=f"none in {listed(texts)}" if texts else "",
+            needed=_FORMATS,
+            remedy=f"write {_MATRIX} into intrinsics.txt",
         )
     camera, why = found
     message = (
@@ -143,6 +165,10 @@ def _stated(folder: Path, files: LooseFiles) -> tuple[str, Camera] | None:
         camera = parse_intrinsics(read_bytes(path, source=source), source)
         if camera is not None:
             found[name] = camera
+        elif path.stem.lower() in _SURELY_INTRINSICS:  # EXIF, or another file, is not what is meant
+            raise CaptureError(
+                "no intrinsics in it", source=source, needed=_FORMATS, remedy=f"write {_MATRIX}"
+            )
     if len(set(found.values())) > 1:
         raise CaptureError(
             "several files with intrinsics",
@@ -177,9 +203,8 @@ def _depth_camera(
 def _unused(files: LooseFiles) -> tuple[Finding, ...]:
     if not files.unused:
         return ()
-    names = ", ".join(map(printable, files.unused[:3]))
-    more = f" and {len(files.unused) - 3} more" if len(files.unused) > 3 else ""
-    message = f"left out, a better file is there: {names}{more}"
+    names = listed(files.unused)
+    message = f"left out, a better file is there: {names}"
     return (Finding("note", "ignored-files", message),)
 
 

@@ -6,7 +6,6 @@ Depth and intrinsics lie beside them, as in any folder of photographs.
 from __future__ import annotations
 
 import os
-from dataclasses import replace
 from pathlib import Path
 
 from rakelight.capture.lights import MAX_LIGHTS_BYTES, in_frame, matched, parse_lp, unit
@@ -39,14 +38,10 @@ def read(path: Path, wanted: Wanted) -> Reading:
     listed, vectors = parse_lp(
         read_bytes(path / lists[0], source=source, max_bytes=MAX_LIGHTS_BYTES), source
     )
-    names = [Path(file.name).name for file in list_loose_files(path).photographs]
+    files = list_loose_files(path)
+    names = [Path(file.name).name for file in files.photographs]
     directions = unit(in_frame(vectors[matched(listed, names, source)], "opengl"), source)
-    reading = photographs.read(path, wanted)
-    if wanted.photographs is not None:
-        directions = directions[list(wanted.photographs)]
-    return replace(
-        reading, capture=replace(reading.capture, lights=GivenLights(directions, fixed=False))
-    )
+    return photographs.reading_of(path, files, wanted, GivenLights(directions, fixed=False))
 
 
 def _lists(path: Path) -> list[str]:
