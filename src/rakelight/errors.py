@@ -133,6 +133,27 @@ def named_in(source: str) -> Iterator[None]:
         raise
 
 
+@contextmanager
+def stated_in(source: str, key: str = "") -> Iterator[None]:
+    """InputErrors about what a file states are CaptureErrors about that file, and its `key`.
+
+    >>> with stated_in("calibration.txt", "K"):
+    ...     raise InputError("not a calibration matrix", source="K", seen="9 9")
+    Traceback (most recent call last):
+    rakelight.errors.CaptureError: calibration.txt: K: not a calibration matrix (seen 9 9)
+    """
+    try:
+        yield
+    except InputError as error:
+        raise CaptureError(
+            f"{key}: {error.what}" if key else error.what,
+            source=source,
+            seen=error.seen,
+            needed=error.needed,
+            remedy=error.remedy,
+        ) from error
+
+
 def check_is(value: object, kind: type[Any], name: str, remedy: str = "") -> None:
     """Raise InputError, with `remedy`, where the argument `name` is no `kind`.
 

@@ -37,7 +37,7 @@ BAD = {
         ({"photographs": GOOD.photographs.astype(object)}, "seen object"),
         ({"photographs": GOOD.photographs.astype(complex)}, "seen complex128"),
         ({"photographs": GOOD.photographs > 9}, "seen bool"),
-        ({"photographs": GOOD.photographs.tolist()}, "not a plain array .seen list"),
+        ({"photographs": GOOD.photographs.tolist()}, "not an array .seen list"),
         ({"photographs": None}, "seen NoneType"),
         ({"photographs": np.ma.masked_less(GOOD.photographs, 9)}, "fill what is masked"),
         ({"photographs": GOOD.photographs[:0]}, "none of them 0"),

@@ -101,7 +101,7 @@ def test_jpeg_for_depth_and_mask_is_refused(folder):
     refusal(folder, "depth/000.png", "JPEG cannot carry depth", "by its first bytes")
     build(folder.parent / "d")
     (folder.parent / "d" / "mask.png").write_bytes(jpeg(np.full((HEIGHT, WIDTH), 255, np.uint8)))
-    refusal(folder.parent / "d", "mask.png", "not a PNG", "JPEG")
+    refusal(folder.parent / "d", "mask.png", "this kind of mask is not read", "a JPEG")
 
 
 def test_jpeg_photographs_are_taken_with_a_warning(folder):

@@ -173,17 +173,30 @@ def checked_truth(truth: Truth, shape: tuple[int, int]) -> None:
             )
 
 
-def _plain(array: Array, name: str, axes: tuple[int | str, ...]) -> Array:
-    """The array, contiguous and of no subclass, with these axes, none of them empty."""
+def require_plain(array: Any, name: str, fill: str, make: str) -> None:
+    """Raise CaptureError unless it is a numpy.ndarray of values, not of objects, unmasked."""
     masked = isinstance(array, np.ma.MaskedArray)
     if masked or not isinstance(array, np.ndarray):
         raise CaptureError(
-            "not a plain array",
+            "a masked array" if masked else "not an array",
             source=name,
             seen=type(array).__name__,
             needed="a numpy.ndarray",
-            remedy="fill what is masked" if masked else "numpy.asarray of it",
+            remedy=fill if masked else make,
         )
+    if array.dtype.kind == "O":
+        raise CaptureError(
+            "an array of objects",
+            source=name,
+            seen=f"object, {array.shape}",
+            needed="an array of numbers",
+            remedy=f"np.stack({name}) of arrays of one size and type",
+        )
+
+
+def _plain(array: Array, name: str, axes: tuple[int | str, ...]) -> Array:
+    """The array, contiguous and of no subclass, with these axes, none of them empty."""
+    require_plain(array, name, "fill what is masked", f"np.asarray({name})")
     fits = array.ndim == len(axes) and 0 not in array.shape
     fits = fits and all(a == b for a, b in zip(axes, array.shape, strict=True) if a == 3)
     if not fits:

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from rakelight.capture.lights import Frame, LightsTable
-from rakelight.errors import CaptureError, InputError, parsing
+from rakelight.errors import CaptureError, parsing, stated_in
 from rakelight.model import (
     Camera,
     Distortion,
@@ -53,16 +53,8 @@ class IntrinsicsTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """The same as a Camera; CaptureError where the distortion of that `table` is none."""
         lens = None
         if self.distortion is not None:
-            try:
+            with stated_in(source, f"key '{table}.distortion.k'"):
                 lens = Distortion(self.distortion.model, tuple(self.distortion.k))
-            except InputError as error:
-                raise CaptureError(
-                    f"key '{table}.distortion.k': {error.what}",
-                    source=source,
-                    seen=error.seen,
-                    needed=error.needed,
-                    remedy=error.remedy,
-                ) from error
         return Camera(self.width, self.height, self.fx, self.fy, self.cx, self.cy, lens)
 
 

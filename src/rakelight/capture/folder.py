@@ -41,6 +41,7 @@ from rakelight.capture.listing import (
     check_photograph_kind,
     file_findings,
     list_images,
+    read_mask,
     read_photographs,
 )
 from rakelight.capture.truth import write_truth
@@ -314,13 +315,7 @@ def _read_mask(root: Root, shape: tuple[int, int]) -> tuple[Mask, tuple[Finding,
     path, source = root.path / "mask.png", root.shown("mask.png")
     if not os.path.lexists(path):
         return None
-    data = read_bytes(path, source=source)
-    header = read_header(data, source)
-    validate.check_mask_size((header.height, header.width), shape, source)
-    if header.format != "PNG":
-        raise CaptureError("not a PNG", source=source, seen=f"a {header.format}, by its bytes")
-    red, green, blue = np.moveaxis(as_rgb(decode_image(data, source)), 2, 0)
-    mask = np.asarray((red | green | blue) != 0)
+    mask = read_mask(path, source, shape, ("PNG",))
     return mask, validate.check_mask(mask, source)
 
 

@@ -20,6 +20,7 @@ from rakelight.capture.arrays import (
     check_object,
     check_sensor,
     checked_arrays,
+    require_plain,
 )
 from rakelight.capture.defaults import chosen_encoding, chosen_lighting, object_mask
 from rakelight.capture.listing import allocate
@@ -133,7 +134,7 @@ def _refuse_exchanged(photographs: Any, depth: Any) -> None:
 
 def _photographs(photographs: Any) -> tuple[Array, str]:
     """A copy (N, H, W, 3) as uint8 or uint16, and the kind: "8-bit", "16-bit" or "float"."""
-    _require_plain(photographs, "photographs", "photographs.filled(0)", "np.stack(photographs)")
+    require_plain(photographs, "photographs", "photographs.filled(0)", "np.stack(photographs)")
     images = photographs[None] if photographs.ndim == 3 else photographs
     if images.ndim != 4 or images.shape[-1] != 3 or 0 in images.shape:
         raise CaptureError(
@@ -223,7 +224,7 @@ def _range_remedy(low: float, high: float) -> str:
 
 def _depth(depth: Any) -> tuple[Floats, Array]:
     """Metres (K, h, w) float32, NaN = no measurement, and why: indices into validate.HOLES."""
-    _require_plain(depth, "depth", "depth.filled(np.nan)", "np.asarray(depth)")
+    require_plain(depth, "depth", "depth.filled(np.nan)", "np.asarray(depth)")
     if depth.dtype.kind in "iu":
         raise CaptureError(
             "whole numbers without a unit",
@@ -274,7 +275,7 @@ def _refuse_negative(depth_m: Floats) -> None:
 
 def _mask(mask: Any, shape: tuple[int, ...]) -> Mask:
     """(H, W) bool of any numbers; raises CaptureError unless it has the photographs' `shape`."""
-    _require_plain(mask, "mask", "mask.filled(0)", "np.asarray(mask)")
+    require_plain(mask, "mask", "mask.filled(0)", "np.asarray(mask)")
     if mask.dtype.kind not in "biuf":
         raise CaptureError(
             "not a mask",
@@ -308,24 +309,3 @@ def _mask(mask: Any, shape: tuple[int, ...]) -> Mask:
             remedy="np.nan_to_num(mask)",
         )
     return np.asarray(mask != 0)
-
-
-def _require_plain(array: Any, name: str, fill: str, make: str) -> None:
-    """Raise CaptureError unless it is a numpy.ndarray of values, not of objects, unmasked."""
-    masked = isinstance(array, np.ma.MaskedArray)
-    if masked or not isinstance(array, np.ndarray):
-        raise CaptureError(
-            "a masked array" if masked else "not an array",
-            source=name,
-            seen=type(array).__name__,
-            needed="a numpy.ndarray",
-            remedy=fill if masked else make,
-        )
-    if array.dtype.kind == "O":
-        raise CaptureError(
-            "an array of objects",
-            source=name,
-            seen=f"object, {array.shape}",
-            needed="an array of numbers",
-            remedy=f"np.stack({name}) of arrays of one size and type",
-        )

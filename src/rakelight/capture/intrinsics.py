@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from rakelight.errors import CaptureError, InputError, parsing
+from rakelight.errors import CaptureError, parsing, stated_in
 from rakelight.model import Camera, Distortion, Floats
 
 MAX_BYTES = 100_000
@@ -77,16 +77,12 @@ def _made(K: Any, sizes: tuple[float, float], distortion: Any, model: str, sourc
     """The camera of a matrix (3, 3) and coefficients in OpenCV's order, checked."""
     width, height = (int(side) if 0 < side < 1e6 else 0 for side in sizes)
     lens: Any = tuple(float(value) for value in np.ravel(distortion))
-    try:
+    with stated_in(source):
         if not any(lens):
             lens = None
         elif model == "kannala-brandt":
             lens = Distortion("kannala-brandt", lens)
         camera = Camera.from_matrix(np.asarray(K, np.float64), (height or 1, width or 1), lens)
-    except InputError as error:
-        raise CaptureError(
-            error.what, source=source, seen=error.seen, needed=error.needed, remedy=error.remedy
-        ) from error
     return replace(camera, width=width, height=height)
 
 

@@ -7,12 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from rakelight.capture.headers import Header, read_header
 from rakelight.capture.images import as_rgb, decode_image
-from rakelight.capture.validate import check_same_kind
+from rakelight.capture.validate import check_mask_size, check_same_kind
 from rakelight.errors import CaptureError, InputError, listed
 from rakelight.files import clear_errors, in_threads, read_bytes
-from rakelight.model import Array, Finding
+from rakelight.model import Array, Finding, Mask
 from rakelight.scratch import large_empty, release
 
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
@@ -158,6 +160,26 @@ def read_photographs(rgb: Images) -> Array:
 
     in_threads(read, range(len(rgb.names)))
     return photographs
+
+
+def read_mask(path: Path, source: str, shape: tuple[int, int], formats: tuple[str, ...]) -> Mask:
+    """(H, W) True where any colour channel of a picture is not zero; its size is checked first.
+
+    Raises CaptureError where it is not of `shape`, or of none of the `formats`.
+    """
+    data = read_bytes(path, source=source)
+    header = read_header(data, source)
+    check_mask_size((header.height, header.width), shape, source)
+    if header.format not in formats:
+        raise CaptureError(
+            "this kind of mask is not read",
+            source=source,
+            seen=f"a {header.format}, by its bytes",
+            needed=" or ".join(formats),
+            remedy="export it as PNG",
+        )
+    red, green, blue = np.moveaxis(as_rgb(decode_image(data, source)) != 0, 2, 0)
+    return np.asarray(red | green | blue)
 
 
 def file_findings(images: Images) -> tuple[Finding, ...]:

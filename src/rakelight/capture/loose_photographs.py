@@ -15,10 +15,9 @@ from rakelight.capture.headers import check_size
 from rakelight.capture.images import as_rgb, decode_image
 from rakelight.capture.listing import allocate
 from rakelight.capture.loose_files import LooseFile, LooseFiles
-from rakelight.capture.validate import check_mask_size
 from rakelight.errors import CaptureError, listed
 from rakelight.files import read_bytes
-from rakelight.model import Array, Encoding, Finding, Floats, Mask, Progress, ProgressCallback
+from rakelight.model import Array, Encoding, Finding, Floats, Progress, ProgressCallback
 
 # Columns of a raw photograph for each one of the depth map, from which on each 2 x 2 of its mosaic
 # becomes one pixel: twice as fine as depth is still left, and a mosaic measures red and blue at no
@@ -104,20 +103,6 @@ def read_loose_photographs(
         flat=corrections.get(files.flat.name) if files.flat else None,
         findings=findings,
     )
-
-
-def read_loose_mask(file: LooseFile, shape: tuple[int, int]) -> Mask:
-    """(H, W) True where any channel of the picture is not zero; its size is checked first."""
-    if file.header is None or file.kind == "JPEG":
-        raise CaptureError(
-            "this kind of mask is not read",
-            source=file.source,
-            seen=file.kind.upper(),
-            needed="PNG or TIFF, the same values as stored",
-        )
-    check_mask_size((file.header.height, file.header.width), shape, file.source)
-    pixels = as_rgb(decode_image(read_bytes(file.path, source=file.source), file.source))
-    return np.asarray((pixels != 0).any(axis=2))
 
 
 def _decoded(

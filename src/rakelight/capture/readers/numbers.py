@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rakelight.capture import validate
-from rakelight.errors import CaptureError, InputError, parsing
+from rakelight.errors import CaptureError, parsing, stated_in
 from rakelight.model import Camera, Floats, RigidTransform
 
 # By how much R Rᵀ may differ from the identity: RealSense's .db3 has rotations with six decimals.
@@ -81,16 +81,8 @@ def camera_of(matrix: object, shape: tuple[int, int], source: str, what: str) ->
     K = numbers.reshape(3, 3)
     if K[0, 2] == 0 and K[1, 2] == 0:
         K = K.T
-    try:
+    with stated_in(source, what):
         camera = Camera.from_matrix(K, shape)
-    except InputError as error:
-        raise CaptureError(
-            f"{what}: {error.what}",
-            source=source,
-            seen=error.seen,
-            needed=error.needed,
-            remedy=error.remedy,
-        ) from error
     validate.check_camera(camera, shape, source, what)
     return camera
 

@@ -13,7 +13,7 @@ from rakelight.capture.decoder_process import DecoderProcess
 from rakelight.capture.exif import ROUGHNESS, camera_of
 from rakelight.capture.from_arrays import capture_from_arrays
 from rakelight.capture.intrinsics import MAX_BYTES, SUFFIXES, parse_intrinsics
-from rakelight.capture.listing import check_numbers
+from rakelight.capture.listing import check_numbers, read_mask
 from rakelight.capture.loose_depth import depth_noted, read_loose_depth
 from rakelight.capture.loose_files import (
     LooseFiles,
@@ -22,7 +22,7 @@ from rakelight.capture.loose_files import (
     list_loose_files,
     role_of,
 )
-from rakelight.capture.loose_photographs import Photos, read_loose_mask, read_loose_photographs
+from rakelight.capture.loose_photographs import Photos, read_loose_photographs
 from rakelight.capture.readers.base import Reader, Reading, Wanted
 from rakelight.errors import CaptureError, listed, named_in, printable
 from rakelight.files import read_bytes
@@ -95,7 +95,7 @@ def reading_of(
     depth_camera, view_findings = _depth_camera(camera, depth_m.shape[1:])
     mask = None
     if files.mask is not None:
-        mask = read_loose_mask(files.mask, camera.shape)
+        mask = read_mask(files.mask.path, files.mask.source, camera.shape, ("PNG", "TIFF"))
     with named_in(str(path)):
         capture = capture_from_arrays(
             photos.pixels,
