@@ -39,6 +39,8 @@ _CLASSES = {
 _OTHER_CLASSES = {1: "a cell", 2: "a structure", 3: "an object", 4: "text", 5: "a sparse matrix"}
 _COMPLEX = 0x0800
 _HEADER = 128
+# How files of version 7.3 begin: as MATLAB writes them, and without its own words before the HDF5.
+_HDF5 = (b"MATLAB 7.3 MAT-file", b"\x89HDF\r\n\x1a\n")
 # Bytes at the start of a variable in which its type, size and name lie.
 _PREAMBLE = 4096
 # Values of one variable: 100 photographs of 2 megapixels in colour.
@@ -49,7 +51,24 @@ _MOST_AXES, _MOST_VARIABLES = 8, 1000
 
 def is_mat(start: bytes) -> bool:
     """Whether the first bytes of a file are those of a .mat file, of any version from 5 on."""
-    return start.startswith(b"MATLAB 5.0 MAT-file") or start.startswith(b"MATLAB 7.3 MAT-file")
+    return start.startswith((b"MATLAB 5.0 MAT-file", *_HDF5))
+
+
+def refuse_hdf5(start: bytes, source: str) -> None:
+    """Raise CaptureError where a file begins as those of version 7.3, which are HDF5.
+
+    >>> refuse_hdf5(b"MATLAB 7.3 MAT-file, Platform", "data.mat")
+    Traceback (most recent call last):
+    rakelight.errors.CaptureError: data.mat: HDF5 is not read, and so no .mat file of version
+    7.3 (needed ...
+    """
+    if start.startswith(_HDF5):
+        raise CaptureError(
+            "HDF5 is not read, and so no .mat file of version 7.3",
+            source=source,
+            needed="a .mat file of version 5 to 7",
+            remedy="in MATLAB: load('old.mat'); save('new.mat', 'I', 'z0', 'mask', 'K', '-v7')",
+        )
 
 
 def read_mat(data: bytes, wanted: Collection[str], source: str = "") -> dict[str, Array]:
@@ -58,15 +77,11 @@ def read_mat(data: bytes, wanted: Collection[str], source: str = "") -> dict[str
     Raises CaptureError for another format, damage, or a wanted variable that is no array of real
     numbers; MachineError where there is too little memory for one.
 
-    >>> read_mat(b"MATLAB 7.3 MAT-file", ["I"], "data.mat")
+    >>> read_mat(b"a text", ["I"], "data.mat")
     Traceback (most recent call last):
-    rakelight.errors.CaptureError: data.mat: a .mat file of version 7.3 (seen HDF5, ...
+    rakelight.errors.CaptureError: data.mat: not a .mat file of version 5 to 7
     """
-    if data.startswith(b"MATLAB 7.3"):
-        raise CaptureError(
-            "a .mat file of version 7.3", source=source, seen="HDF5", needed="version 5 to 7",
-            remedy="in MATLAB: save('data.mat', 'I', 'z0', 'mask', 'K', '-v7')",
-        )  # fmt: skip
+    refuse_hdf5(data[:32], source)
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     if not data.startswith(b"MATLAB 5.0 MAT-file") or order is None:
         raise CaptureError("not a .mat file of version 5 to 7", source=source)

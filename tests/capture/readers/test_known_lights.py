@@ -183,10 +183,15 @@ def test_wrong_variables_are_refused(tmp_path, changes, message):
         load_capture(mat(tmp_path / "a.mat", **changes))
 
 
-def test_version_7_3_is_refused_with_the_way_to_save(tmp_path):
+@pytest.mark.parametrize(
+    "head", [b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\0\2IM", b"\x89HDF\r\n\x1a\n"]
+)
+def test_version_7_3_is_refused_with_the_way_to_save(tmp_path, head):
     path = tmp_path / "a.mat"
-    path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\0\2IM")
-    with pytest.raises(CaptureError, match="-v7"):
+    with path.open("wb") as file:
+        file.write(head)
+        file.truncate(3_000_000_000)  # as large as only these can be; it is not read to the end
+    with pytest.raises(CaptureError, match=r"a\.mat: HDF5 is not read.*7\.3.*'K', '-v7'"):
         load_capture(path)
 
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from rakelight.capture.from_arrays import capture_from_arrays
 from rakelight.capture.listing import check_numbers
-from rakelight.capture.matfile import is_mat, read_mat
+from rakelight.capture.matfile import is_mat, read_mat, refuse_hdf5
 from rakelight.capture.readers.base import Reader, Reading, Wanted
 from rakelight.errors import CaptureError, named_in
-from rakelight.files import read_bytes
+from rakelight.files import clear_errors, read_bytes
 from rakelight.model import Array, Camera, Finding, Floats
 
 VARIABLES = ("I", "z0", "mask", "K")
@@ -37,6 +37,8 @@ def sniff(path: Path) -> bool:
 def read(path: Path, wanted: Wanted) -> Reading:
     """The capture of the file."""
     source = str(path)
+    with clear_errors(source, "cannot be read"), path.open("rb") as file:
+        refuse_hdf5(file.read(32), source)  # before gigabytes of it are read
     data = read_bytes(path, source=source, max_bytes=MAX_BYTES)
     variables = read_mat(data, VARIABLES, source)
     for name, axes in (("I", (3, 4)), ("z0", (2, 3)), ("K", (2,))):
