@@ -62,9 +62,9 @@ def listed_camera(location, lens, sensor, place=None, model=BROWN_CONRADY):
 def calibration(
     color=COLOR_LENS, depth=DEPTH_LENS, place=TILTED, sensor=(4096, 3072), depth_place=None
 ):
-    """The table of calibration.json."""
-    of_depth = listed_camera("CAMERA_LOCATION_D0", depth, (1024, 1024), depth_place)
-    of_color = listed_camera("CAMERA_LOCATION_PV0", color, sensor, place)
+    """The table of calibration.json, with the names that devices write and calibration.c reads."""
+    of_depth = listed_camera("CALIBRATION_CameraLocationD0", depth, (1024, 1024), depth_place)
+    of_color = listed_camera("CALIBRATION_CameraLocationPV0", color, sensor, place)
     return {"CalibrationInformation": {"Cameras": [of_depth, of_color], "InertialSensors": []}}
 
 

@@ -191,18 +191,25 @@ WRONG = {
     "the calibration of the cameras is not in it": Take(attached=None),
     "not JSON": Take(attached=b"<html>"),
     "CalibrationInformation is missing": Take(attached=b"{}"),
-    "Rt of CAMERA_LOCATION_D0 is missing": Take(attached=without("Rt")),
-    "no camera CAMERA_LOCATION_D0 in it": Take(attached=without("Location")),
-    "the size of the sensor CAMERA_LOCATION_D0 is not known": Take(attached=without("SensorWidth")),
-    "the lens of CAMERA_LOCATION_PV0 is incomplete": Take(attached=changed(color=[0.5] * 8)),
+    "Rt of CALIBRATION_CameraLocationD0 is missing": Take(attached=without("Rt")),
+    "no camera CALIBRATION_CameraLocationD0 in it": Take(attached=without("Location")),
+    "the size of the sensor CALIBRATION_CameraLocationD0 is not known": Take(
+        attached=without("SensorWidth")
+    ),
+    "the lens of CALIBRATION_CameraLocationPV0 is incomplete": Take(
+        attached=changed(color=[0.5] * 8)
+    ),
     "unknown model of lens distortion.*0.1": Take(
         attached=changed(color=[*COLOR_LENS[:10], 0.1, *COLOR_LENS[11:]])
     ),
     "the colour sensor has other proportions": Take(attached=changed(sensor=(3000, 3000))),
-    "the place of CAMERA_LOCATION_PV0 is no rigid motion": Take(
+    "the place of CALIBRATION_CameraLocationPV0 is no rigid motion": Take(
         attached=changed(place=RigidTransform(2 * np.eye(3), np.zeros(3)))
     ),
     "an unknown mode of the colour camera": Take(color=some_color(1)[:, :700]),
+    "frames of 1280x960, needed 1280x720.*Fix: record with one": Take(
+        color=np.zeros((1, 960, 1280, 3), np.uint8)
+    ),
     "an unknown mode of the depth camera": Take(depth=some_depth(1)[:, :200]),
     "no track of colour": Take(titles=("video", "DEPTH", "IR")),
     "no track of depth": Take(titles=("COLOR", "D", "IR")),

@@ -16,9 +16,12 @@ from rakelight.capture.readers.numbers import array_of, json_table, number_in, r
 from rakelight.errors import CaptureError
 from rakelight.model import Camera, Distortion, RigidTransform
 
-COLOR, DEPTH = "CAMERA_LOCATION_PV0", "CAMERA_LOCATION_D0"
+# The cameras' names in calibration.json, as calibration.c looks for them.
+COLOR, DEPTH = "CALIBRATION_CameraLocationPV0", "CALIBRATION_CameraLocationD0"
 _BROWN_CONRADY = "CALIBRATION_LensDistortionModelBrownConrady"
-# Width and height of the frames of every mode.
+# Width and height of the frames of every mode of Microsoft's SDK.  Orbbec's 1280x960 is none of
+# them: its wrapper has taken it for the whole sensor, and at another time for the middle three
+# quarters of both sides.
 _COLOR_MODES = (
     (1280, 720), (1920, 1080), (2560, 1440), (2048, 1536), (3840, 2160), (4096, 3072),
 )  # fmt: skip
@@ -173,4 +176,5 @@ def _unknown_mode(
         source=source,
         seen=f"frames of {shape[1]}x{shape[0]}",
         needed=", ".join(f"{width}x{height}" for width, height in known),
+        remedy="record with one of these",
     )
