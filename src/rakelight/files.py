@@ -38,6 +38,8 @@ _WRONG_PATH = {
 }
 
 _REMEDIES: dict[tuple[str, int | None], str] = {
+    ("cannot be read", errno.EACCES): "allow yourself to read it, or copy it to where you may",
+    ("cannot be read", errno.EPERM): "allow yourself to read it, or copy it to where you may",
     ("cannot be written", errno.ENOSPC): "free some space, or choose another disk",
     ("cannot be written", errno.EDQUOT): "free some space, or choose another disk",
     ("cannot be written", errno.EACCES): "choose a folder that you may write to",

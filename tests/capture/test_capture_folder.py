@@ -240,7 +240,7 @@ def test_weird_paths(tmp_path, monkeypatch, name):
     line = str(caught.value)
     assert "\n" not in line
     line.encode()
-    assert line.endswith("/mask.png: the file is empty")
+    assert "/mask.png: the file is empty. Fix: " in line
 
 
 def test_registration_is_asked_for_by_a_key(tmp_path):

@@ -80,7 +80,7 @@ def test_wrong_lights_in_capture_toml_are_refused(tmp_path, text, message):
     ("text", "message"),
     [
         ("", "first line ''"),
-        ("4\n000.png 0 0 1\n", "seen 1 lines, needed 4"),
+        ("4\n000.png 0 0 1\n", "seen 4, and 1 lines of lights"),
         ("1\n000.png 0 x 1\n", "line 1"),
         ("1\n000.png 0 nan 1\n", "finite"),
         ("1\n0 0 1\n", "name x y z"),

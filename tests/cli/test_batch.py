@@ -98,7 +98,7 @@ def test_killed_workers_and_killed_runs(captures, tmp_path):
     assert {name: after[name] for name in before} == before
     messages = {each["name"]: each["message"] for each in told["captures"] if each["message"]}
     assert "001.png" in messages["damaged"]
-    assert "no capture.toml" in messages["empty"]
+    assert "an empty folder" in messages["empty"]
     assert names_in(tmp_path) == {"captures", "out"}
     assert names_in(out) == {*after, "batch.json", "index.html"}
 

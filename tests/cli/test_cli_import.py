@@ -37,5 +37,6 @@ def test_an_unknown_file_is_refused_in_one_line(run, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_what_is_not_there_is_left_to_the_capture(tmp_path):
-    assert find_reader(tmp_path / "none").name == "rakelight"
+def test_what_looks_like_a_capture_is_left_to_that_reader(tmp_path):
+    (tmp_path / "c" / "rgb").mkdir(parents=True)
+    assert find_reader(tmp_path / "c").name == "rakelight"

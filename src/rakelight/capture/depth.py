@@ -43,20 +43,25 @@ def check_depth_header(header: Header, source: str) -> None:
             seen=f"{header.channels} channels",
             remedy="export the depth itself, not a coloured picture of it",
         )
-    if header.dtype in ("uint8", "int8"):
-        raise CaptureError(
-            "256 levels cannot carry millimetres",
-            source=source,
-            seen="8-bit depth",
-            needed="16-bit PNG or float TIFF",
-            remedy="export the depth as 16-bit PNG",
-        )
+    refuse_8_bit(header.dtype, source)
     if header.dtype not in ("uint16", "int16", "float32", "float64"):
         raise CaptureError(
             "this kind of depth is not read",
             source=source,
             seen=header.dtype,
             needed="16-bit PNG or float TIFF",
+        )
+
+
+def refuse_8_bit(dtype: str, source: str) -> None:
+    """Raise CaptureError for depth of so few levels."""
+    if dtype in ("uint8", "int8", "bool"):
+        raise CaptureError(
+            "256 levels cannot carry millimetres",
+            source=source,
+            seen="8-bit depth",
+            needed="16-bit PNG or float TIFF",
+            remedy="export the depth as 16-bit PNG",
         )
 
 

@@ -29,13 +29,16 @@ _OTHER_FORMATS = (
     (b"MM\0+", "a BigTIFF"),
     (b"GIF8", "a GIF"),
     (b"BM", "a BMP"),
-    (b"RIFF", "a WebP"),
+    (b"RIFF", "a WebP or an AVI"),
     (b"%PDF", "a PDF"),
     (b"PK", "a ZIP archive"),
     (b"\x93NUMPY", "a NumPy array"),
     (b"v/1\x01", "an OpenEXR"),
     (b"version https://git-lfs", "a Git LFS pointer: run `git lfs pull`"),
     (b"<", "HTML or XML"),
+    (b"SQLite format 3\0", "an SQLite file"),
+    (b"\x89MCAP", "MCAP"),
+    *((magic, "a packed file") for magic in (b"\x1f\x8b", b"7z\xbc\xaf", b"Rar!", b"\xfd7zXZ")),
 )
 # By colour type: channels (a palette is expanded), and the bits that a sample may have.
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}
@@ -117,7 +120,7 @@ def read_header(data: bytes, source: str = "") -> Header:
 
     >>> read_header(b"<!DOCTYPE html>", "depth/000.png")
     Traceback (most recent call last):
-    rakelight.errors.CaptureError: depth/000.png: not an image file (seen HTML or XML, ...)
+    rakelight.errors.CaptureError: depth/000.png: not an image file (seen HTML or XML, ...
     """
     try:
         if data.startswith(PNG_MAGIC):
@@ -129,10 +132,11 @@ def read_header(data: bytes, source: str = "") -> Header:
     except (struct.error, IndexError) as error:
         raise damaged(source, "its header is cut short") from error
     if not data:
-        raise CaptureError("the file is empty", source=source)
+        raise CaptureError("the file is empty", source=source, remedy="copy or export it again")
     raise CaptureError(
-        "not an image file", source=source, seen=_what_it_is(data), needed="PNG or TIFF"
-    )
+        "not an image file", source=source, seen=what_it_is(data), needed="PNG or TIFF",
+        remedy="copy, download or export it again",
+    )  # fmt: skip
 
 
 def damaged(source: str, how: str) -> CaptureError:
@@ -195,10 +199,17 @@ class TiffTags:
         return int(np.frombuffer(self.data, dtype, 1, at)[0]) if count else default
 
 
-def _what_it_is(data: bytes) -> str:
+def what_it_is(data: bytes) -> str:
+    """What a file is that is none of the images read here, by its first bytes.
+
+    >>> what_it_is(b"PK\\3\\4"), what_it_is(b"")
+    ('a ZIP archive', 'an empty file')
+    """
     start = data[:64].lstrip()
     if data[4:8] == b"ftyp":
         return "HEIC or a video"
+    if not data:
+        return "an empty file"
     for magic, name in _OTHER_FORMATS:
         if start.startswith(magic):
             return name

@@ -266,9 +266,12 @@ def parse_lp(data: bytes, source: str) -> tuple[list[str], Floats]:
         )
     if int(stated) != len(lines) - 1 or len(lines) < 2:
         raise CaptureError(
-            "the number of lights is another", source=source, seen=f"{len(lines) - 1} lines",
-            needed=stated,
-        )  # fmt: skip
+            "the first line says another number of lights",
+            source=source,
+            seen=f"{stated}, and {len(lines) - 1} lines of lights",
+            needed="as many lines as it says",
+            remedy="correct the first line, or look for lines that are lost",
+        )
     names, vectors = [], []
     for number, line in enumerate(lines[1:], 1):
         name, *numbers = line.rsplit(None, 3)
@@ -355,6 +358,7 @@ def matched(listed: Sequence[str], names: Sequence[str], source: str) -> Array:
             seen=f"{len(listed)} lights, {len(names)} photographs; none for "
             + ", ".join(map(printable, missing[:3])),
             needed="a line for each photograph, by its name",
+            remedy="add the lines, or move these photographs away",
         )
     twice = sorted(
         {name for name, stem in zip(names, wanted, strict=True) if stems.count(stem) > 1}

@@ -221,20 +221,19 @@ def file_findings(images: Images) -> tuple[Finding, ...]:
         )
     unread = [name for name in images.ignored if Path(name).suffix.lower() in UNREAD]
     if unread:
-        findings.append(
-            Finding(
-                "warning",
-                "unread-images",
-                f"{kind}: images of a format that is not read: {listed(unread)}",
-                "convert them to PNG",
-            )
-        )
+        findings.append(unread_finding(unread, f"{kind}: "))
     others = [name for name in images.ignored if name not in unread]
     if others:
         findings.append(
             Finding("note", "ignored-files", f"{kind}: not images, ignored: {listed(others)}")
         )
     return tuple(findings)
+
+
+def unread_finding(names: Sequence[str], where: str = "") -> Finding:
+    """The warning that images are left out; `where` they lie, for the message."""
+    message = f"{where}images of a format that is not read: {listed(names)}"
+    return Finding("warning", "unread-images", message, "convert them to PNG")
 
 
 def _named_as(name: str, header: Header) -> bool:

@@ -48,7 +48,7 @@ def load_capture(
     --------
     >>> load_capture("no/such/folder")
     Traceback (most recent call last):
-    rakelight.errors.CaptureError: no/such/folder: no such folder (needed ...)
+    rakelight.errors.CaptureError: no/such/folder: no such folder or file (needed ...
     """
     path = Path(os.fsdecode(source))
     wanted = Wanted(None if photographs is None else tuple(photographs))

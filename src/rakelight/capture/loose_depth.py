@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from rakelight.capture.decoder_process import DecoderProcess
-from rakelight.capture.depth import check_depth_header
+from rakelight.capture.depth import check_depth_header, refuse_8_bit
 from rakelight.capture.images import decode_image
 from rakelight.capture.listing import allocate
 from rakelight.capture.loose_files import LooseFile, LooseFiles
@@ -67,7 +67,9 @@ def _pixels(file: LooseFile, decoder: DecoderProcess) -> Array:
     if file.kind == "pfm":
         return decode_pfm(data, file.source)
     if file.kind == "npy":
-        return decode_npy(data, file.source)
+        array = decode_npy(data, file.source)
+        refuse_8_bit(str(array.dtype), file.source)
+        return array
     if file.exr is None or not file.one_channel:
         raise CaptureError(
             "this kind of depth is not read",
@@ -86,27 +88,30 @@ def _scale(path: Path) -> float:
     number = float(text) if re.fullmatch(r"[0-9]{1,9}(\.[0-9]{1,9})?", text) else 0.0
     if number <= 0:
         raise CaptureError(
-            "no depth scale", source=source, seen=text[:40], needed="depth values per metre: 1000"
-        )
+            "no depth scale", source=source, seen=text[:40], needed="depth values per metre",
+            remedy="write 1000 where they are millimetres",
+        )  # fmt: skip
     return number
 
 
 def _unit(raw: Array, stated: float | None, file: LooseFile) -> tuple[float, tuple[Finding, ...]]:
     """Depth values per metre, and a note where they were assumed."""
-    if stated is not None:
-        return stated, ()
     if raw.dtype.kind == "f":
-        return 1.0, ()
+        return stated or 1.0, ()
     measured = raw[(raw > 0) & (raw < np.iinfo(raw.dtype).max)]
     median = float(np.median(measured)) if measured.size else 0.0
-    if measured.size and not PLAUSIBLE_M[0] <= median / MILLIMETRES <= PLAUSIBLE_M[1]:
+    metres = median / (stated or MILLIMETRES)
+    if measured.size and not PLAUSIBLE_M[0] <= metres <= PLAUSIBLE_M[1]:
+        at = "in millimetres" if stated is None else f"at {stated:g} values per metre"
         raise CaptureError(
-            "the unit of the depth is not known",
+            "the unit of the depth is not known" if stated is None else "not the unit of the depth",
             source=file.source,
-            seen=f"median value {median:g}, which is no distance in millimetres",
+            seen=f"median value {median:g}, which is no distance {at}",
             needed="depth values per metre",
             remedy="write the number into depth_scale.txt beside it; " + plausible_scales(median),
         )
+    if stated is not None:
+        return stated, ()
     message = "16-bit depth taken for millimetres: median {median_m:.3g} m"
     remedy = "where that is wrong, write the depth values per metre into depth_scale.txt"
     return MILLIMETRES, (Finding("note", "depth-unit-assumed", message, remedy),)

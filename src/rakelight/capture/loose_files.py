@@ -11,19 +11,22 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from rakelight.capture import exr, heic, intrinsics, npy, pfm, raw
 from rakelight.capture.headers import PNG_MAGIC, Header, TiffTags, read_header
-from rakelight.capture.listing import by_number
+from rakelight.capture.listing import SUFFIXES, UNREAD, by_number
 from rakelight.errors import CaptureError, listed
 from rakelight.files import clear_errors, read_bytes
 
 Kind = Literal["PNG", "JPEG", "TIFF", "heic", "raw", "exr", "pfm", "npy"]
 Role = Literal["photograph", "depth", "mask", "ambient", "flat"]
 
+# Endings of files that are images, or damaged.
+_IMAGES = (*SUFFIXES, *raw.SUFFIXES, ".heic", ".heif", ".exr")
 _MOST_FILES = 2000  # that are looked at; more are a recording or a disk
 _WHERE = "put the photographs in one folder, or name the others depth, mask, ambient, flat"
 
@@ -66,6 +69,7 @@ class LooseFiles:
 
     texts : files that might hold intrinsics; depth_scale : the file that says it
     unused : names of pictures that are left out, for a note
+    unread : names of images of formats that are not read, for a warning
     """
 
     photographs: tuple[LooseFile, ...]
@@ -76,6 +80,7 @@ class LooseFiles:
     texts: tuple[Path, ...]
     depth_scale: Path | None
     unused: tuple[str, ...]
+    unread: tuple[str, ...] = ()
 
 
 def kind_of(start: bytes, suffix: str) -> Kind | None:
@@ -116,13 +121,17 @@ def role_of(name: str) -> Role | None:
 
 
 def candidates(folder: Path) -> list[Path]:
-    """The files in it and in its subfolders, not deeper, through no link to a folder; sorted."""
+    """The files in it and in its subfolders, not deeper, through no link to a folder; sorted.
+
+    Raises CaptureError for too many, MachineError for a subfolder that may not be looked at.
+    """
     found: list[Path] = []
     for path in sorted(folder.iterdir(), key=by_number):
         if path.name.startswith("."):
             continue
         if path.is_dir():
-            inner = [] if path.is_symlink() else sorted(path.iterdir(), key=by_number)
+            with clear_errors(str(path), "cannot be read"):
+                inner = [] if path.is_symlink() else sorted(path.iterdir(), key=by_number)
             found += [p for p in inner if not p.name.startswith(".") and not p.is_dir()]
         else:
             found.append(path)
@@ -133,6 +142,22 @@ def candidates(folder: Path) -> list[Path]:
                 seen=f"more than {_MOST_FILES}",
                 remedy="put the photographs and the depth into a folder of their own",
             )
+    return found
+
+
+def images_in(folder: Path) -> list[tuple[Kind, Role | None]]:
+    """Kind and role of each image among the candidates, by first bytes and names; raises OSError.
+
+    Those that may not be looked at are left out.
+    """
+    found: list[tuple[Kind, Role | None]] = []
+    for path in candidates(folder):
+        with suppress(OSError):
+            if path.is_file():
+                with path.open("rb") as file:
+                    kind = kind_of(file.read(16), path.suffix)
+                if kind is not None:
+                    found.append((kind, role_of(path.relative_to(folder).as_posix())))
     return found
 
 
@@ -161,11 +186,16 @@ def list_loose_files(folder: Path, photographs: Sequence[str] = ()) -> LooseFile
                 remedy="keep one of them",
             )
     rest = [file for file in images if roles[file.name] is None]
+    known = {file.name for file in images}
+    others = [p.relative_to(folder).as_posix() for p in paths if p.suffix.lower() in UNREAD]
+    unread = [name for name in others if name not in known]
+    if not images:
+        _check_photographs(folder, [], [], unread)
     depth, unused = _depth_among(folder, named["depth"], rest)
     if photographs:
         rest = _listed(folder, images, photographs)
     taken, paired = _without_pairs([file for file in rest if file not in depth])
-    _check_photographs(folder, taken, depth)
+    _check_photographs(folder, taken, depth, unread)
     one = {word: next(iter(named[word]), None) for word in ("mask", "ambient", "flat")}
     return LooseFiles(
         tuple(taken),
@@ -176,17 +206,23 @@ def list_loose_files(folder: Path, photographs: Sequence[str] = ()) -> LooseFile
         tuple(p for p in texts if p not in scales),
         scales[0] if scales else None,
         tuple(file.name for file in (*unused, *paired)),
+        tuple(unread),
     )
 
 
 def _looked_at(folder: Path, path: Path) -> LooseFile | None:
     name = path.relative_to(folder).as_posix()
     source = f"{folder}/{name}"
+    stated = path.suffix.lower() in _IMAGES
     if not path.is_file():
+        if stated and path.is_symlink():
+            raise CaptureError("a link to nothing", source=source, remedy="remove it")
         return None
     with clear_errors(source, "cannot be read"), path.open("rb") as file:
-        start = file.read(16)
+        start = file.read(64)
     kind = kind_of(start, path.suffix)
+    if kind is None and stated:
+        read_header(start, source)  # says what it is: never left out without a word
     if kind in ("PNG", "JPEG", "TIFF"):
         data = read_bytes(path, source=source)
         if kind == "TIFF" and is_dng(data):
@@ -253,11 +289,14 @@ def _without_pairs(files: list[LooseFile]) -> tuple[list[LooseFile], list[LooseF
 
 
 def _check_photographs(
-    folder: Path, files: Sequence[LooseFile], depth: Sequence[LooseFile]
+    folder: Path, files: Sequence[LooseFile], depth: Sequence[LooseFile], unread: Sequence[str]
 ) -> None:
-    """Raise CaptureError unless there are some, of one kind, in one folder."""
+    """Raise CaptureError unless there are some, of one kind, in one folder.
+
+    unread : names of images of other formats
+    """
     source = str(folder)
-    if not files and not any(file.only_depth or role_of(file.name) for file in depth):
+    if depth and not files and not any(f.only_depth or role_of(f.name) for f in depth):
         raise CaptureError(
             "not clear which of these is depth",
             source=source,
@@ -269,8 +308,9 @@ def _check_photographs(
         raise CaptureError(
             "no photographs in it",
             source=source,
+            seen=listed(unread),
             needed="JPEG, PNG, TIFF, HEIC, EXR, DNG, CR2, CR3, NEF or ARW",
-            remedy=_WHERE,
+            remedy="convert them to PNG" if unread else _WHERE,
         )
     places = sorted({Path(file.name).parent.as_posix() for file in files})
     if len(places) > 1:

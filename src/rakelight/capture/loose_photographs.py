@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from rakelight.capture.headers import check_size
 from rakelight.capture.images import as_rgb, decode_image
 from rakelight.capture.listing import allocate
 from rakelight.capture.loose_files import LooseFile, LooseFiles
+from rakelight.capture.validate import check_same_kind
 from rakelight.errors import CaptureError, listed
 from rakelight.files import read_bytes
 from rakelight.model import Array, Encoding, Finding, Floats, Progress, ProgressCallback
@@ -66,6 +67,9 @@ def read_loose_photographs(
 
     Raises CaptureError where one is damaged or of another size or kind than the first.
     """
+    headers = {f.name: replace(f.header, channels=3) for f in files.photographs if f.header}
+    if len(headers) == len(files.photographs):  # the others' sizes are known when they are decoded
+        check_same_kind(headers, str(files.photographs[0].path.parent))
     extra = [file for file in (files.ambient, files.flat) if file is not None]
     everything = [*files.photographs, *extra]
     ones = _decoded(everything, decoder, depth_width)

@@ -409,12 +409,16 @@ def depth_factor(
     grid = SensorGrid(depth_shape, colour_shape)
     if grid.fits:
         return grid.factor
+    turned = SensorGrid((w, h), colour_shape).fits
     raise CaptureError(
-        "depth and colour sizes do not fit",
+        "depth and colour are turned against each other"
+        if turned
+        else "depth and colour sizes do not fit",
         source=depth_source,
         seen=f"depth {w}x{h}, colour {width}x{height}",
         needed="depth of the colour images' proportions, to half a pixel, and no larger",
-        remedy="if they are two cameras, give the depth camera ([depth_intrinsics] in "
+        remedy=("turn one of them by 90 degrees; " if turned else "")
+        + "if they are two cameras, give the depth camera ([depth_intrinsics] in "
         "capture.toml, depth_camera= with arrays), or export the depth aligned to the colour",
     )
 

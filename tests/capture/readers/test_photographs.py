@@ -123,7 +123,8 @@ def test_other_refusals(tmp_path):
     refusal(tmp_path, "photographs of several formats")
     (tmp_path / "img1.jpg").unlink()
     (tmp_path / "img1.png").write_bytes(encode_png(made.photographs[0][:12]))
-    refusal(tmp_path, "photographs of different kinds")
+    table = "img1.png 32x12x3 uint8; img9.png 32x24x3 uint8 and 3 more"
+    refusal(tmp_path, "images of different kinds", table)
     (tmp_path / "img1.png").unlink()
     (tmp_path / "k.txt").write_bytes(K.replace(b"40.5", b"41"))
     refusal(tmp_path, "several files with intrinsics", "k.txt")
@@ -136,6 +137,51 @@ def test_a_capture_folder_without_its_table_is_still_one(tmp_path):
     for name in ("rgb", "depth"):
         fill(tmp_path / name, depth=False, texts=False)
     refusal(tmp_path, "no capture.toml")
+
+
+def test_depth_of_8_bit_is_refused_in_any_format(tmp_path):
+    fill(tmp_path, depth=False)
+    np.save(tmp_path / "depth.npy", np.full((12, 16), 60, np.uint8))
+    refusal(tmp_path, "depth.npy: 256 levels cannot carry millimetres")
+
+
+def test_a_stated_unit_that_cannot_be(tmp_path):
+    depth_m = fill(tmp_path, depth=False).depth_m[0]
+    (tmp_path / "depth.png").write_bytes(encode_png(as_16_bit(depth_m)))
+    (tmp_path / "depth_scale.txt").write_text("0.001")
+    refusal(tmp_path, "not the unit of the depth", "at 0.001 values per metre", "= 1000 would")
+
+
+def test_depth_that_is_turned(tmp_path):
+    fill(tmp_path, depth=False)
+    (tmp_path / "depth.tiff").write_bytes(encode_tiff(np.full((16, 12), 0.6, np.float32)))
+    refusal(tmp_path, "turned against each other", "depth 12x16, colour 32x24", "by 90 degrees")
+
+
+def test_no_image_is_left_out_without_a_word(tmp_path):
+    fill(tmp_path)
+    (tmp_path / "img13.webp").write_bytes(b"RIFF0000WEBP")
+    warning = next(f for f in load_capture(tmp_path).findings if f.code == "unread-images")
+    assert "img13.webp" in warning.message
+    for name, data, words in (
+        ("img13.png", b"<html>", "seen HTML or XML"),
+        ("img13.JPG", b"version https://git-lfs.github.com/spec/v1", "git lfs pull"),
+        ("img13.heic", b"", "the file is empty"),
+        ("img13.dng", b"text", "not an image file"),
+    ):
+        path = tmp_path / name
+        path.write_bytes(data)
+        refusal(tmp_path, f"{name}: ", words)
+        path.unlink()
+    (tmp_path / "img13.png").symlink_to(tmp_path / "elsewhere.png")
+    refusal(tmp_path, "img13.png: a link to nothing")
+
+
+@pytest.mark.parametrize("text", ["40 40.5 15.25 11.75", "", "fx=40"])
+def test_a_file_of_intrinsics_that_states_none(tmp_path, text):
+    fill(tmp_path)
+    (tmp_path / "intrinsics.txt").write_text(text)
+    refusal(tmp_path, "intrinsics.txt: no intrinsics in it", f"seen {text or 'nothing'}", "fx 0 cx")
 
 
 def open_cv(name, K, distortion):

@@ -7,8 +7,10 @@ import cv2
 import numpy as np
 import pyrealsense2 as rs
 import pytest
+from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
+from rakelight import load_capture
 from rakelight.capture.images import encode_jpeg, encode_png
 from rakelight.capture.readers import find_reader, realsense
 from rakelight.capture.readers.ros_bag import opened
@@ -241,7 +243,7 @@ def test_a_view_in_a_recording_is_not_followed(tmp_path):
 @pytest.mark.parametrize(
     ("take", "what"),
     [
-        (Take(color=[]), "no stream of color with frames in it"),
+        (Take(color=[]), "no stream of colour with frames in it"),
         (Take(depth=[]), "no stream of depth with frames in it"),
         (Take(depth_to_color=None), "where the depth camera is is not in it"),
         (Take(unit_m=None), "the unit of the depth is not in it"),
@@ -300,3 +302,13 @@ def test_opencv_has_the_yuv_of_librealsense():
     """Studio range, as both convert YUY2."""
     white = np.array([[[235, 128], [16, 128]]], np.uint8)
     assert cv2.cvtColor(white, cv2.COLOR_YUV2RGB_YUY2)[0, :, 0].tolist() == [255, 0]
+
+
+def test_a_bag_without_a_realsense_camera_is_called_that(tmp_path):
+    store = get_typestore(Stores.ROS1_NOETIC)
+    kind = "std_msgs/msg/String"
+    with Writer(tmp_path / "talk.bag") as writer:
+        talk = writer.add_connection("/chatter", kind, typestore=store)
+        writer.write(talk, 1, store.serialize_ros1(store.types[kind]("hello"), kind))
+    with pytest.raises(CaptureError, match=r"none of a RealSense.*seen /chatter.*Fix: record"):
+        load_capture(tmp_path / "talk.bag")

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from contextlib import suppress
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 
 from rakelight.capture.readers.base import Reader, Reading, Wanted
-from rakelight.errors import CaptureError
 
 __all__ = ["Reader", "Reading", "Wanted", "find_reader", "readers"]
 
@@ -43,21 +41,18 @@ def readers() -> tuple[Reader, ...]:
 def find_reader(source: Path) -> Reader:
     """The reader that recognises `source`: a file or a folder.
 
-    A folder that none recognises is left to that of capture folders, which says what is missing.
-    Raises CaptureError for a file that none recognises.
+    A folder that looks like a capture folder is left to that reader, which says what is missing.
+    Raises CaptureError, with what to name or to do instead, for all else that none recognises.
 
-    >>> find_reader(Path("no/such/folder")).name
-    'rakelight'
+    >>> find_reader(Path("no/such/folder"))
+    Traceback (most recent call last):
+    rakelight.errors.CaptureError: no/such/folder: no such folder or file (needed ...
     """
     for reader in readers():
         with suppress(OSError, ValueError):  # an impossible path, or one we may not look at
             if reader.sniff(source):
                 return reader
-    if os.path.isfile(source):  # noqa: PTH113 - False for impossible paths, where Path raises
-        raise CaptureError(
-            "this kind of file is not read",
-            source=str(source),
-            needed="a capture folder or one of: " + ", ".join(r.name for r in readers()[1:]),
-            remedy="`rakelight import --list` says what is read",
-        )
+    from rakelight.capture.readers.unknown import refuse_unknown
+
+    refuse_unknown(source)
     return readers()[0]

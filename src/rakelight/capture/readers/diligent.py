@@ -70,6 +70,7 @@ def _rows(path: Path, name: str, count: int) -> Floats:
         raise CaptureError(
             "as many lights as photographs are needed", source=source, seen=f"{len(rows)} lines",
             needed=f"{count}, as in {NAMES}",
+            remedy="copy the dataset's lists again, or take lines out of both",
         )  # fmt: skip
     return rows
 

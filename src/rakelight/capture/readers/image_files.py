@@ -54,6 +54,11 @@ def numbered_files(root: Path, folder: str) -> dict[int, str]:
     Raises CaptureError where two have the same number, or there are none.
     """
     source, found = f"{root}/{folder}", dict[int, str]()
+    if not (root / folder).is_dir():
+        raise CaptureError(
+            f"no folder {folder} in it", source=str(root), needed="the recording whole",
+            remedy="copy it again with all its folders",
+        )  # fmt: skip
     with clear_errors(source, "cannot be read"):
         paths = sorted(p for p in (root / folder).iterdir() if p.suffix.lower() in SUFFIXES)
         # A recording that was broken off ends with files that nothing was written into.
@@ -72,7 +77,10 @@ def numbered_files(root: Path, folder: str) -> dict[int, str]:
             )
         found[number] = f"{folder}/{path.name}"
     if not found:
-        raise CaptureError("no numbered images in it", source=source, needed="PNG or JPEG files")
+        raise CaptureError(
+            "no numbered images in it", source=source, needed="PNG or JPEG files",
+            remedy="copy the recording again, whole",
+        )  # fmt: skip
     return dict(sorted(found.items()))
 
 

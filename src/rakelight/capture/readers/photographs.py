@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,24 +12,26 @@ from rakelight.capture.decoder_process import DecoderProcess
 from rakelight.capture.exif import ROUGHNESS, camera_of
 from rakelight.capture.from_arrays import capture_from_arrays
 from rakelight.capture.intrinsics import MAX_BYTES, SUFFIXES, parse_intrinsics
-from rakelight.capture.listing import check_numbers, read_mask
+from rakelight.capture.listing import check_numbers, read_mask, unread_finding
 from rakelight.capture.loose_depth import depth_noted, read_loose_depth
 from rakelight.capture.loose_files import (
     LooseFiles,
     candidates,
-    kind_of,
+    images_in,
     list_loose_files,
-    role_of,
 )
 from rakelight.capture.loose_photographs import Photos, read_loose_photographs
 from rakelight.capture.readers.base import Reader, Reading, Wanted
-from rakelight.errors import CaptureError, listed, named_in, printable
+from rakelight.errors import CaptureError, MachineError, listed, named_in, printable
 from rakelight.files import read_bytes
 from rakelight.model import Camera, Encoding, Finding, GivenLights
 
 # Sides whose proportions differ by less show the same field of view: 4032x3024 and 256x192 are
 # alike, 1920x1440 and 640x480, and rounding of one pixel in 192.
 _SAME_PROPORTIONS = 0.01
+
+# Formats that may be depth without a name that says so.
+_MAYBE_DEPTH = ("PNG", "TIFF", "exr", "pfm", "npy")
 
 EXIF_FOCAL = "intrinsics-from-exif"
 
@@ -47,24 +48,17 @@ def sniff(path: Path) -> bool:
     """
     if not path.is_dir() or os.path.lexists(path / CONFIG):
         return False
-    try:
-        files = candidates(path)
-    except CaptureError:
+    if (path / "result.json").is_file():
         return False
-    texts = [file for file in files if file.suffix.lower() in SUFFIXES]
+    try:
+        texts = any(file.suffix.lower() in SUFFIXES for file in candidates(path))
+        images = images_in(path)
+    except (CaptureError, MachineError):
+        return False
     if (path / "rgb").is_dir() and (path / "depth").is_dir() and not texts:
         return False
-    photographs = depth = 0
-    for file in files:
-        if file in texts or not file.is_file():
-            continue
-        with suppress(OSError), file.open("rb") as opened:
-            kind = kind_of(opened.read(16), file.suffix)
-            role = role_of(file.relative_to(path).as_posix())
-            if kind is not None:
-                depth += role == "depth" or kind in ("PNG", "TIFF", "exr", "pfm", "npy")
-                photographs += role is None and kind not in ("pfm", "npy")
-    return photographs > 0 and depth > 0
+    depth = any(role == "depth" or kind in _MAYBE_DEPTH for kind, role in images)
+    return depth and any(role is None and kind not in ("pfm", "npy") for kind, role in images)
 
 
 def read(path: Path, wanted: Wanted) -> Reading:
@@ -162,12 +156,17 @@ def _stated(folder: Path, files: LooseFiles) -> tuple[str, Camera] | None:
         if not path.is_file() or path.stat().st_size > MAX_BYTES or "depth" in path.stem.lower():
             continue
         source = f"{folder}/{name}"
-        camera = parse_intrinsics(read_bytes(path, source=source), source)
+        data = read_bytes(path, source=source)
+        camera = parse_intrinsics(data, source)
         if camera is not None:
             found[name] = camera
         elif path.stem.lower() in _SURELY_INTRINSICS:  # EXIF, or another file, is not what is meant
             raise CaptureError(
-                "no intrinsics in it", source=source, needed=_FORMATS, remedy=f"write {_MATRIX}"
+                "no intrinsics in it",
+                source=source,
+                seen=" ".join(data.decode("latin-1").split())[:60] or "nothing",
+                needed=_FORMATS,
+                remedy=f"write {_MATRIX}",
             )
     if len(set(found.values())) > 1:
         raise CaptureError(
@@ -201,11 +200,13 @@ def _depth_camera(
 
 
 def _unused(files: LooseFiles) -> tuple[Finding, ...]:
-    if not files.unused:
-        return ()
-    names = listed(files.unused)
-    message = f"left out, a better file is there: {names}"
-    return (Finding("note", "ignored-files", message),)
+    found: list[Finding] = []
+    if files.unused:
+        message = f"left out, a better file is there: {listed(files.unused)}"
+        found.append(Finding("note", "ignored-files", message))
+    if files.unread:
+        found.append(unread_finding(files.unread))
+    return tuple(found)
 
 
 READER = Reader(

@@ -107,6 +107,11 @@ def listed_frames(path: Path, opened: zipfile.ZipFile) -> Archive:
             kinds[kind][number] = name
     for kind, what in (("color", "colour"), ("depth", "depth")):
         if not kinds[kind]:
-            raise CaptureError(f"no {what} frames in it", source=str(path), needed="rgbd/0.…")
+            raise CaptureError(
+                f"no {what} frames in it",
+                source=str(path),
+                needed="rgbd/0.jpg and rgbd/0.depth, and so on",
+                remedy="export it again from Record3D, as .r3d",
+            )
     ordered = [dict(sorted(kinds[kind].items())) for kind in ("color", "depth", "conf")]
     return Archive(path, members, *ordered)

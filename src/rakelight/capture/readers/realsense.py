@@ -20,7 +20,7 @@ from rakelight.capture.readers.numbers import between, rigid_transform
 from rakelight.capture.readers.ros_bag import Bag, Topic, is_bag, opened
 from rakelight.capture.readers.ros_pixels import IMAGES, color_of, depth_of
 from rakelight.capture.recording import Recording, Stream, capture_of
-from rakelight.errors import CaptureError, parsing
+from rakelight.errors import CaptureError, listed, parsing
 from rakelight.model import Array, Camera, Distortion, Floats, LensModel, RigidTransform
 
 _FRAMES = re.compile(
@@ -93,9 +93,18 @@ def _recorded(bag: Bag, kind: str) -> _Recorded:
         for name, topic in sorted(bag.topics.items())
         if (match := _FRAMES.fullmatch(name)) and match[3] == kind
     ]
-    if len(found) != 1:
+    if not any(name.startswith("/device_") for name in bag.topics):
         raise CaptureError(
-            f"{'no' if not found else 'more than one'} stream of {kind.lower()} with frames in it",
+            "a recording of ROS, but none of a RealSense camera by its own recorder",
+            source=bag.source,
+            seen=listed(sorted(bag.topics)) or "no messages",
+            needed="/device_0/sensor_…, as librealsense names them",
+            remedy=f"{_AGAIN}, or export photographs and depth into a folder",
+        )
+    if len(found) != 1:
+        what = {"Color": "colour", "Depth": "depth"}[kind]
+        raise CaptureError(
+            f"{'no' if not found else 'more than one'} stream of {what} with frames in it",
             source=bag.source,
             seen=", ".join(stream.frames for stream in found)
             or ", ".join(name for name in sorted(bag.topics) if "/data" in name)

@@ -49,6 +49,7 @@ def read(path: Path, wanted: Wanted) -> Reading:
                 source=source,
                 seen=str(shape),
                 needed="I (H, W, 3, N), z0 (h, w), K (3, 3) and, where there is one, mask (H, W)",
+                remedy="save them under these names, with -v7",
             )
     depth_m, assumed = _depth(variables["z0"], source)
     with named_in(str(path)):

@@ -48,9 +48,9 @@ class _Odometry:
 
 
 def sniff(path: Path) -> bool:
-    """Whether the folder holds the video, depth/, and a file of its own."""
+    """Whether the folder holds the video and a file of its own."""
     own = (path / MATRIX).is_file() or (path / ODOMETRY).is_file()
-    return own and (path / VIDEO).is_file() and (path / "depth").is_dir()
+    return own and (path / VIDEO).is_file()
 
 
 def recording(path: Path) -> tuple[Recording, Poses | None]:
