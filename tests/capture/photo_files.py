@@ -72,9 +72,9 @@ def heic_of(light, quality=-1):
     return heic(np.rint(255 * srgb(light)).astype(np.uint8), quality)
 
 
-def exr(path, **channels):
+def exr(path, compression=OpenEXR.ZIP_COMPRESSION, **channels):
     """Write an EXR of named channels."""
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    header = {"compression": compression, "type": OpenEXR.scanlineimage}
     OpenEXR.File(header, {n: np.ascontiguousarray(c) for n, c in channels.items()}).write(str(path))
 
 

@@ -24,9 +24,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
+from resource import RUSAGE_CHILDREN, getrusage
 
 SECONDS = 10  # that a case may take
 MEMORY = 3 << 29  # bytes that a case may take; with what the libraries hold, less than 2 GB
+CHILD_MEMORY = 2e9  # bytes that a decoder in a process of its own may take
 WORKER = (sys.executable, "-m", "tests.faults.fuzz", "--worker")
 WORKERS = 2
 ROOT = Path(__file__).resolve().parents[2]
@@ -75,6 +77,9 @@ class Cases:
         kind.path.write_bytes(self.sound[number])
         if case < len(self.kinds) and what == "refused":
             what = "the undamaged file was refused"
+        most = getrusage(RUSAGE_CHILDREN).ru_maxrss * 1024  # of decoders that have ended
+        if most > CHILD_MEMORY:
+            what = f"a decoder took {most / 1e9:.1f} GB; {what}"
         if os.fstat(2).st_size > said:
             words = " ".join(os.pread(2, 200, said).decode(errors="replace").split())
             what = f"printed {words!r} on stderr; {what}"

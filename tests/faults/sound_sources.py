@@ -7,11 +7,12 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import OpenEXR
 
 from rakelight.capture import load_capture
 from rakelight.capture.images import encode_jpeg
 from rakelight.capture.readers import kinect_mkv
-from tests.capture.photo_files import pfm
+from tests.capture.photo_files import dng, exr, heic, mosaic_of, pfm
 from tests.capture.readers import test_known_lights as datasets
 from tests.capture.readers.kinect_files import Take, some_color, some_depth, write_mkv
 from tests.capture.readers.test_photographs import fill
@@ -45,11 +46,29 @@ def source_kinds(folder: Path) -> list[tuple[str, Path, Callable[[], object]]]:
             "img9.jpg",
         ),
         photographs(folder / "photographs-pfm", ".pfm"): ("depth.pfm",),
+        decoded_elsewhere(folder / "photographs-heic", ".heic"): ("img9.heic",),
+        decoded_elsewhere(folder / "photographs-raw", ".dng"): ("img9.dng",),
+        decoded_elsewhere(folder / "photographs-exr", ".exr"): ("img9.exr", "depth.exr"),
     }
     for place, names in folders.items():
         read = partial(load_capture, place)
         kinds += [(f"{place.name}/{name}", place / name, read) for name in names]
     return kinds
+
+
+def decoded_elsewhere(folder: Path, suffix: str) -> Path:
+    """Loose photographs that a library decodes in a process of its own; depth as EXR beside EXR."""
+    made = fill(folder, depth=suffix != ".exr")
+    for old, pixels in zip(sorted(folder.glob("*.png")), made.photographs, strict=True):
+        old.unlink()
+        new, light = old.with_suffix(suffix), (pixels / 255).astype(np.float16)
+        if suffix == ".exr":
+            exr(new, OpenEXR.PIZ_COMPRESSION, RGB=light)
+        else:
+            new.write_bytes(heic(pixels, 90) if suffix == ".heic" else dng(mosaic_of(light)))
+    if suffix == ".exr":
+        exr(folder / "depth.exr", Z=made.depth_m[0])
+    return folder
 
 
 def photographs(folder: Path, suffix: str) -> Path:

@@ -10,8 +10,8 @@ from tests.faults.fuzz import Cases, fuzz, tried
 
 
 def test_every_damaged_file_is_read_or_refused():
-    ran = fuzz(seed=1, cases=400)
-    assert [outcome.case for outcome in ran] == list(range(400))
+    ran = fuzz(seed=1, cases=500)
+    assert [outcome.case for outcome in ran] == list(range(500))
     assert [outcome for outcome in ran if outcome.failed] == []
     kinds = {outcome.kind for outcome in ran}
     assert {outcome.kind for outcome in ran if outcome.what == "refused"} == kinds
@@ -25,7 +25,7 @@ def test_a_case_is_the_same_file_each_time(tmp_path):
     assert [first.file(case) for case in cases] == [second.file(case) for case in cases]
     assert [first.file(case) for case in cases] != [others.file(case) for case in cases]
     damaged = [first.file(case) != first.sound[case % len(first.kinds)] for case in cases]
-    assert sum(damaged) > 140
+    assert sum(damaged) > 130
 
 
 @pytest.mark.parametrize(
