@@ -170,6 +170,7 @@ def checked_truth(truth: Truth, shape: tuple[int, int]) -> None:
                 source=source,
                 seen=f"{array.shape} {array.dtype}",
                 needed=f"{needed} float32",
+                remedy="give the maps of this capture's photographs",
             )
 
 
@@ -205,6 +206,7 @@ def _plain(array: Array, name: str, axes: tuple[int | str, ...]) -> Array:
             source=name,
             seen=str(array.shape),
             needed=f"({', '.join(map(str, axes))}), none of them 0",
+            remedy="reshape it, or take one image out of it",
         )
     return np.ascontiguousarray(array)
 

@@ -213,7 +213,11 @@ def _syntax_error(text: str, message: str, source: str) -> CaptureError:
             remedy="keep one of them",
         )
     return CaptureError(
-        "not valid TOML", source=source, seen=f"line {number}: {line[:60]!r}", needed="key = value"
+        "not valid TOML",
+        source=source,
+        seen=f"line {number}: {line[:60]!r}",
+        needed="key = value",
+        remedy="write the line as key = value, texts in quotes",
     )
 
 
@@ -240,6 +244,7 @@ def _refuse_huge(keys: dict[str, Any], table: str, source: str) -> None:
                 f"key {_dotted(table, key)!r} has a wrong value",
                 source=source,
                 seen=f"a number of {value.bit_length()} bits",
+                remedy="write the number that the camera or the calibration says",
             )
 
 
@@ -274,6 +279,7 @@ def _refuse_value(content: dict[str, Any], message: str, source: str, cause: Exc
         source=source,
         seen=types[2] if types else what,
         needed=types[1] if types else "",
+        remedy="write it as docs/reference/files.md has it",
     ) from cause
 
 

@@ -50,6 +50,7 @@ def check_depth_header(header: Header, source: str) -> None:
             source=source,
             seen=header.dtype,
             needed="16-bit PNG or float TIFF",
+            remedy="export the depth as 16-bit PNG, millimetres",
         )
 
 
@@ -72,6 +73,7 @@ def _check_depth_scale(depth: Images, depth_scale: float | None, source: str) ->
             source=source,
             seen=f"{depth_scale:g}",
             needed="depth values per metre",
+            remedy="depth_scale = 1000.0 where they are millimetres",
         )
     is_float = depth.headers[0].dtype.startswith("float")
     if is_float and depth_scale not in (None, 1.0):
@@ -125,9 +127,15 @@ def _numbers(values: object, shape: tuple[int, ...], source: str, key: str) -> F
             f"key '{key}' has a wrong shape",
             source=source,
             needed="x".join(map(str, shape)) + " numbers",
+            remedy="write all its numbers, rows first",
         ) from error
     if not np.isfinite(numbers).all():
-        raise CaptureError(f"key '{key}' is not a number", source=source, seen=str(values))
+        raise CaptureError(
+            f"key '{key}' is not a number",
+            source=source,
+            seen=str(values),
+            remedy="calibrate the two cameras again",
+        )
     return numbers
 
 

@@ -52,6 +52,7 @@ def read_exr_header(data: bytes, source: str = "") -> ExrHeader:
                 source=source,
                 seen="deep data or several parts",
                 needed="one image",
+                remedy="export one plain image",
             )
         attributes = _attributes(data)
         left, top, right, bottom = struct.unpack("<4i", attributes.get("dataWindow", b"")[:16])
@@ -118,6 +119,7 @@ def decode(data: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
                 "this kind of EXR is not read",
                 seen=f"channel {name}: {values.shape} {values.dtype}",
                 needed="half or float, one value per pixel",
+                remedy="export one plain image",
             )
         with np.errstate(invalid="ignore"):  # of NaN with unusual bits
             return values.astype(np.float32)

@@ -141,7 +141,7 @@ def load_depth(folder: str | PathLike[str]) -> Floats:
 
     >>> load_depth("no/such/folder")
     Traceback (most recent call last):
-    rakelight.errors.CaptureError: no/such/folder: no such folder (needed ...)
+    rakelight.errors.CaptureError: no/such/folder: no such folder (needed ...
     """
     root = Root(Path(os.fsdecode(folder)))
     table = _read_config(root)
@@ -253,6 +253,7 @@ def _config_bytes(root: Root) -> bytes:
             source=root.shown(),
             seen="a file" if a_file else "",
             needed=f"a folder with {CONFIG}",
+            remedy="name a capture folder",
         )
     if not os.path.lexists(root.path / CONFIG):
         raise CaptureError(

@@ -125,9 +125,15 @@ def _colmap(text: str, source: str) -> Camera | None:
             source=source,
             seen=f"{model} with {len(numbers)} numbers",
             needed=", ".join(_COLMAP),
+            remedy="let COLMAP estimate one of these",
         )
     if not all(re.fullmatch(_NUMBER, number) for number in numbers):
-        raise CaptureError("not numbers", source=source, seen=" ".join(numbers))
+        raise CaptureError(
+            "not numbers",
+            source=source,
+            seen=" ".join(numbers),
+            remedy="copy or export the file again",
+        )
     width, height, *values = map(float, numbers)
     fx, fy = values[0], values[lengths - 1]
     cx, cy = (value - 0.5 for value in values[lengths : lengths + 2])
@@ -184,6 +190,7 @@ def _of_matrices(
                 source=source,
                 seen=f"{len(values)} numbers",
                 needed=f"{rows} x {columns}",
+                remedy="copy or export the file again",
             )
         matrices[_plain_key(name)] = np.array(values).reshape(rows, columns)
     named = [m for key, m in matrices.items() if key in _MATRIX_KEYS and m.shape == (3, 3)]
@@ -196,6 +203,7 @@ def _of_matrices(
             source=source,
             seen=f"{len(square)} of them",
             needed="that of the photographs' camera as camera_matrix",
+            remedy="keep that one",
         )
     numbers_of = {_plain_key(name): float(value) for name, value in scalars}
     sizes = tuple(

@@ -77,6 +77,7 @@ def checked_lights(
             source=source,
             seen="neither" if lights.directions is None else "both",
             needed="one of directions and positions_m",
+            remedy="leave the other away",
         )
     intensities = lights.intensities
     if intensities is not None:
@@ -136,9 +137,15 @@ def _numbers(array: Any, count: int, shape: tuple[int, ...], source: str) -> Flo
             source=source,
             seen=f"{array.shape} {array.dtype}" if numbers else type(array).__name__,
             needed=f"a numpy.ndarray {needed}, one row per photograph",
+            remedy="give a row for each photograph, in their order",
         )
     if not np.isfinite(array).all():
-        raise CaptureError("values that are not finite", source=source, needed="numbers")
+        raise CaptureError(
+            "values that are not finite",
+            source=source,
+            needed="numbers",
+            remedy="leave out the photographs whose lights are not known",
+        )
     return np.array(array, np.float64)
 
 
@@ -165,6 +172,7 @@ def read_lights(
             source=source,
             seen=" and ".join(ways) or "nothing of it",
             needed="one of file, directions, positions",
+            remedy="keep one of them",
         )
 
     def rows(key: str) -> Floats | None:
@@ -186,7 +194,10 @@ def read_lights(
     given, frame = rows(ways[0]), table.frame or "opencv"
     if given is None or given.ndim != 2 or given.shape[1] != 3:
         raise CaptureError(
-            f"key 'lights.{ways[0]}' has a wrong shape", source=source, needed="rows of x, y, z"
+            f"key 'lights.{ways[0]}' has a wrong shape",
+            source=source,
+            needed="rows of x, y, z",
+            remedy="write three numbers for each light",
         )
     given = in_frame(given, frame)
     if ways[0] == "positions":
@@ -214,7 +225,11 @@ def require_inside(name: str, source: str, what: str) -> None:
     """
     if not name or name in (".", "..") or any(c in name for c in "/\\\0:"):
         raise CaptureError(
-            f"{what} leaves the folder", source=source, seen=repr(name), needed="a file in it"
+            f"{what} leaves the folder",
+            source=source,
+            seen=repr(name),
+            needed="a file in it",
+            remedy="copy the file into the folder",
         )
 
 
@@ -263,6 +278,7 @@ def parse_lp(data: bytes, source: str) -> tuple[list[str], Floats]:
             source=source,
             seen=f"first line {stated[:40]!r}",
             needed='the number of lights, then lines "name x y z"',
+            remedy="write the number of lights into the first line",
         )
     if int(stated) != len(lines) - 1 or len(lines) < 2:
         raise CaptureError(
@@ -294,7 +310,12 @@ def parse_table(data: bytes, source: str) -> Floats:
         if len(rows[-1]) not in (1, 3) or len(rows[-1]) != len(rows[0]):
             raise _bad_line(source, number, line, "one number or three, in each line as many")
     if not rows:
-        raise CaptureError("no numbers in it", source=source, needed="a line for each photograph")
+        raise CaptureError(
+            "no numbers in it",
+            source=source,
+            needed="a line for each photograph",
+            remedy="write one, or remove the file",
+        )
     return np.array(rows) if len(rows[0]) == 3 else np.array(rows)[:, 0]
 
 
@@ -308,7 +329,11 @@ def _lines(data: bytes, source: str) -> list[str]:
     lines = text_lines(data)
     if len(lines) > MOST_LIGHTS:
         raise CaptureError(
-            "too many lights", source=source, seen=f"{len(lines)} lines", needed=f"{MOST_LIGHTS}"
+            "too many lights",
+            source=source,
+            seen=f"{len(lines)} lines",
+            needed=f"{MOST_LIGHTS}",
+            remedy="keep the lines of these photographs",
         )
     return lines
 
@@ -326,7 +351,11 @@ def _number(text: str, source: str, number: int, line: str) -> float:
 
 def _bad_line(source: str, number: int, line: str, needed: str) -> CaptureError:
     return CaptureError(
-        "a line is no light", source=source, seen=f"line {number}: {line[:60]!r}", needed=needed
+        "a line is no light",
+        source=source,
+        seen=f"line {number}: {line[:60]!r}",
+        needed=needed,
+        remedy="correct the line, or take it out",
     )
 
 
@@ -334,7 +363,9 @@ def unit(vectors: Floats, source: str) -> Floats:
     """(N, 3) of unit length; raises CaptureError for one without a direction."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     if not (length.min() > 1e-9 and np.isfinite(length).all()):
-        raise CaptureError("a light without a direction", source=source, seen="0 0 0")
+        raise CaptureError(
+            "a light without a direction", source=source, seen="0 0 0", remedy="correct its line"
+        )
     return np.asarray(vectors / length)
 
 
@@ -365,7 +396,11 @@ def matched(listed: Sequence[str], names: Sequence[str], source: str) -> Array:
     )
     if twice:
         raise CaptureError(
-            "two lights for a photograph", source=source, seen=printable(twice[0]), needed="one"
+            "two lights for a photograph",
+            source=source,
+            seen=printable(twice[0]),
+            needed="one",
+            remedy="keep one of the two lines",
         )
     return np.array([stems.index(stem) for stem in wanted])
 

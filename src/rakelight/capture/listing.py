@@ -18,7 +18,11 @@ from rakelight.model import Array, Finding, Mask
 from rakelight.scratch import large_empty, release
 
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
-UNREAD = {".bmp", ".gif", ".webp", ".heic", ".jp2", ".exr", ".hdr", ".dng", ".cr2", ".nef", ".arw"}
+# Images that a capture folder does not hold, and the raw files of makers that no reader reads.
+UNREAD = {
+    ".bmp", ".gif", ".webp", ".avif", ".heic", ".jp2", ".exr", ".hdr", ".dng", ".cr2", ".cr3",
+    ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -73,6 +77,7 @@ def check_numbers(numbers: Sequence[int], count: int, source: str = "photographs
             source=source,
             seen=f"number {beyond[0]}" if beyond else "none",
             needed=f"numbers from 0 to {count - 1}",
+            remedy="count from 0, in the order of the names",
         )
 
 
@@ -84,6 +89,7 @@ def list_images(root: Root, name: str, what: str) -> Images:
             f"no folder {name} in it",
             source=root.shown(),
             needed=f"the {what} as {name}/000.png, {name}/001.png, …",
+            remedy="put them there",
         )
     with clear_errors(source, "cannot be read"):
         present = sorted((p for p in folder.iterdir() if p.name[0] != "."), key=by_number)
@@ -95,6 +101,7 @@ def list_images(root: Root, name: str, what: str) -> Images:
             source=source,
             seen=", ".join(ignored[:5]) or "an empty folder",
             needed="PNG or TIFF files",
+            remedy="put them there, or convert what is there to PNG",
         )
     _refuse_same_stem(chosen, source)
 
@@ -230,10 +237,13 @@ def file_findings(images: Images) -> tuple[Finding, ...]:
     return tuple(findings)
 
 
+TO_PNG = "convert them to PNG"
+
+
 def unread_finding(names: Sequence[str], where: str = "") -> Finding:
     """The warning that images are left out; `where` they lie, for the message."""
     message = f"{where}images of a format that is not read: {listed(names)}"
-    return Finding("warning", "unread-images", message, "convert them to PNG")
+    return Finding("warning", "unread-images", message, TO_PNG)
 
 
 def _named_as(name: str, header: Header) -> bool:

@@ -45,6 +45,7 @@ def read_loose_depth(
                 source=file.source,
                 seen=f"{pixels.shape} {pixels.dtype}",
                 needed=f"{raw.shape} {raw.dtype}, as {first.name}",
+                remedy="keep those of one size and format",
             )
         into[:] = _metres(pixels, scale)
     return maps, findings
@@ -76,6 +77,7 @@ def _pixels(file: LooseFile, decoder: DecoderProcess) -> Array:
             source=file.source,
             seen="colour" if file.exr else file.kind.upper(),
             needed="16-bit PNG or TIFF, float TIFF, PFM, NPY, EXR with a channel Z",
+            remedy="export the depth as one of these",
         )
     arrays = decoder.decode("exr", data, file.source).arrays
     return arrays["depth"] if "depth" in arrays else arrays["color"][..., 0]

@@ -18,7 +18,7 @@ from typing import Literal
 
 from rakelight.capture import exr, heic, intrinsics, npy, pfm, raw
 from rakelight.capture.headers import PNG_MAGIC, Header, TiffTags, read_header
-from rakelight.capture.listing import SUFFIXES, UNREAD, by_number
+from rakelight.capture.listing import SUFFIXES, TO_PNG, UNREAD, by_number
 from rakelight.errors import CaptureError, listed
 from rakelight.files import clear_errors, read_bytes
 
@@ -251,6 +251,7 @@ def _listed(folder: Path, images: Sequence[LooseFile], names: Sequence[str]) -> 
                 "a photograph that is listed is not there",
                 source=f"{folder}/{name}",
                 needed="PNG, TIFF, JPEG, HEIC, EXR or raw",
+                remedy="put it there, or take its line out of all lists",
             )
     return [there[name] for name in names]
 
@@ -310,7 +311,7 @@ def _check_photographs(
             source=source,
             seen=listed(unread),
             needed="JPEG, PNG, TIFF, HEIC, EXR, DNG, CR2, CR3, NEF or ARW",
-            remedy="convert them to PNG" if unread else _WHERE,
+            remedy=TO_PNG if unread else _WHERE,
         )
     places = sorted({Path(file.name).parent.as_posix() for file in files})
     if len(places) > 1:

@@ -127,6 +127,7 @@ def _decoded(
                     source=file.source,
                     seen=str(pixels.dtype),
                     needed="8 or 16 bit, or floating point",
+                    remedy="export it as 16-bit PNG",
                 )
             yield _One(pixels, exif_of(data), {})
         elif file.kind == "raw":
@@ -142,7 +143,12 @@ def _decoded(
         else:
             arrays = decoder.decode("exr", data, file.source).arrays if file.exr else {}
             if "color" not in arrays:
-                raise CaptureError("no photograph", source=file.source, seen=file.kind.upper())
+                raise CaptureError(
+                    "no photograph",
+                    source=file.source,
+                    seen=file.kind.upper(),
+                    remedy="move it away, or name it depth where it is depth",
+                )
             yield _One(arrays["color"], Exif(), {})
 
 

@@ -39,6 +39,7 @@ _CLASSES = {
 _OTHER_CLASSES = {1: "a cell", 2: "a structure", 3: "an object", 4: "text", 5: "a sparse matrix"}
 _COMPLEX = 0x0800
 _HEADER = 128
+AS_VERSION_7 = "in MATLAB: load('old.mat'); save('new.mat', 'I', 'z0', 'mask', 'K', '-v7')"
 # How files of version 7.3 begin: as MATLAB writes them, and without its own words before the HDF5.
 _HDF5 = (b"MATLAB 7.3 MAT-file", b"\x89HDF\r\n\x1a\n")
 # Bytes at the start of a variable in which its type, size and name lie.
@@ -67,7 +68,7 @@ def refuse_hdf5(start: bytes, source: str) -> None:
             "HDF5 is not read, and so no .mat file of version 7.3",
             source=source,
             needed="a .mat file of version 5 to 7",
-            remedy="in MATLAB: load('old.mat'); save('new.mat', 'I', 'z0', 'mask', 'K', '-v7')",
+            remedy=AS_VERSION_7,
         )
 
 
@@ -79,12 +80,16 @@ def read_mat(data: bytes, wanted: Collection[str], source: str = "") -> dict[str
 
     >>> read_mat(b"a text", ["I"], "data.mat")
     Traceback (most recent call last):
-    rakelight.errors.CaptureError: data.mat: not a .mat file of version 5 to 7
+    rakelight.errors.CaptureError: data.mat: not a .mat file of version 5 to 7. Fix: ...
     """
     refuse_hdf5(data[:32], source)
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     if not data.startswith(b"MATLAB 5.0 MAT-file") or order is None:
-        raise CaptureError("not a .mat file of version 5 to 7", source=source)
+        raise CaptureError(
+            "not a .mat file of version 5 to 7",
+            source=source,
+            remedy=AS_VERSION_7,
+        )
     found: dict[str, Array] = {}
     try:
         for count, (kind, start, end) in enumerate(_elements(data, _HEADER, len(data), order)):
@@ -167,6 +172,7 @@ class _Variable:
                 source=self.source,
                 seen="complex numbers" if self.complex else _OTHER_CLASSES.get(self.kind, "other"),
                 needed="numbers",
+                remedy="save it as an array of numbers",
             )
         count = math.prod(self.shape)
         if min(self.shape) < 1 or count > MOST_VALUES:
@@ -175,6 +181,7 @@ class _Variable:
                 source=self.source,
                 seen=" x ".join(map(str, self.shape)),
                 needed=f"1 to {MOST_VALUES} numbers",
+                remedy="save what it should hold, or fewer photographs",
             )
         if self.length > self.at + 8 + 8 * count + 8:
             raise _damaged(self.source, f"{self.name} is longer than its size")

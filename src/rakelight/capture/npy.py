@@ -34,6 +34,7 @@ def decode_npy(data: bytes, source: str = "") -> Array:
             source=source,
             seen=f"{len(values)} bytes",
             needed=f"{size} for {shape}",
+            remedy="copy it, or numpy.save it again",
         )
     return np.frombuffer(values, dtype).reshape(shape, order="F" if columns_first else "C")
 
@@ -49,14 +50,23 @@ def npy_header(
     width = {1: 2, 2: 4, 3: 4}.get(start[6], 0) if len(start) == 8 else 0  # bytes of its length
     length = int.from_bytes(member.read(width), "little")
     if not start.startswith(b"\x93NUMPY") or not 0 < length <= _LONGEST_HEADER:
-        raise InputError(f"{key} is damaged", source=source, seen="no header of an array")
+        raise InputError(
+            f"{key} is damaged",
+            source=source,
+            seen="no header of an array",
+            remedy="copy it, or numpy.save it again",
+        )
     text = member.read(length).decode("latin-1")
     dtype = re.search(r"""['"]descr['"]: *['"]([<>|=]?(?:b1|[iu][1248]|f[248]))['"]""", text)
     order = re.search(r"""['"]fortran_order['"]: *(True|False)""", text)
     shape = re.search(r"""['"]shape['"]: *\( *(\d{1,9})L?, *(\d{1,9})L? *,? *\)""", text)
     if not (dtype and order and shape):
         raise InputError(
-            f"{key} is not an image of numbers", source=source, seen=text.strip(), needed="(H, W)"
+            f"{key} is not an image of numbers",
+            source=source,
+            seen=text.strip(),
+            needed="(H, W)",
+            remedy="save one image of numbers (H, W)",
         )
     height, columns = int(shape[1]), int(shape[2])
     if not (0 < height <= MAX_SIDE and 0 < columns <= MAX_SIDE):
@@ -65,5 +75,6 @@ def npy_header(
             source=source,
             seen=f"{height} x {columns}",
             needed=f"at most {MAX_SIDE} x {MAX_SIDE}",
+            remedy="save one image of numbers (H, W)",
         )
     return (height, columns), order[1] == "True", np.dtype(dtype[1])

@@ -30,7 +30,10 @@ def decode_pfm(data: bytes, source: str = "") -> Array:
     check_size(width, height, source)
     if found[1] == b"PF":
         raise CaptureError(
-            "a PFM in colour is not read", source=source, needed="depth, which is one channel"
+            "a PFM in colour is not read",
+            source=source,
+            needed="depth, which is one channel",
+            remedy="export the depth itself as PFM",
         )
     pixels = data[found.end() :]
     if len(pixels) < 4 * width * height:

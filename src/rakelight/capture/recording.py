@@ -72,7 +72,11 @@ def capture_of(recording: Recording, wanted: Wanted) -> Reading:
 
     for stream, what in ((recording.color, "colour"), (recording.depth, "depth")):
         if not len(stream):
-            raise CaptureError(f"no {what} frames in it", source=recording.source)
+            raise CaptureError(
+                f"no {what} frames in it",
+                source=recording.source,
+                remedy="record colour and depth together",
+            )
     taken = take(recording, wanted.photographs, wanted.progress)
     capture = capture_from_arrays(
         taken.photographs,

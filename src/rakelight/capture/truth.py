@@ -86,6 +86,7 @@ def _read_truth_map(root: Root, name: str, shape: tuple[int, ...] | None) -> Flo
             source=source,
             seen=f"{header.shape} {header.dtype}",
             needed=f"{shape or '(H, W)'} float32",
+            remedy="write the capture again with `rakelight synth`",
         )
     return decode_image(data, source)
 
@@ -112,5 +113,6 @@ def _read_lights(root: Root) -> Lights | None:
             seen=f"vector {vector.shape}, ambient {ambient.shape}",
             needed="vector (N, C, 3), ambient (N, C); both or none of position_m (N, C, 3) and "
             "middle_m (3)",
+            remedy="write the capture again with `rakelight synth`",
         )
     return Lights(vector, ambient, position_m, middle_m)

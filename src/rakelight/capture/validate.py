@@ -85,6 +85,7 @@ def check_camera(camera: Camera, shape: tuple[int, int], source: str, table: str
                 source=source,
                 seen=str(value),
                 needed="pixels",
+                remedy="calibrate the camera, or take them from its maker",
             )
     for key in ("width", "height", "fx", "fy"):
         if getattr(camera, key) <= 0:
@@ -93,6 +94,7 @@ def check_camera(camera: Camera, shape: tuple[int, int], source: str, table: str
                 source=source,
                 seen=f"{getattr(camera, key):g}",
                 needed="pixels",
+                remedy="calibrate the camera, or take them from its maker",
             )
     _check_camera_size(camera, shape, source, table)
     _check_field_of_view(camera, source, table)
@@ -252,6 +254,7 @@ def check_noise(noise: SensorNoise, source: str) -> None:
                 source=source,
                 seen=f"{value:g}",
                 needed="metres" if key != "growth" else "a power of the depth, 2 for most sensors",
+                remedy="take it from the sensor's data sheet, or leave the table away",
             )
     if noise.sigma_m > NOISIEST * noise.at_m:
         raise CaptureError(

@@ -20,6 +20,13 @@ _TRACKS = 8
 DAMAGED = "the video is damaged"
 
 
+def damaged(source: str, how: str) -> CaptureError:
+    """The error of a video that is broken."""
+    return CaptureError(
+        DAMAGED, source=source, seen=how, remedy="copy it again, or record it again"
+    )
+
+
 @contextmanager
 def opened_container(
     path: Path, source: str, form: str, options: Mapping[str, str] | None = None
@@ -54,7 +61,7 @@ def demuxing(source: str) -> Iterator[None]:
         try:
             yield
         except MemoryError as error:  # FFmpeg's word for what states an impossible length
-            raise CaptureError(DAMAGED, source=source, seen="an impossible length") from error
+            raise damaged(source, "an impossible length") from error
 
 
 def check_frame_size(width: int, height: int, source: str) -> None:
@@ -62,10 +69,10 @@ def check_frame_size(width: int, height: int, source: str) -> None:
 
     >>> check_frame_size(0, 480, "a.mp4")
     Traceback (most recent call last):
-    rakelight.errors.CaptureError: a.mp4: the video is damaged (seen a size of 0x480)
+    rakelight.errors.CaptureError: a.mp4: the video is damaged (seen a size of 0x480). Fix: ...
     """
     if not (0 < width * height <= MOST_PIXELS):
-        raise CaptureError(DAMAGED, source=source, seen=f"a size of {width}x{height}")
+        raise damaged(source, f"a size of {width}x{height}")
 
 
 def check_count(frames: int, source: str) -> None:
@@ -74,4 +81,9 @@ def check_count(frames: int, source: str) -> None:
     >>> check_count(1800, "a.mp4")
     """
     if frames > MOST_FRAMES:
-        raise CaptureError("the video is too long", source=source, seen=f"{frames}+")
+        raise CaptureError(
+            "the video is too long",
+            source=source,
+            seen=f"{frames}+",
+            remedy="cut it to the part with the lamp",
+        )

@@ -46,13 +46,18 @@ def read(path: Path, wanted: Wanted) -> Reading:
     if not names or len(names) > MOST_LIGHTS:
         raise CaptureError(
             "no list of photographs", source=source, seen=f"{len(names)} names",
-            needed="one name in each line",
+            needed="one name in each line", remedy="copy the dataset's lists again"
         )  # fmt: skip
     for name in names:
         require_inside(name, source, "a photograph")
     directions, intensities = _rows(path, DIRECTIONS, len(names)), None
     if directions.ndim != 2:
-        raise CaptureError("not directions", source=f"{path}/{DIRECTIONS}", needed="x y z")
+        raise CaptureError(
+            "not directions",
+            source=f"{path}/{DIRECTIONS}",
+            needed="x y z",
+            remedy="copy the dataset's lists again",
+        )
     if os.path.lexists(path / INTENSITIES_FILE):
         intensities = _rows(path, INTENSITIES_FILE, len(names))
     directions = unit(in_frame(directions, "opengl"), f"{path}/{DIRECTIONS}")

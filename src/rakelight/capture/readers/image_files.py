@@ -93,6 +93,7 @@ def color_stream(root: Path, names: Sequence[str], times_s: Floats) -> Stream:
             source=f"{root}/{names[0]}",
             seen=first.dtype,
             needed="8 or 16 bit",
+            remedy="export the frames as 8-bit PNG or JPEG",
         )
 
     def walk(wanted: Sequence[int]) -> Iterator[tuple[int, Array]]:
@@ -123,6 +124,7 @@ def depth_stream(
             source=f"{root}/{names[0]}",
             seen=f"{first.format} {first}",
             needed="16-bit grey PNG",
+            remedy="export the depth as 16-bit grey PNG, as the recorder does",
         )
     shape = first.height, first.width
 
@@ -150,6 +152,7 @@ def check_same(pixels: Array, shape: tuple[int, ...], dtype: str, source: str) -
             source=source,
             seen=f"{pixels.shape} {pixels.dtype}",
             needed=f"{shape} {dtype}, as the first",
+            remedy="take the odd ones out",
         )
 
 

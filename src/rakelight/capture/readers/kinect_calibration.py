@@ -12,12 +12,20 @@ from typing import Any
 import numpy as np
 
 from rakelight.capture import validate
-from rakelight.capture.readers.numbers import array_of, json_table, number_in, rigid_transform
+from rakelight.capture.readers.numbers import (
+    OWN_CALIBRATION,
+    array_of,
+    json_table,
+    number_in,
+    rigid_transform,
+)
 from rakelight.errors import CaptureError
 from rakelight.model import Camera, Distortion, RigidTransform
 
 # The cameras' names in calibration.json, as calibration.c looks for them.
 COLOR, DEPTH = "CALIBRATION_CameraLocationPV0", "CALIBRATION_CameraLocationD0"
+# Programs that convert or cut a recording may change what it says of its cameras.
+_OWN_FILE = "use the recorder's own file"
 _BROWN_CONRADY = "CALIBRATION_LensDistortionModelBrownConrady"
 # Width and height of the frames of every mode of Microsoft's SDK.  Orbbec's 1280x960 is none of
 # them: its wrapper has taken it for the whole sensor, and at another time for the middle three
@@ -51,6 +59,7 @@ def color_camera(facts: dict[str, Any], shape: tuple[int, int], source: str) -> 
             source=source,
             seen=f"{of_width:g}x{of_height:g}",
             needed="4:3 or 16:9",
+            remedy=_OWN_FILE,
         )
     scale = width / of_width
     return _camera(facts, COLOR, scale, (0.0, (scale * of_height - height) / 2), shape, source)
@@ -68,6 +77,7 @@ def depth_camera(facts: dict[str, Any], shape: tuple[int, int], source: str) -> 
             source=source,
             seen=f"{sensor[0]:g}x{sensor[1]:g}",
             needed="{}x{}".format(*_DEPTH_SENSOR),
+            remedy=_OWN_FILE,
         )
     binned, column, row = _DEPTH_MODES[width, height]
     return _camera(facts, DEPTH, 1 / binned, (column / binned, row / binned), shape, source)
@@ -85,6 +95,7 @@ def place(facts: dict[str, Any], location: str, source: str) -> RigidTransform:
             source=source,
             seen=f"{rotation.size} and {translation_m.size} numbers",
             needed="9 and 3",
+            remedy=_OWN_FILE,
         )
     return rigid_transform(rotation.reshape(3, 3), translation_m, source, what)
 
@@ -105,6 +116,7 @@ def listed_cameras(data: bytes, source: str) -> dict[str, dict[str, Any]]:
                 source=source,
                 seen=", ".join(str(camera.get("Location")) for camera in listed),
                 needed=f"{COLOR} and {DEPTH}",
+                remedy=_OWN_FILE,
             )
     return {name: those[0] for name, those in found.items()}
 
@@ -127,6 +139,7 @@ def _camera(
             source=source,
             seen=f"{stated.size} numbers",
             needed="cx, cy, fx, fy, k1 to k6, two zeros, p2, p1",
+            remedy=_OWN_FILE,
         )
     cx, cy, fx, fy, k1, k2, k3, k4, k5, k6, off_x, off_y, p2, p1 = stated[:14].tolist()
     if model != _BROWN_CONRADY or off_x or off_y:
@@ -135,13 +148,18 @@ def _camera(
             source=source,
             seen=f"{location}: {str(model)[:80]}, centre of distortion {off_x:g}, {off_y:g}",
             needed=f"{_BROWN_CONRADY}, centre 0, 0",
+            remedy=OWN_CALIBRATION,
         )
     # Fractions of the sensor's sides, counted from the outer corner of its first pixel.
     width, height = (scale * side for side in _sensor(facts, location, source))
     pinhole = (fx * width, fy * height, cx * width - corner[0] - 0.5, cy * height - corner[1] - 0.5)
     coefficients = (k1, k2, p1, p2, k3, k4, k5, k6)
     if not np.isfinite(coefficients).all():
-        raise CaptureError(f"the lens of {location} is not finite", source=source)
+        raise CaptureError(
+            f"the lens of {location} is not finite",
+            source=source,
+            remedy=_OWN_FILE,
+        )
     lens = Distortion("brown-conrady", coefficients) if any(coefficients) else None
     camera = Camera(shape[1], shape[0], *pinhole, distortion=lens)
     validate.check_camera(camera, shape, source, location)
@@ -158,13 +176,19 @@ def _sensor(facts: dict[str, Any], location: str, source: str) -> tuple[float, f
             source=source,
             seen=f"{sides}",
             needed="SensorWidth and SensorHeight",
+            remedy=_OWN_FILE,
         )
     return width, height
 
 
 def _table(value: object, name: str, source: str) -> dict[str, Any]:
     if not isinstance(value, dict):
-        raise CaptureError(f"{name} is missing", source=source, seen=str(value)[:80])
+        raise CaptureError(
+            f"{name} is missing",
+            source=source,
+            seen=str(value)[:80],
+            remedy=_OWN_FILE,
+        )
     return value
 
 

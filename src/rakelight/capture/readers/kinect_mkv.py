@@ -18,9 +18,9 @@ from rakelight.capture.images import as_rgb, decode_image
 from rakelight.capture.readers import kinect_calibration as calibration
 from rakelight.capture.readers.base import Reader, Reading, Wanted
 from rakelight.capture.readers.containers import (
-    DAMAGED,
     check_count,
     check_frame_size,
+    damaged,
     demuxing,
     opened_container,
 )
@@ -189,7 +189,7 @@ def _stream(
             if not left:
                 return
         seen = f"frame {left[0]} of {track.name} cannot be found"
-        raise CaptureError(DAMAGED, source=str(path), seen=seen)
+        raise damaged(str(path), seen)
 
     return Stream(np.array(track.pts) * track.unit_s - start_s, track.shape, walk)
 
@@ -247,6 +247,7 @@ def _values(data: bytes, count: int, dtype: np.dtype[Any], source: str) -> Array
             source=source,
             seen=f"{len(data)} bytes",
             needed=f"{count * dtype.itemsize}",
+            remedy=_AGAIN,
         )
     return np.frombuffer(data, dtype)
 

@@ -67,4 +67,10 @@ def _stated_size(data: bytes, source: str) -> int:
 
 
 def _damaged(source: str, seen: str, needed: str) -> CaptureError:
-    return CaptureError("the LZFSE data are damaged", source=source, seen=seen, needed=needed)
+    return CaptureError(
+        "the LZFSE data are damaged",
+        source=source,
+        seen=seen,
+        needed=needed,
+        remedy="copy the recording again",
+    )

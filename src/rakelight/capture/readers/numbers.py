@@ -11,6 +11,8 @@ from rakelight.capture import validate
 from rakelight.errors import CaptureError, parsing, stated_in
 from rakelight.model import Camera, Floats, RigidTransform
 
+# What to do about a lens that is not known.
+OWN_CALIBRATION = "import photographs and depth as a folder, with a calibration of your own"
 # By how much R Rᵀ may differ from the identity: RealSense's .db3 has rotations with six decimals.
 _ROTATION = 1e-4
 
@@ -24,7 +26,12 @@ def json_table(data: bytes, source: str) -> dict[str, Any]:
     with parsing(source, "not JSON", CaptureError):
         table = json.loads(data)
     if not isinstance(table, dict):
-        raise CaptureError("not a JSON object", source=source, seen=type(table).__name__)
+        raise CaptureError(
+            "not a JSON object",
+            source=source,
+            seen=type(table).__name__,
+            remedy="copy or export the file again",
+        )
     return table
 
 
@@ -45,6 +52,7 @@ def array_of(value: object, source: str, what: str, columns: int | None = None) 
             source=source,
             seen=f"{type(value).__name__} {array.shape}",
             needed="numbers" if columns is None else f"rows of {columns} numbers",
+            remedy="copy or export the file again",
         )
     return array.astype(np.float64)
 
@@ -77,6 +85,7 @@ def camera_of(matrix: object, shape: tuple[int, int], source: str, what: str) ->
             source=source,
             seen=f"{numbers.size} numbers",
             needed="9: fx, 0, cx, 0, fy, cy, 0, 0, 1",
+            remedy="write all nine, rows first",
         )
     K = numbers.reshape(3, 3)
     if K[0, 2] == 0 and K[1, 2] == 0:
@@ -103,7 +112,9 @@ def rigid_transform(
         off = np.abs(rotation @ rotation.T - np.eye(3)).max()
     if not (finite and off <= _ROTATION):
         seen = f"{rotation.tolist()}, {translation_m.tolist()}"
-        raise CaptureError(f"{what} is no rigid motion", source=source, seen=seen)
+        raise CaptureError(
+            f"{what} is no rigid motion", source=source, seen=seen, remedy="copy or record it again"
+        )
     u, _, vt = np.linalg.svd(rotation)
     return RigidTransform(u @ vt, translation_m)
 

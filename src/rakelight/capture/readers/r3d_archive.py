@@ -19,6 +19,7 @@ from rakelight.errors import CaptureError, parsing
 from rakelight.files import clear_errors, open_regular
 
 METADATA = "metadata"
+EXPORT_AGAIN = "export it again from Record3D, as .r3d"
 _MEMBER = re.compile(r"rgbd/([0-9]{1,9})\.(jpg|jpeg|png|depth|conf)")
 _DAMAGED = "the archive is damaged"
 # Bytes of the list of a ZIP's members, which is read whole: 100 for each of 600,000.
@@ -53,6 +54,7 @@ class Archive:
                 source=source,
                 seen="a link" if link else "encrypted" if plain else "another compression",
                 needed="a file, stored or deflated",
+                remedy=EXPORT_AGAIN,
             )
         if member.file_size > most:
             raise CaptureError(
@@ -60,6 +62,7 @@ class Archive:
                 source=source,
                 seen=f"{member.file_size / 1e6:.0f} MB",
                 needed=f"at most {most / 1e6:.0f} MB",
+                remedy=EXPORT_AGAIN,
             )
         with parsing(source, _DAMAGED, CaptureError), opened.open(member) as file:
             return file.read(most)
@@ -101,7 +104,11 @@ def listed_frames(path: Path, opened: zipfile.ZipFile) -> Archive:
         kind = "" if found is None else found[2] if found[2] in kinds else "color"
         number = -1 if found is None else int(found[1])
         if name in members or (kind and number in kinds[kind]):
-            raise CaptureError("two members of one name", source=f"{path}/{name}")
+            raise CaptureError(
+                "two members of one name",
+                source=f"{path}/{name}",
+                remedy=EXPORT_AGAIN,
+            )
         members[name] = member
         if kind and member.file_size:
             kinds[kind][number] = name
@@ -111,7 +118,7 @@ def listed_frames(path: Path, opened: zipfile.ZipFile) -> Archive:
                 f"no {what} frames in it",
                 source=str(path),
                 needed="rgbd/0.jpg and rgbd/0.depth, and so on",
-                remedy="export it again from Record3D, as .r3d",
+                remedy=EXPORT_AGAIN,
             )
     ordered = [dict(sorted(kinds[kind].items())) for kind in ("color", "depth", "conf")]
     return Archive(path, members, *ordered)

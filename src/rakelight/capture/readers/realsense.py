@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from rakelight.capture.readers.base import Reader, Reading, Wanted
-from rakelight.capture.readers.numbers import between, rigid_transform
-from rakelight.capture.readers.ros_bag import Bag, Topic, is_bag, opened
+from rakelight.capture.readers.numbers import OWN_CALIBRATION, between, rigid_transform
+from rakelight.capture.readers.ros_bag import AGAIN, Bag, Topic, is_bag, opened
 from rakelight.capture.readers.ros_pixels import IMAGES, color_of, depth_of
 from rakelight.capture.recording import Recording, Stream, capture_of
 from rakelight.errors import CaptureError, listed, parsing
@@ -34,7 +34,7 @@ _LENSES: dict[str, LensModel] = {
     "kannala brandt4": "kannala-brandt",
 }
 _TEXT, _NUMBER = ("std_msgs/msg/String",), ("std_msgs/msg/Float32",)
-_AGAIN = "record colour and depth with librealsense's recorder or the RealSense Viewer"
+_RECORD = "record colour and depth with librealsense's recorder or the RealSense Viewer"
 # Metres per value of depth: the finest and coarsest that librealsense's cameras have is 1e-6 to
 # 0.01; a damaged file has anything.
 _UNITS_M = (1e-7, 0.1)
@@ -99,7 +99,7 @@ def _recorded(bag: Bag, kind: str) -> _Recorded:
             source=bag.source,
             seen=listed(sorted(bag.topics)) or "no messages",
             needed="/device_0/sensor_…, as librealsense names them",
-            remedy=f"{_AGAIN}, or export photographs and depth into a folder",
+            remedy=f"{_RECORD}, or export photographs and depth into a folder",
         )
     if len(found) != 1:
         what = {"Color": "colour", "Depth": "depth"}[kind]
@@ -110,7 +110,7 @@ def _recorded(bag: Bag, kind: str) -> _Recorded:
             or ", ".join(name for name in sorted(bag.topics) if "/data" in name)
             or ", ".join(sorted(bag.topics)),
             needed=f"/device_0/sensor_…/{kind}_0/image/data",
-            remedy=_AGAIN,
+            remedy=_RECORD,
         )
     return found[0]
 
@@ -134,6 +134,7 @@ def _stream(
                     source=frame,
                     seen=f"{image.shape[1]} x {image.shape[0]}",
                     needed=f"{camera.width} x {camera.height}",
+                    remedy=AGAIN,
                 )
             yield number, image
 
@@ -147,7 +148,12 @@ def _camera(bag: Bag, stream: _Recorded) -> Camera:
     finite = np.isfinite([*pinhole, *facts.coefficients]).all()
     if not (finite and min(width, height, *pinhole[:2]) > 0):
         seen = f"{width} x {height}, fx fy cx cy = {pinhole}, {facts.coefficients}"
-        raise CaptureError(f"{stream.name} has no possible camera", source=bag.source, seen=seen)
+        raise CaptureError(
+            f"{stream.name} has no possible camera",
+            source=bag.source,
+            seen=seen,
+            remedy=AGAIN,
+        )
     return Camera(width, height, *pinhole, distortion=_distortion(bag, stream, facts))
 
 
@@ -161,6 +167,7 @@ def _distortion(bag: Bag, stream: _Recorded, facts: _Intrinsics) -> Distortion |
             source=bag.source,
             seen=f"{stream.name}: {facts.model}, {facts.coefficients}",
             needed=", ".join(_LENSES),
+            remedy=OWN_CALIBRATION,
         )
     return Distortion(_LENSES[facts.model], facts.coefficients[: 4 if fisheye else 5])
 
@@ -205,7 +212,7 @@ def _depth_unit_m(bag: Bag, depth: _Recorded) -> float:
             source=bag.source,
             seen=", ".join(f"{unit:g} m" for unit in sorted(stated)),
             needed=name,
-            remedy=_AGAIN,
+            remedy=_RECORD,
         )
     (unit_m,) = stated
     if not _UNITS_M[0] <= unit_m <= _UNITS_M[1]:
@@ -214,6 +221,7 @@ def _depth_unit_m(bag: Bag, depth: _Recorded) -> float:
             source=bag.source,
             seen=f"{unit_m:g} m",
             needed=f"{_UNITS_M[0]:g} to {_UNITS_M[1]:g} m",
+            remedy=AGAIN,
         )
     return unit_m
 
@@ -242,7 +250,7 @@ def _depth_to_color(bag: Bag, depth: _Recorded, color: _Recorded) -> RigidTransf
             source=bag.source,
             seen=", ".join([*from_depth.values(), *from_color.values()]),
             needed=f"{depth.name}/tf/… and {color.name}/tf/… of one number",
-            remedy=_AGAIN,
+            remedy=_RECORD,
         )
     of_depth = _transform(bag, from_depth[common[0]])
     of_color = _transform(bag, from_color[common[0]])

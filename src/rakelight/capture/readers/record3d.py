@@ -21,6 +21,7 @@ from rakelight.capture.readers.image_files import check_same, compressed_finding
 from rakelight.capture.readers.lzfse_blocks import stated_size, unpack
 from rakelight.capture.readers.numbers import array_of, camera_of, json_table, number_in
 from rakelight.capture.readers.r3d_archive import (
+    EXPORT_AGAIN,
     METADATA,
     MOST_FRAME,
     MOST_MAP,
@@ -105,6 +106,7 @@ def _resized(camera: Camera, width: int, height: int, source: str) -> Camera:
             source=source,
             seen=f"w, h = {camera.width}, {camera.height}; frames of {width}x{height}",
             needed="the same proportions",
+            remedy=EXPORT_AGAIN,
         )
     return camera.resized(width, height)
 
@@ -136,10 +138,14 @@ def _depth_shape(
                 source=f"{archive.path}/{METADATA}",
                 seen=f"no dw and dh, {count} values",
                 needed="dw and dh",
+                remedy=EXPORT_AGAIN,
             )
     if width * height > MAX_PIXELS // 20:
         raise CaptureError(
-            "the depth is too large", source=archive.source, seen=f"{width:g}x{height:g}"
+            "the depth is too large",
+            source=archive.source,
+            seen=f"{width:g}x{height:g}",
+            remedy=EXPORT_AGAIN,
         )
     return int(height), int(width)
 

@@ -36,7 +36,7 @@ LONGEST = 1 << 28
 _SHORTEST_ROW = 8
 
 _BROKEN = "this recording is damaged"
-_AGAIN = "copy it again from where it was recorded, or record it again"
+AGAIN = "copy it again from where it was recorded, or record it again"
 
 
 @dataclass(frozen=True)
@@ -71,13 +71,19 @@ class Bag:
         """
         topic = self.topics.get(name)
         if topic is None or number >= len(topic.times_ns):
-            raise CaptureError("a part is missing", source=self.source, needed=name)
+            raise CaptureError(
+                "a part is missing",
+                source=self.source,
+                needed=name,
+                remedy=AGAIN,
+            )
         if topic.kind not in kinds:
             raise CaptureError(
                 f"{name} holds something else",
                 source=self.source,
                 seen=topic.kind,
                 needed=" or ".join(kinds),
+                remedy=AGAIN,
             )
         with parsing(self.source, f"{name} is damaged", CaptureError):
             store = _typestore(self.old)
@@ -207,7 +213,7 @@ def _bag(path: Path, source: str) -> Iterator[Bag]:
         try:
             reader.open()
         except rosbag1.ReaderError as error:
-            remedy = "`rosbag reindex` repairs it" if "not indexed" in str(error) else _AGAIN
+            remedy = "`rosbag reindex` repairs it" if "not indexed" in str(error) else AGAIN
             raise CaptureError(_BROKEN, source=source, seen=str(error), remedy=remedy) from error
     try:
         with parsing(source, _BROKEN, CaptureError):

@@ -10,7 +10,7 @@ import numpy as np
 
 from rakelight.capture.headers import MAX_PIXELS, PNG_MAGIC
 from rakelight.capture.images import as_rgb, decode_image
-from rakelight.capture.readers.ros_bag import LONGEST, unpacked_zstd
+from rakelight.capture.readers.ros_bag import AGAIN, LONGEST, unpacked_zstd
 from rakelight.errors import CaptureError, parsing
 from rakelight.model import Array
 
@@ -154,4 +154,10 @@ def _not_read(seen: str, needed: str, source: str) -> CaptureError:
 
 
 def _cut_off(seen: str, needed: str, source: str) -> CaptureError:
-    return CaptureError("its size is not what it says", source=source, seen=seen, needed=needed)
+    return CaptureError(
+        "its size is not what it says",
+        source=source,
+        seen=seen,
+        needed=needed,
+        remedy=AGAIN,
+    )

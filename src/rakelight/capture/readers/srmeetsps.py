@@ -81,7 +81,12 @@ def _depth(z0: Array, source: str) -> tuple[Floats, tuple[Finding, ...]]:
         depth = np.moveaxis(z0 if z0.ndim == 3 else z0[..., None], -1, 0).astype(np.float32)
     measured = depth[np.isfinite(depth) & (depth > 0)]
     if not measured.size:
-        raise CaptureError("no depth at all", source=source, seen="z0 without positive values")
+        raise CaptureError(
+            "no depth at all",
+            source=source,
+            seen="z0 without positive values",
+            remedy="save the depth, in metres or millimetres, as z0",
+        )
     middle, unit = float(np.median(measured)), "metres"
     if middle > FARTHEST_M:
         depth, middle, unit = depth / np.float32(1000), middle / 1000, "millimetres"

@@ -102,7 +102,10 @@ def _odometry(path: Path) -> _Odometry | None:
         return None
     if any(len(row) < len(names) for row in rows):
         raise CaptureError(
-            "a row is too short", source=f"{path}/{ODOMETRY}", needed=", ".join(names)[:200]
+            "a row is too short",
+            source=f"{path}/{ODOMETRY}",
+            needed=", ".join(names)[:200],
+            remedy="copy the recording again",
         )
     columns = {name: np.array([_number(row[i]) for row in rows]) for i, name in enumerate(names)}
     return _Odometry(columns, len(rows))
@@ -140,7 +143,10 @@ def _streams(
             clock = color.times_s[: odometry.rows]
         if np.any(np.diff(clock) <= 0) or np.abs(numbers).max() > 1e15:
             raise CaptureError(
-                "times that do not rise", source=f"{path}/{ODOMETRY}", needed="one per frame"
+                "times that do not rise",
+                source=f"{path}/{ODOMETRY}",
+                needed="one per frame",
+                remedy="copy the recording again",
             )
         times = dict(zip(numbers.astype(int).tolist(), (clock - clock[0]).tolist(), strict=False))
         if odometry.rows == len(color):
@@ -153,6 +159,7 @@ def _streams(
         raise CaptureError(
             "no depth map belongs to a frame of the video", source=f"{path}/depth",
             seen=f"numbers {start} to {max(names)}", needed=f"those in {ODOMETRY}",
+            remedy="copy the recording again, whole",
         )  # fmt: skip
     moments = np.array([times[number] for number in kept])
     sure = numbered_files(path, "confidence") if (path / "confidence").is_dir() else {}

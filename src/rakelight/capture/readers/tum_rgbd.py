@@ -79,16 +79,29 @@ def _listed(path: Path, name: str) -> tuple[Floats, list[str]]:
             raise CaptureError(
                 f"line {number} is no time and file", source=source, seen=line[:80],
                 needed="1305031102.175 rgb/1305031102.175.png",
+                remedy="correct the line, or take it out",
             )  # fmt: skip
         if time_s in found and found[time_s] != fields[1]:
-            raise CaptureError(f"line {number} has the time of another", source=source, seen=line)
+            raise CaptureError(
+                f"line {number} has the time of another",
+                source=source,
+                seen=line,
+                remedy="take one of them out",
+            )
         found[time_s] = fields[1]
     for file in found.values():
         if "\0" in file or Path(file).is_absolute() or ".." in Path(file).parts:
-            raise CaptureError("a file outside the folder", source=source, seen=file)
+            raise CaptureError(
+                "a file outside the folder",
+                source=source,
+                seen=file,
+                remedy="copy the file into the folder",
+            )
     kept = {time: file for time, file in sorted(found.items()) if _is_there(path / file)}
     if not kept:
-        raise CaptureError("none of the files in it is there", source=source)
+        raise CaptureError(
+            "none of the files in it is there", source=source, remedy="copy the folder again, whole"
+        )
     return np.array(list(kept)), list(kept.values())
 
 
@@ -137,6 +150,7 @@ def _camera_of_text(path: Path, name: str, shape: tuple[int, int]) -> Camera:
             raise CaptureError(
                 "no intrinsics", source=source, seen=fields.strip()[:80] or "nothing",
                 needed="fx fy cx cy, or the nine numbers of a matrix",
+                remedy="write fx fy cx cy, in pixels of the frames",
             )  # fmt: skip
         fx, fy, cx, cy, *distortion = numbers
         matrix = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]

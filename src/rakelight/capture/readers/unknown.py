@@ -9,8 +9,10 @@ from pathlib import Path
 
 from rakelight.capture.config import CONFIG
 from rakelight.capture.headers import what_it_is
-from rakelight.capture.listing import UNREAD
+from rakelight.capture.listing import TO_PNG, UNREAD
 from rakelight.capture.loose_files import images_in, kind_of, list_loose_files
+from rakelight.capture.matfile import AS_VERSION_7
+from rakelight.capture.readers.r3d_archive import EXPORT_AGAIN
 from rakelight.errors import CaptureError, InputError, listed, printable
 from rakelight.files import clear_errors
 
@@ -29,9 +31,9 @@ _REMEDIES = {
     "MCAP": _ROS_2_MCAP,
 }
 _BY_ENDING = {
-    ".mat": "in MATLAB: save('new.mat', 'I', 'z0', 'mask', 'K', '-v7')",
+    ".mat": AS_VERSION_7,
     ".npz": "in Python: rakelight.Capture.from_arrays",
-    ".r3d": "export it again from Record3D, as .r3d",
+    ".r3d": EXPORT_AGAIN,
 }
 _Rule = tuple[tuple[str, ...], str, str]
 # Endings of a folder's files, what it is then, and what to do, {} being the first of the files.
@@ -42,7 +44,7 @@ _BEFORE_IMAGES: tuple[_Rule, ...] = (
 _AFTER_IMAGES: tuple[_Rule, ...] = (
     ((".mat",), "a folder that holds a .mat file", "name that itself: {}"),
     ((".mp4", ".mov", ".avi", ".webm", ".m4v"), "a video without depth", _DEPTH_BESIDE),
-    (tuple(UNREAD), "images of a format that is not read", "convert them to PNG"),
+    (tuple(UNREAD), "images of a format that is not read", TO_PNG),
 )
 # Names of a folder's files that are looked at.
 _MOST_NAMES = 2000
@@ -76,7 +78,11 @@ def refuse_unknown(source: Path) -> None:
         raise _unread_file(source)
     else:
         raise CaptureError(
-            "neither a folder nor a file", source=shown, seen="a device or a pipe", needed=NEEDED
+            "neither a folder nor a file",
+            source=shown,
+            seen="a device or a pipe",
+            needed=NEEDED,
+            remedy="name one of these",
         )
 
 

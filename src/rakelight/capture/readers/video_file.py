@@ -20,6 +20,7 @@ from rakelight.capture.readers.containers import (
     DAMAGED,
     check_count,
     check_frame_size,
+    damaged,
     demuxing,
     opened_container,
 )
@@ -79,10 +80,10 @@ def _opened(path: Path, source: str) -> Iterator[tuple[Any, Any]]:
     """The container and its video."""
     with opened_container(path, source, "mov", {"enable_drefs": "0"}) as container:
         if not container.streams.video:
-            raise CaptureError("no video in it", source=source)
+            raise CaptureError("no video in it", source=source, remedy="copy the video again")
         stream = container.streams.video[0]
         if stream.codec_context is None:
-            raise CaptureError(DAMAGED, source=source, seen="an unknown codec")
+            raise damaged(source, "an unknown codec")
         stream.thread_type = "AUTO"
         yield container, stream
 
@@ -103,7 +104,7 @@ def _indexed(container: Any, stream: Any, source: str) -> _Index:
                 keys.add(packet.pts)
             check_count(len(pts), source)
     if not pts or not unit_s > 0:
-        raise CaptureError(DAMAGED, source=source, seen="no frames")
+        raise damaged(source, "no frames")
     return _Index(sorted(pts), sorted(keys), unit_s, (height, width))
 
 
@@ -128,7 +129,7 @@ def _decoded(
                 break
             at = frame.pts if frame.pts is not None else at
         if frame is None or at != target or frame.is_corrupt:
-            raise CaptureError(DAMAGED, source=source, seen=f"frame {number} cannot be decoded")
+            raise damaged(source, f"frame {number} cannot be decoded")
         yield number, _rgb(av, frame, index.shape, f"{source} frame {number}")
 
 
@@ -147,6 +148,7 @@ def _rgb(av: Any, frame: Any, shape: tuple[int, int], source: str) -> Array:
             source=source,
             seen=f"{frame.width}x{frame.height}",
             needed=f"{shape[1]}x{shape[0]}",
+            remedy="record it again without turning the phone",
         )
     reformatter = av.video.reformatter
     full = frame.color_range == _FULL_RANGE or frame.format.name.startswith("yuvj")

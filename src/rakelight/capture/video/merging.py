@@ -74,6 +74,7 @@ def merged(
             source=recording.source,
             seen=f"{sum(left)} of {len(owner)} when it was read again",
             needed="a file that does not change while it is read",
+            remedy="copy it to this machine first",
         )
     return photographs
 
