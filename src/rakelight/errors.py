@@ -114,7 +114,9 @@ def parsing(source: str, what: str, error: type[InputError] = InputError) -> Ite
         raise MachineError("too little memory to read it", source=source) from cause
     except Exception as cause:
         seen = "nested too deep" if isinstance(cause, RecursionError) else str(cause)
-        raise error(what, source=source, seen=seen or type(cause).__name__) from cause
+        remedy = "copy it, or write or export it again"
+        seen = seen or type(cause).__name__
+        raise error(what, source=source, seen=seen, remedy=remedy) from cause
 
 
 @contextmanager

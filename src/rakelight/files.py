@@ -38,6 +38,7 @@ _WRONG_PATH = {
 }
 
 _REMEDIES: dict[tuple[str, int | None], str] = {
+    ("cannot be read", errno.ENOENT): "put it there, or look for a mistyped name",
     ("cannot be read", errno.EACCES): "allow yourself to read it, or copy it to where you may",
     ("cannot be read", errno.EPERM): "allow yourself to read it, or copy it to where you may",
     ("cannot be written", errno.ENOSPC): "free some space, or choose another disk",

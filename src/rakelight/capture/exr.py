@@ -61,7 +61,10 @@ def read_exr_header(data: bytes, source: str = "") -> ExrHeader:
         raise damaged(source, "no size or no channels") from error
     check_size(right - left + 1, bottom - top + 1, source)
     depth = sorted((name for name in names if _DEPTH.fullmatch(name)), key=len)
-    return ExrHeader(right - left + 1, bottom - top + 1, _color(names), depth[0] if depth else "")
+    color = _color(names)
+    if len(names) == 1 and not color:  # such as R alone, as Record3D exports depth
+        depth = list(names)
+    return ExrHeader(right - left + 1, bottom - top + 1, color, depth[0] if depth else "")
 
 
 def _attributes(data: bytes) -> dict[str, bytes]:

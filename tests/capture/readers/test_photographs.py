@@ -258,6 +258,20 @@ def test_depth_whose_sides_divide_the_photographs_by_no_integer(tmp_path):
     refusal(tmp_path, "depth and colour sizes do not fit")
 
 
+def test_the_exr_and_jpg_that_record3d_exports(tmp_path):
+    made = fill(tmp_path, depth=False, texts=False)
+    for name in ("rgb", "depth"):
+        (tmp_path / name).mkdir()
+    for i in range(4):
+        (tmp_path / f"img{9 + i}.png").rename(tmp_path / "rgb" / f"{i}.png")
+        exr(tmp_path / "depth" / f"{i}.exr", R=made.depth_m[0])
+    facts = {"w": 32, "h": 24, "K": made.camera.matrix.T.ravel().tolist(), "fps": 60}
+    (tmp_path / "metadata.json").write_text(json.dumps(facts))
+    capture = load_capture(tmp_path)
+    assert np.array_equal(capture.depth_m, made.depth_m[[0] * 4], equal_nan=True)
+    assert capture.camera == made.camera
+
+
 def test_exr_brighter_than_white_is_scaled_alike(tmp_path):
     made = fill(tmp_path)
     light = made.photographs.astype(np.float32) / 100

@@ -59,6 +59,12 @@ def link(path, target):
     return path
 
 
+def unpacked(folder):
+    written(folder / "metadata", b"{}")
+    written(folder / "rgbd" / "0.jpg", encode_jpeg(PIXELS))
+    return folder
+
+
 def folder_of(path):
     path.mkdir()
     return path
@@ -87,6 +93,7 @@ UNKNOWN = {
     "as MCAP, which is not read": lambda p: written(p / "bag" / "a.mcap").parent,
     "holds a .mat file.*/set/a.mat": lambda p: written(p / "set" / "a.mat").parent,
     "a folder of captures .seen c": lambda p: build(p / "all" / "c").parent,
+    "an .r3d that was unpacked": lambda p: unpacked(p / "scan"),
     "a result, not a capture": lambda p: result(p / "made"),
     "no depth map in it .seen IMG_0.JPG": lambda p: jpegs(p / "photos"),
     "no photographs in it .needed": lambda p: with_depth(p / "depth only", "notes.txt"),

@@ -114,6 +114,14 @@ def _refuse_folder(source: Path) -> None:
         raise CaptureError(
             "an empty folder", source=shown, needed=NEEDED, remedy="name the one that holds them"
         )
+    if {"metadata", "rgbd"} <= set(names):
+        raise CaptureError(
+            "an .r3d that was unpacked",
+            source=shown,
+            seen="metadata and rgbd/",
+            needed="the .r3d itself",
+            remedy="name it, or pack them again: zip -r scan.r3d metadata rgbd",
+        )
     if "result.json" in names:
         raise CaptureError(
             "a result, not a capture", source=shown, seen="result.json",
