@@ -50,6 +50,8 @@ def nearest_fill(values: Floats, measured: Mask) -> Floats:
     """`values` (h, w) with every other pixel given the value of the nearest measured one."""
     from scipy.ndimage import distance_transform_edt
 
+    if measured.all():
+        return np.array(values, dtype=np.float64)
     index = distance_transform_edt(~measured, return_distances=False, return_indices=True)
     return np.asarray(values[tuple(index)], dtype=np.float64)
 

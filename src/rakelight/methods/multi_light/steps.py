@@ -82,7 +82,7 @@ def descend(
             loss_fixed = step > 0 and fit.noise > NOISE_AT_REST * noise
             fits = [fit]
         before = fit
-        fit = depth_step(level, fit)
+        fit = depth_step(level, fit, with_light_slope=together)
         if together:
             fit = joint_step(level, fit, options.coarse_pixels)
         fit = project_bas_relief(level, fit)
@@ -98,8 +98,11 @@ def descend(
     return Descent(tuple(fits), converged, step + 1)
 
 
-def depth_step(level: Level, fit: Fit) -> Fit:
-    """One Gauss-Newton step of the depth, lights fixed; damped until the energy falls."""
+def depth_step(level: Level, fit: Fit, with_light_slope: bool = True) -> Fit:
+    """One Gauss-Newton step of the depth, lights fixed; damped until the energy falls.
+
+    with_light_slope : whether the derivatives with the lights are found, for a step of both
+    """
 
     def after(damping: float) -> Fit:
         system = depth_system(level, fit, damped_tensor(level, fit, damping))
@@ -108,7 +111,7 @@ def depth_step(level: Level, fit: Fit) -> Fit:
             return fit  # refused, as it is no lower
         # A step that is cut off at the iteration limit is inexact: it counts if the energy falls.
         log_depth = level.placed(fit.log_depth + solution.value)
-        return evaluated(level, fit, log_depth, fit.lights, with_light_slope=True)
+        return evaluated(level, fit, log_depth, fit.lights, with_light_slope=with_light_slope)
 
     lower, damping = lowered(fit, fit.depth_damping, after, TRIES)
     return replace(lower, depth_damping=damping)

@@ -162,7 +162,8 @@ def refine_tile(
     level = level.weighted(agreement(level, fit, whole.shrink))
     for step in range(STEPS):
         check()
-        fit = depth_step(level, fit if step == 0 else update_scale(level, fit, noisiest=1.0))
+        fit = fit if step == 0 else update_scale(level, fit, noisiest=1.0)
+        fit = depth_step(level, fit, with_light_slope=False)
     check()
     normals, linearization = fine_normals(level, fit)
     check()
