@@ -96,19 +96,17 @@ def search_depth_weight(
     least = penalised_noise(level, fit) if acceptable(level, fit, options) else np.inf
     floor = 0.0
     if fit.near:
-        fit = with_near_lights(level, fit)
+        fit, *starts = (with_near_lights(level, each) for each in (fit, *starts))
     for factor in WEIGHT_FACTORS:
         penalty = factor**-FACTOR_EXPONENT
         if floor * penalty >= least:
             continue  # residuals under a smaller weight are too large already
         weaker = level.weighted(factor)
         words = "try a smaller depth weight"
-        start = reset_scale(weaker, fit)
-        if not fit.near:
-            start = min(
-                (start, *(reset_scale(weaker, each) for each in starts)),
-                key=lambda each: each.linearization.noise_sigma,
-            )
+        start = min(
+            (reset_scale(weaker, each) for each in (fit, *starts)),
+            key=lambda each: each.linearization.noise_sigma,
+        )
         trial = descend(weaker, start, options, progress, words)
         penalised = penalised_noise(level, trial.fit)
         floor = max(floor, penalised)
