@@ -245,7 +245,7 @@ def test_halved_twice_as_light_is_halved_as_light():
 # ---- against finite differences
 
 
-def settled(photographs, surface, lights, scale):
+def converged_albedo(photographs, surface, lights, scale):
     """The linearization with the albedo that the loss has at rest."""
     found = photographs.linearize(surface, lights, scale=scale)
     for _ in range(60):
@@ -256,13 +256,13 @@ def settled(photographs, surface, lights, scale):
 @pytest.mark.parametrize("scale", [0.0, 0.05])
 def test_vector_is_the_derivative_of_the_energy(lights, scale):
     photographs, surface = faulty(lights, noise=0.01)
-    found = settled(photographs, surface, lights, scale)
+    found = converged_albedo(photographs, surface, lights, scale)
     lag = photographs.linearize(surface, lights, scale=scale, start=found.albedo, lagged=True)
     direction = np.random.default_rng(7).normal(size=surface.gradient.shape)
 
     def energy(step):
         moved = replace(surface, gradient=surface.gradient + step * direction)
-        return settled(photographs, moved, lights, scale).energy
+        return converged_albedo(photographs, moved, lights, scale).energy
 
     step = 1e-7
     slope = (energy(step) - energy(-step)) / (2 * step)
@@ -274,7 +274,7 @@ def test_vector_is_the_derivative_of_the_energy(lights, scale):
 @pytest.mark.parametrize("near", [True, False])
 def test_slope_is_the_derivative_of_half_the_energy(lights, scale, near):
     photographs, surface = faulty(lights, noise=0.01)
-    found = settled(photographs, surface, lights, scale)
+    found = converged_albedo(photographs, surface, lights, scale)
     _, slope, _ = photographs.light_terms(
         surface, lights, found.albedo, scale=scale, near=near, mixed=True
     )
@@ -287,7 +287,7 @@ def test_slope_is_the_derivative_of_half_the_energy(lights, scale, near):
         direction[..., 3] = np.abs(direction[..., 3])  # none is farther than infinity
 
     def energy(step):
-        return settled(photographs, surface, moved(lights, step * direction), scale).energy
+        return converged_albedo(photographs, surface, moved(lights, step * direction), scale).energy
 
     step = 1e-6
     if near and not lights.inverse_distance.any():  # one-sided, second order

@@ -174,10 +174,10 @@ def test_options_are_kept_with_the_result(capture):
     assert result.iterations <= 2
 
 
-@pytest.mark.parametrize("trust", [-1.0, np.nan])
-def test_impossible_options(trust):
+@pytest.mark.parametrize("weight", [-1.0, np.nan])
+def test_impossible_options(weight):
     with pytest.raises(InputError):
-        MultiLightAlternating(depth_weight=trust)
+        MultiLightAlternating(depth_weight=weight)
 
 
 def test_bad_scale(capture):

@@ -220,7 +220,7 @@ def test_scatter_where_little_was_measured():
 
 
 @pytest.mark.parametrize("growth", [0.0, 1.0, 2.0])
-def test_a_known_sensor_is_believed(growth):
+def test_a_given_noise_model_is_used(growth):
     maps, plane = noisy_maps(5, 3.0)
     noise = SensorNoise(sigma_m=0.002, at_m=0.8, growth=growth)
     sigma = noise_sigma(plane, noise, maps)

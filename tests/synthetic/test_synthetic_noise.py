@@ -69,7 +69,7 @@ def test_steps():
     assert len(np.unique(depth)) > 5
 
 
-def test_holes_are_as_many_as_asked_and_hang_together():
+def test_holes_are_as_many_as_asked_and_cover_connected_areas():
     depth = FLAT.copy()
     depth[:50] = np.nan
     noisy = add_depth_noise(depth, DepthNoise(hole_fraction=0.05, hole_size_px=8.0), seed=2)

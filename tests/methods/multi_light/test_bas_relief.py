@@ -47,7 +47,7 @@ def test_lights_that_can_be_alike_set_what_a_vague_sensor_leaves_open():
     assert np.degrees(np.arccos(cosine)).max() < 1
 
 
-def test_a_sensor_that_knows_is_believed():
+def test_a_precise_sensor_decides():
     level, turned = (
         make_level().weighted(1e8),
         LightParameters.distant(alike().vector @ TURN.T, alike().ambient),

@@ -82,7 +82,7 @@ def test_the_sensor_takes_over_where_it_says_as_much():
 
 @pytest.mark.parametrize("width", [0.0, 2.0])
 def test_the_mean_of_the_sensors_error_is_that_of_its_blocks(width):
-    """White noise averages out over 4 x 4 pixels, errors that hang together much less."""
+    """White noise averages out over 4 x 4 pixels, correlated errors much less."""
     prepared, _, fit = make_fit()
     rng = np.random.default_rng(0)
     error = gaussian_filter(rng.normal(size=prepared.sensor.depth_m.shape), width)

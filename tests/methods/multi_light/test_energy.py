@@ -332,7 +332,7 @@ def test_lights_step_is_what_moves_them(name):
 # ---- begun anew
 
 
-def test_under_another_trust_the_loss_begins_anew(level, fit):
+def test_under_another_depth_weight_the_robust_scale_is_reset(level, fit):
     for _ in range(3):
         fit = update_scale(level, fit)
     first = first_fit(level, fit.log_depth, fit.lights)

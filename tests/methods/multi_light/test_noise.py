@@ -49,7 +49,7 @@ def test_beside_white_noise_lights_count_as_they_are():
     assert 0.9 < equal_intensity_weight(white(level.mask.shape)) < 1.6
 
 
-def test_beside_errors_that_hang_together_they_count_by_the_area_of_those():
+def test_beside_correlated_errors_they_count_by_the_area_of_those():
     _, level = scene()
     blur = 3.0
     error = gaussian_filter(white(level.mask.shape), blur)
@@ -76,7 +76,7 @@ def test_a_sensor_that_saw_nothing_says_nothing():
     )
 
 
-def trust(error, tails):
+def weight(error, tails):
     """Where the sensor is off a surface by `error` (h, w), and residuals have such tails."""
     prepared, level = scene()
     fit = first_fit(level, level.prior - error, lights_of_prior(level))
@@ -84,20 +84,20 @@ def trust(error, tails):
     return estimate_depth_weight(replace(fit, linearization=linearization), prepared)
 
 
-def test_depth_counts_by_the_area_over_which_its_errors_hang_together():
+def test_depth_counts_by_the_area_over_which_its_errors_are_correlated():
     _, level = scene()
     error = white(level.mask.shape)
     wide = gaussian_filter(error, 2.0)
     # Neighbours under a Gaussian of white noise differ by 2 (1 - exp(-1 / 4 sigma^2)) variances.
     area = 1 / (2 * (1 - np.exp(-1 / 16)))
-    assert trust(error, 1.0) == pytest.approx(25 * 2, rel=0.1)
-    assert trust(wide, 1.0) == pytest.approx(25 / area, rel=0.2)
+    assert weight(error, 1.0) == pytest.approx(25 * 2, rel=0.1)
+    assert weight(wide, 1.0) == pytest.approx(25 / area, rel=0.2)
 
 
 def test_the_weight_is_at_least_and_at_most():
     wide = gaussian_filter(white(scene()[1].mask.shape), 14.0)
-    assert trust(wide, 1.0) == pytest.approx(0.3)
-    assert trust(white(wide.shape), 1e3) == pytest.approx(300)
+    assert weight(wide, 1.0) == pytest.approx(0.3)
+    assert weight(white(wide.shape), 1e3) == pytest.approx(300)
 
 
 def test_noisy_photographs_do_not_hand_the_surface_to_the_sensor():

@@ -134,7 +134,7 @@ def test_the_depth_weight_falls_with_the_errors_correlation_length():
     assert coarse < 0.05
 
 
-def test_a_drift_triples_the_trust():
+def test_a_drift_triples_the_depth_weight():
     assert estimate_depth_weight(*change(2.0), 1.0) == 1.0
     assert estimate_depth_weight(*change(2.0, drift=20.0), 1.0) == 3.0
 

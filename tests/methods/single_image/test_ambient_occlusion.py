@@ -31,7 +31,7 @@ def relief(kind, period_px, slope):
 @pytest.mark.parametrize("kind", ["fourth_difference", "random"])
 @pytest.mark.parametrize("period_px", [6, 9, 12])
 @pytest.mark.parametrize("slope", [0.6, 1.2])
-def test_the_hollows_of_a_relief_are_found_under_the_sky(kind, period_px, slope):
+def test_a_relief_is_found_from_occlusion_under_the_sky(kind, period_px, slope):
     height = relief(kind, period_px, slope)
     light = sky(height, 1.5 * period_px)
     contrast = light / blurred(light, AFAR_PX, ALL) - 1
@@ -44,7 +44,7 @@ def test_the_hollows_of_a_relief_are_found_under_the_sky(kind, period_px, slope)
     assert np.corrcoef(found[inner].ravel(), height[inner].ravel())[0, 1] > 0.5
 
 
-def test_an_open_slope_has_no_hollows():
+def test_an_open_slope_has_no_occlusion():
     lean = sky(0.0 * ROW, 3)
     np.testing.assert_allclose(lean, 1.0, atol=0.01)
 
@@ -76,7 +76,7 @@ def test_light_along_the_view_is_no_light_from_the_side():
 
 
 @pytest.mark.parametrize("ambient", [0.0, -0.2])
-def test_without_light_from_all_sides_there_are_no_hollows(ambient):
+def test_without_light_from_all_sides_there_is_no_cue(ambient):
     light = np.array([0.0, 0.0, -1.0, ambient])
     height, explained = occlusion_height(0.1 * np.cos(ROW), light, FACING, ALL)
     assert (height == 0).all()

@@ -306,7 +306,7 @@ def test_detail_within_a_sensor_pixel_is_not_held(depth):
     )
 
 
-def test_what_hollows_explain_is_not_explained_by_slopes(prepared):
+def test_what_occlusion_explains_is_not_explained_by_slopes(prepared):
     view = View.of(knitted(prepared))
     light, rho = np.array([0.0, 0.0, 0.0, 1.0]), np.ones(view.mask.shape)
     depth = fusion.depth_energy(view, light, rho, view.intensity, fusion.FusionLike(), 0.1)
@@ -330,7 +330,7 @@ def test_a_hollow_may_be_black_but_no_ridge_is_lit_from_more_than_all_sides(prep
     assert found[2] < 2.5 * np.abs(view.contrast()[view.seen]).mean()
 
 
-def test_smoothness_is_of_what_differs_from_the_hollows(depth):
+def test_smoothness_is_of_what_differs_from_the_occlusion_cue(depth):
     alone = replace(depth, lambda_z1=1e-9, shading_weight=0 * depth.shading_weight, accuracy=1e-9)
     moved = alone.step(depth.view.given.prior).value - depth.view.given.prior
     inner = depth.view.seen

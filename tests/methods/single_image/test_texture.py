@@ -98,7 +98,7 @@ def test_from_afar_each_paint_keeps_its_brightness():
     np.testing.assert_array_equal(from_afar(intensity, []), intensity)
 
 
-def test_doubt_0_believes_everything():
+def test_a_weight_of_0_takes_everything_for_shape():
     assert (
         shading_weight(leaves([[0.6, 0.5, 0.6]]), np.zeros(SHAPE), LINKS, colour_weight=0.0) == 1
     ).all()
