@@ -15,6 +15,7 @@ from rakelight.geometry.distortion import (
     undistort,
 )
 from rakelight.model import Camera, Distortion
+from tests.capture.readers.realsense_files import librealsense
 
 BROWN, INVERSE, KANNALA = "brown-conrady", "inverse-brown-conrady", "kannala-brandt"
 AZURE = [0.4508, -2.6105, 0.00077, -0.00021, 1.4968, 0.3313, -2.4332, 1.4242]
@@ -73,8 +74,7 @@ def test_points_are_where_opencv_shows_them(name):
 
 @pytest.mark.parametrize("name", LENSES)
 def test_points_are_where_librealsense_shows_them(name):
-    # It needs the system's libusb.
-    realsense = pytest.importorskip("pyrealsense2", exc_type=ImportError)
+    realsense = librealsense()
     camera = lens_camera(name)
     lens = camera.distortion
     if len(lens.coefficients) == 8:
