@@ -60,10 +60,10 @@ def loops(capture):
     method, view = load_method("fusion-like"), View.of(prepared)
     after = method.run(prepared, method.options(), silent).log_depth
     inner = binary_erosion(prepared.mask, iterations=BORDER)
-    told = view.given.usable.any(axis=-1)
+    told = view.level.usable.any(axis=-1)
     bright = view.intensity / np.maximum(blurred(view.intensity, LARGE_PX, prepared.mask), 1e-3)
     photograph = band(bright, prepared.mask & told)
-    height_mm = 1e3 * prepared.depth_m * band(view.given.prior - after, prepared.mask)
+    height_mm = 1e3 * prepared.depth_m * band(view.level.prior - after, prepared.mask)
     rows, columns = np.indices(prepared.mask.shape)
     rows, columns = rows + prepared.rows.start, columns + prepared.columns.start
     found = {}

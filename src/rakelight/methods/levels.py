@@ -1,4 +1,4 @@
-"""What a multi-light method works on: photographs and prepared depth at one resolution or more."""
+"""What a method works on: photographs and prepared depth, at one resolution or more."""
 
 from __future__ import annotations
 
@@ -18,10 +18,12 @@ from rakelight.geometry.grid import (
     Links,
     connected,
     has_gradient,
+    mean_gradient,
     pair_slices,
     surface_links,
 )
-from rakelight.model import BLACK, SATURATED, Array, Floats, Mask
+from rakelight.geometry.normals import normals_from_gradient
+from rakelight.model import BLACK, SATURATED, Array, Camera, Floats, Mask
 from rakelight.photometry.images import Photographs, Surface
 from rakelight.prepare import Prepared
 from rakelight.prepare.inpaint import nearest_fill
@@ -79,9 +81,38 @@ class Level:
         return self.photographs.grid
 
     @property
+    def links(self) -> Links:
+        """Which neighbouring pixels are on one surface."""
+        return Links.of(self.grid)
+
+    @property
+    def camera(self) -> Camera:
+        """The colour camera, of this level's window."""
+        return self.photographs.camera
+
+    @cached_property
+    def image(self) -> Floats:
+        """(h, w, 3) linear light of the first photograph, white is 1; 0 outside the mask."""
+        return np.where(self.mask[..., None], self.photographs.decoded(0), 0.0)
+
+    @cached_property
+    def usable(self) -> Mask:
+        """(h, w, 3) values of the first photograph that are neither saturated nor black."""
+        return self.mask[..., None] & self.photographs.usable(0)
+
+    @property
+    def shaded(self) -> Mask:
+        """(h, w, 3) the usable values of pixels that have a normal."""
+        return np.asarray(self.usable & has_gradient(self.links)[..., None])
+
+    def normals(self, log_depth: Floats) -> tuple[Floats, Floats]:
+        """Normals (h, w, 3) and |m| (h, w) of a log depth (h, w)."""
+        return normals_from_gradient(*mean_gradient(log_depth, self.links), self.camera)
+
+    @property
     def pairs(self) -> Floats | None:
         """Weights of the difference pairs, as `solve.assemble` takes them; None without a cut."""
-        return Links.of(self.grid).pairs
+        return self.links.pairs
 
     def surface(self, log_depth: Floats) -> Surface:
         """The surface of `log_depth` (h, w), as the photographs depend on it."""
@@ -171,8 +202,8 @@ class Level:
 
         Itself where nothing would be left that has a normal: then the depth is no surface.
         """
-        here = Links.of(self.grid)
-        steep = surface_links(np.exp(log_depth), here.mask, self.photographs.camera)
+        here = self.links
+        steep = surface_links(np.exp(log_depth), here.mask, self.camera)
         both = Links(here.mask, here.right & steep.right, here.down & steep.down)
         if not has_gradient(both).any():
             return self
@@ -246,6 +277,11 @@ def finest_level(prepared: Prepared, *, cut: bool = False, unbiased: bool = Fals
         averaging,
         find_small_components(grid, averaging),
     )
+
+
+def first_photograph(prepared: Prepared) -> Level:
+    """The finest level of a method for one photograph: the first; links end at jumps."""
+    return finest_level(replace(prepared, photographs=prepared.photographs[:1]), cut=True)
 
 
 def find_small_components(grid: Grid, averaging: Averaging | None) -> Mask:

@@ -191,6 +191,15 @@ class Photographs:
         """(N, P, 3) linear light of the P pixels of a mask (h, w), negative where not usable."""
         return self._light[self.values[:, where]].astype(np.float64)
 
+    def decoded(self, photograph: int) -> Floats:
+        """(h, w, 3) linear light of one photograph, usable or not."""
+        return np.asarray(self.table[self.values[photograph]], dtype=np.float64)
+
+    def usable(self, photograph: int) -> Mask:
+        """(h, w, 3) values of one photograph that are neither saturated nor black."""
+        values = self.values[photograph]
+        return np.asarray((values >= self.low) & (values <= self.high))
+
     def cleared(
         self,
         hidden: Mask | None,

@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter
 
 from rakelight.errors import InputError
 from rakelight.geometry.normals import surface_normals
-from rakelight.methods.one_photograph import OnePhotograph
+from rakelight.methods.levels import first_photograph
 from rakelight.methods.rgb_ratio import RgbRatio, estimate_depth_weight, rgb_ratio
 from rakelight.methods.rgb_ratio.ratios import Ratios
 from rakelight.metrics import evaluate_maps
@@ -83,8 +83,8 @@ def test_the_truth_meets_the_ratio_equations():
     prepared = prepare(capture)
     window = np.s_[prepared.rows, prepared.columns]
     light = np.concatenate([truth.lights.vector[0], truth.lights.ambient[0][:, None]], axis=1)
-    given = OnePhotograph.of(prepared)
-    ratios = Ratios(given.image, given.shaded, 1.0, truth.albedo[window].astype(float), light)
+    level = first_photograph(prepared)
+    ratios = Ratios(level.image, level.shaded, 1.0, truth.albedo[window].astype(float), light)
     normals = np.nan_to_num(truth.normals[window].astype(float))
     squares = ratios.squares(normals)[prepared.mask]
     assert np.isfinite(squares).mean() > 0.5
@@ -119,10 +119,10 @@ def test_a_few_colours_on_a_small_sphere_do_the_depth_no_harm():
 def change(length_px, drift=0.0):
     """A scene without depth noise, and its log depth with errors of that length, and a drift."""
     capture, _ = scene("white", depth_noise=DepthNoise(rms_mm=0.0))
-    given = OnePhotograph.of(prepare(capture))
-    errors = gaussian_filter(np.random.default_rng(0).normal(size=given.prior.shape), length_px)
+    level = first_photograph(prepare(capture))
+    errors = gaussian_filter(np.random.default_rng(0).normal(size=level.prior.shape), length_px)
     column = np.linspace(-1, 1, errors.shape[1])
-    return given, given.prior + 1e-3 * (errors / errors.std() + drift * column)
+    return level, level.prior + 1e-3 * (errors / errors.std() + drift * column)
 
 
 def test_the_depth_weight_falls_with_the_errors_correlation_length():

@@ -9,7 +9,7 @@ from rakelight.errors import InputError
 from rakelight.geometry.averaging import Averaging
 from rakelight.geometry.grid import has_gradient, mean_gradient
 from rakelight.geometry.normals import surface_normals
-from rakelight.methods.one_photograph import OnePhotograph
+from rakelight.methods.levels import Level
 from rakelight.methods.single_image import fusion_like as fusion
 from rakelight.methods.single_image import rgbd_fusion as rgbd
 from rakelight.methods.single_image.depth_energy import Depth, View, laplacian
@@ -204,7 +204,7 @@ def depth(prepared):
 
 
 def photographed(view, colour):
-    return replace(view, colour=colour, texture=texture_likelihood(colour, view.given.links))
+    return replace(view, colour=colour, texture=texture_likelihood(colour, view.level.links))
 
 
 def test_light_is_found_again(prepared):
@@ -224,8 +224,8 @@ def test_paint_of_another_kind_does_not_bend_the_light(prepared):
 
 def test_linear_residual_is_the_image_model(depth):
     view = depth.view
-    gradient = mean_gradient(view.given.prior, view.given.links)
-    u, v, miss = depth.linear(view.given.normals(view.given.prior)[1])
+    gradient = mean_gradient(view.level.prior, view.level.links)
+    u, v, miss = depth.linear(view.level.normals(view.level.prior)[1])
     expected = depth.albedo * fusion.shading(view, depth.light) - depth.target
     expected *= np.sqrt(depth.shading_weight)
     found = u * gradient[0] + v * gradient[1] + miss
@@ -236,26 +236,26 @@ def averaged(depth):
     """The same under a sensor whose pixels are twice as wide."""
     mask = depth.view.mask
     edges = [np.append(np.arange(0.0, side, 2.0), side) for side in mask.shape]
-    given = replace(depth.view.given, averaging=Averaging.on(mask, *edges))
-    return replace(depth, view=replace(depth.view, given=given))
+    level = replace(depth.view.level, averaging=Averaging.on(mask, *edges))
+    return replace(depth, view=replace(depth.view, level=level))
 
 
 @pytest.mark.parametrize("sensor", [lambda depth: depth, averaged])
 def test_step_minimises_the_energy_with_lagged_length(depth, sensor):
     depth = sensor(depth)
-    prior = depth.view.given.prior
+    prior = depth.view.level.prior
     best = depth.step(prior).value
-    length = depth.view.given.normals(prior)[1]
+    length = depth.view.level.normals(prior)[1]
 
-    class Lagged(OnePhotograph):
+    class Lagged(Level):
         """Its normals keep the length that they have on the prepared depth."""
 
         def normals(self, log_depth):
-            return OnePhotograph.normals(self, log_depth)[0], length
+            return Level.normals(self, log_depth)[0], length
 
-    given = depth.view.given
-    lagged = Lagged(*(getattr(given, field.name) for field in fields(given)))
-    depth = replace(depth, view=replace(depth.view, given=lagged))
+    level = depth.view.level
+    lagged = Lagged(*(getattr(level, field.name) for field in fields(level)))
+    depth = replace(depth, view=replace(depth.view, level=lagged))
     least = depth.energy(best)
     rng = np.random.default_rng(0)
     rough = rng.normal(size=prior.shape) * depth.view.mask
@@ -269,7 +269,7 @@ def test_step_minimises_the_energy_with_lagged_length(depth, sensor):
 def test_shading_is_weighed_where_the_colour_stays_and_not_where_it_changes(prepared):
     view = View.of(prepared)
     shade = fusion.shading(view, np.array([0.1, -0.2, -0.5, 0.3]))
-    grey = np.where(view.given.usable, shade[..., None], 0.0)
+    grey = np.where(view.level.usable, shade[..., None], 0.0)
     assert photographed(view, grey).shading_weight(30.0)[view.mask].min() > 0.99
     stripes = 1 + 0.3 * np.sin(np.arange(view.mask.shape[1]) / 2)[None, :, None] * [1, 0, -1]
     assert (
@@ -301,8 +301,8 @@ def test_exposure_changes_nothing_but_the_lights(method, prepared):
 def test_detail_within_a_sensor_pixel_is_not_held(depth):
     fine = 1e-4 * (np.indices(depth.view.mask.shape).sum(axis=0) % 2 * 2 - 1)
     rest = replace(depth, lambda_z2=0.0, shading_weight=0 * depth.shading_weight, lambda_z1=1.0)
-    assert averaged(rest).energy(depth.view.given.prior + fine) < 0.1 * rest.energy(
-        depth.view.given.prior + fine
+    assert averaged(rest).energy(depth.view.level.prior + fine) < 0.1 * rest.energy(
+        depth.view.level.prior + fine
     )
 
 
@@ -332,7 +332,7 @@ def test_a_hollow_may_be_black_but_no_ridge_is_lit_from_more_than_all_sides(prep
 
 def test_smoothness_is_of_what_differs_from_the_occlusion_cue(depth):
     alone = replace(depth, lambda_z1=1e-9, shading_weight=0 * depth.shading_weight, accuracy=1e-9)
-    moved = alone.step(depth.view.given.prior).value - depth.view.given.prior
+    moved = alone.step(depth.view.level.prior).value - depth.view.level.prior
     inner = depth.view.seen
     change, wanted = (laplacian(each, depth.view.mask)[inner] for each in (moved, depth.expected))
     np.testing.assert_allclose(change, wanted, atol=0.05 * np.abs(wanted).max())
@@ -345,8 +345,8 @@ def test_no_normal_is_taken_across_a_step(prepared):
     views = [
         View.of(each) for each in (prepared, replace(prepared, depth_m=prepared.depth_m * step))
     ]
-    one, two = (view.given.normals(view.given.prior)[0] for view in views)
-    both = has_gradient(views[0].given.links) & has_gradient(views[1].given.links)
+    one, two = (view.level.normals(view.level.prior)[0] for view in views)
+    both = has_gradient(views[0].level.links) & has_gradient(views[1].level.links)
     beside = slice(middle - 1, middle + 1)
     turned = np.linalg.norm(two - one, axis=-1)[:, beside][both[:, beside]]
     assert len(turned) > 100
@@ -376,7 +376,7 @@ def test_paint_of_another_intensity_is_not_linked(prepared):
     view = replace(View.of(prepared), texture=np.zeros(prepared.mask.shape))
     color = view.intensity[..., None]
     linked = view.edges(1.0, 1.0, tau=0.05)[0]
-    free = edge_weights(color, np.exp(view.given.prior), view.mask, sigma_c=1.0, sigma_d=1.0)[0]
+    free = edge_weights(color, np.exp(view.level.prior), view.mask, sigma_c=1.0, sigma_d=1.0)[0]
     apart = np.abs(np.diff(view.intensity, axis=1)) > 0.05
     assert (linked[:, :-1][apart] == 0).all()
     np.testing.assert_allclose(linked[:, :-1][~apart], free[:, :-1][~apart], rtol=1e-4)
@@ -387,7 +387,7 @@ def test_paint_of_another_intensity_is_not_linked(prepared):
 
 def test_a_step_that_the_solver_does_not_find_is_refused(depth):
     depth = replace(depth, accuracy=1e-2)
-    start, one = depth.view.given.prior, depth.fixed_point(1, 0.0, silent)
+    start, one = depth.view.level.prior, depth.fixed_point(1, 0.0, silent)
     for after, expected in ((0, start), (1, one.log_depth)):
         with stalling_solver(after) as solved:
             fit = depth.fixed_point(5, 0.0, silent)

@@ -90,4 +90,4 @@ def lights_transform(level: Level, transform: Floats) -> Floats:
 
 def rays_of(level: Level) -> Floats:
     """(h, w, 3) points of the viewing rays at depth 1 metre."""
-    return back_project(np.ones(level.mask.shape), level.photographs.camera)
+    return back_project(np.ones(level.mask.shape), level.camera)

@@ -33,7 +33,7 @@ def bas_relief_variance(
     log_depth : (h, w) of the refined surface; moment : (4, 4) its `sensor_moment`
     """
     moment = moment[1:, 1:] + lights_moment(level, lights)
-    camera, grid = level.photographs.camera, level.grid
+    camera, grid = level.camera, level.grid
     gradient = gradient_image(log_depth, grid)
     normals, length = normals_from_gradient(gradient[..., 0], gradient[..., 1], camera)
     dn_dg = np.stack(normal_derivatives(normals, length, camera), axis=-1)

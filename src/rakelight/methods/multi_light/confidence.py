@@ -41,7 +41,7 @@ def photometric_variance(level: Level, fit: Fit, noise: Floats) -> Floats:
     two slopes, and the half of their noise that is not a gradient drops out.  The square of
     `UNDETERMINED_RAD` where the photographs have no information.
     """
-    gradient, camera = fit.surface.gradient, level.photographs.camera
+    gradient, camera = fit.surface.gradient, level.camera
     dn_dg2 = squared_normal_derivative(
         normal_lengths(gradient[..., 0], gradient[..., 1], camera), camera
     )
@@ -78,7 +78,7 @@ def depth_sigma(
     whole = depth_m**4 * np.einsum("hwi,ij,hwj->hw", derivatives, moment, derivatives)
 
     length_px = sensor_length(level, fit)
-    pixel_m = depth_m / level.photographs.camera.fx
+    pixel_m = depth_m / level.camera.fx
     walk = local * length_px * pixel_m**2
     shared = depth_m**2 * mean_error_variance(prepared, fit.log_depth, length_px)
     return np.asarray(np.sqrt(whole + shared + walk))

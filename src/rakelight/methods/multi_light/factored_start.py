@@ -76,7 +76,7 @@ class Problem:
     @classmethod
     def of(cls, level: Level, normals: Floats, determined: Mask) -> Problem:
         """Of scaled normals (h, w, 3) on a level; determined : (h, w) where there is one."""
-        mask, camera = level.mask, level.photographs.camera
+        mask, camera = level.mask, level.camera
         length = np.linalg.norm(normals, axis=-1, keepdims=True)
         unit = normals / np.maximum(length, np.finfo(float).tiny)
         count = np.count_nonzero(mask)
@@ -206,7 +206,7 @@ def matrices(level: Level, factors: Factors, determined: Mask) -> Iterator[Float
     One by regression of the prior's normals on b, which averages the prior's errors out.  One that
     makes the field integrable, its bas-relief transform by regression of slopes.
     """
-    mask, camera = level.photographs.active, level.photographs.camera
+    mask, camera = level.photographs.active, level.camera
     inside = determined[mask]
     scaled, normals = factors.normals[inside], prior_normals(level)[determined]
     unit = scaled / np.maximum(np.linalg.norm(scaled, axis=1, keepdims=True), 1e-30)

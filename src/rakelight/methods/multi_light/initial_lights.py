@@ -121,5 +121,5 @@ def bas_relief_of_slopes(scaled: Floats, normals: Floats) -> Floats:
 def prior_normals(level: Level) -> Floats:
     """(h, w, 3) normals of the prior."""
     gradient = level.surface(level.prior).gradient
-    camera = level.photographs.camera
+    camera = level.camera
     return normals_from_gradient(gradient[..., 0], gradient[..., 1], camera)[0]

@@ -147,7 +147,7 @@ def damped_tensor(level: Level, fit: Fit, damping: float, sample: Mask | None = 
     Relative to the median over the pixels of the information on the normal.
     sample : (h, w) the pixels whose M, scaled up, stands for all of them; None for every pixel
     """
-    camera = level.photographs.camera
+    camera = level.camera
     gradient, tensor = fit.surface.gradient, fit.linearization.jtwj.copy()
     length = normal_lengths(gradient[..., 0], gradient[..., 1], camera)
     dn_dg2 = squared_normal_derivative(length, camera)

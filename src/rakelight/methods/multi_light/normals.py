@@ -64,7 +64,7 @@ def gradient_step(level: Level, fit: Fit, linearized: Callable[[Floats], Lineari
 
     linearized : the photographs' linearization after a correction
     """
-    camera, active = level.photographs.camera, level.photographs.active
+    camera, active = level.camera, level.photographs.active
     (uu, uv, vv), (u, v) = (
         np.moveaxis(each, -1, 0) for each in (fit.linearization.jtwj, fit.linearization.rhs)
     )

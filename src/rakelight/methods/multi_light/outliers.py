@@ -120,7 +120,7 @@ def find_outliers(level: Level, log_depth: Floats, lights: LightParameters) -> O
 
 def _geometry(level: Level, log_depth: Floats) -> tuple[Floats, Floats]:
     """Normals and points, each (h, w, 3), of a log depth (h, w)."""
-    camera, gradient = level.photographs.camera, level.surface(log_depth).gradient
+    camera, gradient = level.camera, level.surface(log_depth).gradient
     normals, _ = normals_from_gradient(gradient[..., 0], gradient[..., 1], camera)
     return normals, back_project(np.exp(log_depth), camera)
 
@@ -165,7 +165,7 @@ def in_shadow(level: Level, points_m: Floats, where: Mask, lights: Lights) -> Ma
     if lights.position_m is not None:
         to_light = lights.position_m[:, None] - start
     solid = np.where(level.mask, points_m[..., 2], np.nan)
-    free = in_sight(solid, level.photographs.camera, start.reshape(-1, 3), to_light.reshape(-1, 3))
+    free = in_sight(solid, level.camera, start.reshape(-1, 3), to_light.reshape(-1, 3))
     return ~free.reshape(to_light.shape[:3])
 
 

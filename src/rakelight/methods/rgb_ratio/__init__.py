@@ -32,7 +32,7 @@ from rakelight.methods.base import (
     require_ranges,
     scatter,
 )
-from rakelight.methods.one_photograph import OnePhotograph
+from rakelight.methods.levels import Level, first_photograph
 from rakelight.methods.rgb_ratio.findings import dark_channels, rgb_findings
 from rakelight.methods.rgb_ratio.ratios import Ratios
 from rakelight.model import MAD_TO_SIGMA, Floats, Lights, Mask, Progress, ProgressCallback
@@ -106,50 +106,50 @@ class RgbRatio:
 
 def rgb_ratio(prepared: Prepared, options: RgbRatio, progress: ProgressCallback) -> Estimate:
     """Refine the prepared depth by the RGB ratio model (3.3), from the first photograph."""
-    given = OnePhotograph.of(prepared)
-    noise = noise_sigma(given.image, given.mask)
+    level = first_photograph(prepared)
+    noise = noise_sigma(level.image, level.mask)
     depth_weight = options.depth_weight or LEAST_WEIGHT
     most = options.depth_weight or MOST_WEIGHT
     mask = prepared.mask
-    log_depth = given.prior
+    log_depth = level.prior
     albedo: Floats = np.ones((*mask.shape, 3))
     light: Floats = np.tile([0.0, 0.0, -1.0, 0.0], (3, 1))
     tensor: Floats = np.zeros((*mask.shape, 3))
     moved = np.inf
     energies: list[float] = []
     # Two channels make one equation, which nothing can contradict: then the depth is kept.
-    rounds = 0 if dark_channels(given.image[mask]) else options.max_iterations
+    rounds = 0 if dark_channels(level.image[mask]) else options.max_iterations
     for done in range(rounds + 1):
-        normals, length = given.normals(log_depth)
+        normals, length = level.normals(log_depth)
         depth_m = np.exp(log_depth)
         for again in range(1 if done else FIRST_ROUNDS):
-            light = lights_step(given, normals, albedo, light)
+            light = lights_step(level, normals, albedo, light)
             first = done == again == 0
-            albedo, light = albedo_step(given, normals, depth_m, albedo, light, options, first)
-        equations = Ratios(given.image, given.shaded, noise, albedo, light)
+            albedo, light = albedo_step(level, normals, depth_m, albedo, light, options, first)
+        equations = Ratios(level.image, level.shaded, noise, albedo, light)
         energies.append(equations.energy(normals))
         if done == rounds or moved <= options.tolerance:
             break
         progress(Progress("refine", done + 1, rounds, energies[-1]))
-        found = weighed_depth(given, equations, depth_weight, most, log_depth, options.laplacian)
+        found = weighed_depth(level, equations, depth_weight, most, log_depth, options.laplacian)
         if found is None:
             break  # refused: the depth stays, and has not come to rest
         before = log_depth
         log_depth, tensor, depth_weight = found
         step = (log_depth - before) * prepared.depth_m / prepared.sigma_m
         moved = float(np.sqrt(np.mean(step[mask] ** 2)))
-    _, length = given.normals(log_depth)
+    _, length = level.normals(log_depth)
     confidence = photometric_confidence(tensor, 1.0, length, prepared.camera, mask)
     return Estimate(
         log_depth=log_depth,
         albedo=np.where(mask[..., None], albedo, 0.0),
-        confidence=np.where(has_gradient(given.links), confidence, 0.0),
+        confidence=np.where(has_gradient(level.links), confidence, 0.0),
         lights=Lights(light[None, :, :3], light[None, :, 3]),
         energy=tuple(energies),
         converged=rounds == 0 or moved <= options.tolerance,
         findings=(
             *first_only(prepared, "rgb-ratio"),
-            *rgb_findings(prepared, given.image[mask], light),
+            *rgb_findings(prepared, level.image[mask], light),
         ),
     )
 
@@ -165,11 +165,11 @@ def noise_sigma(image: Floats, mask: Mask) -> float:
     return max(noise, SMALLEST_NOISE)
 
 
-def lights_step(given: OnePhotograph, normals: Floats, albedo: Floats, before: Floats) -> Floats:
+def lights_step(level: Level, normals: Floats, albedo: Floats, before: Floats) -> Floats:
     """1. Each channel's light (3, 4), rho and n fixed."""
-    seen = has_gradient(given.links)
-    normals, image, rho = normals[seen], given.image[seen], albedo[seen]
-    weight = given.shaded[seen].astype(np.float64)
+    seen = has_gradient(level.links)
+    normals, image, rho = normals[seen], level.image[seen], albedo[seen]
+    weight = level.shaded[seen].astype(np.float64)
     return np.array(
         [
             estimate_light(
@@ -181,7 +181,7 @@ def lights_step(given: OnePhotograph, normals: Floats, albedo: Floats, before: F
 
 
 def albedo_step(
-    given: OnePhotograph, normals: Floats, depth_m: Floats, albedo: Floats, light: Floats,
+    level: Level, normals: Floats, depth_m: Floats, albedo: Floats, light: Floats,
     options: RgbRatio, first: bool,
 ) -> tuple[Floats, Floats]:  # fmt: skip
     """2. The albedo (h, w, 3), light and n fixed; scaled so that every 99th percentile is 1.
@@ -190,10 +190,10 @@ def albedo_step(
     """
     from scipy.ndimage import gaussian_filter
 
-    mask = given.mask
+    mask = level.mask
     shading = np.maximum(np.maximum(normals @ light[:, :3].T, 0) + light[:, 3], LEAST_SHADING)
-    weight = np.where(given.shaded, shading**2, 0.0)
-    target = given.image / shading
+    weight = np.where(level.shaded, shading**2, 0.0)
+    target = level.image / shading
 
     def smoothed(like: Floats, target: Floats, weight: Floats) -> Floats:
         edges = edge_weights(like, depth_m, mask, sigma_c=options.sigma_c, sigma_d=options.sigma_d)
@@ -201,7 +201,7 @@ def albedo_step(
         return np.maximum(smooth, LEAST_ALBEDO)
 
     if first:
-        albedo = gaussian_filter(given.image, 1.0, axes=(0, 1)) / shading
+        albedo = gaussian_filter(level.image, 1.0, axes=(0, 1)) / shading
     albedo = smoothed(albedo, target, weight)
     if options.lambda_palette > 0:
         color, alike = nearest_colors(np.log(albedo[mask]))
@@ -217,7 +217,7 @@ def albedo_step(
 
 
 def weighed_depth(
-    given: OnePhotograph,
+    level: Level,
     equations: Ratios,
     depth_weight: float,
     most: float,
@@ -230,15 +230,15 @@ def weighed_depth(
     """
     # First least squares, then a robust loss about that surface.
     for robust in (False, True):
-        solution, tensor = depth_step(given, equations, depth_weight, log_depth, robust, laplacian)
+        solution, tensor = depth_step(level, equations, depth_weight, log_depth, robust, laplacian)
         if not solution.converged:
             return None
         log_depth = solution.value
     while (
-        estimated := min(estimate_depth_weight(given, log_depth, depth_weight), most)
+        estimated := min(estimate_depth_weight(level, log_depth, depth_weight), most)
     ) > LEAST_INCREASE * depth_weight:
         depth_weight = estimated
-        solution, tensor = depth_step(given, equations, depth_weight, log_depth, True, laplacian)
+        solution, tensor = depth_step(level, equations, depth_weight, log_depth, True, laplacian)
         if not solution.converged:
             return None
         log_depth = solution.value
@@ -246,7 +246,7 @@ def weighed_depth(
 
 
 def depth_step(
-    given: OnePhotograph,
+    level: Level,
     equations: Ratios,
     depth_weight: float,
     log_depth: Floats,
@@ -257,26 +257,26 @@ def depth_step(
 
     robust : whether equations have less weight where their residual at `log_depth` is large
     """
-    camera, mask = given.camera, given.mask
-    ratios, rhs = equations.terms(*given.normals(log_depth), camera, robust)
+    camera, mask = level.camera, level.mask
+    ratios, rhs = equations.terms(*level.normals(log_depth), camera, robust)
     tensor = ratios
     if robust:  # where the equations have little weight, the sensor's slopes stay
         slopes, changed = (
-            np.stack(mean_gradient(image, given.links), axis=-1)
-            for image in (given.prior, log_depth - given.prior)
+            np.stack(mean_gradient(image, level.links), axis=-1)
+            for image in (level.prior, log_depth - level.prior)
         )
         weight = SLOPE_WEIGHT / max(float(np.median(changed[mask] ** 2)), 1e-12)
         tensor, rhs = ratios + weight * np.array([1.0, 0.0, 1.0]), rhs + weight * slopes
-    weighted = depth_weight * given.prior_weight
+    weighted = depth_weight * level.prior_weight
     smooth = laplacian * float(np.median(weighted[mask])) or None
-    sensor = data_terms(given.averaging, weighted, given.prior)
+    sensor = data_terms(level.averaging, weighted, level.prior)
     system = assemble(
-        mask, tensor, rhs, pair_weights=given.links.pairs, laplacian_weight=smooth, **sensor
+        mask, tensor, rhs, pair_weights=level.links.pairs, laplacian_weight=smooth, **sensor
     )
     return solve(system, start=log_depth, tolerance=1e-3), ratios
 
 
-def estimate_depth_weight(given: OnePhotograph, log_depth: Floats, depth_weight: float) -> float:
+def estimate_depth_weight(level: Level, log_depth: Floats, depth_weight: float) -> float:
     """The weight of the sensor's depth, from the depth's change under `depth_weight`.
 
     Errors e of the sensor that are correlated over l pixels count l^2 times less than independent
@@ -285,7 +285,7 @@ def estimate_depth_weight(given: OnePhotograph, log_depth: Floats, depth_weight:
     White noise, l = 1/2 after preparation, has hardly an error in the shape as a whole: hence the
     second term.  (Medians, so that jumps do not count.)
     """
-    change = np.where(given.mask, log_depth - given.prior, np.nan)
+    change = np.where(level.mask, log_depth - level.prior, np.nan)
     steps = [np.diff(change, axis=axis) for axis in (0, 1)]
     bends = [np.diff(step, axis=axis) for axis, step in enumerate(steps)]
     whole, steep, bent = (

@@ -22,7 +22,7 @@ from rakelight.geometry.grid import (
     neighbours,
 )
 from rakelight.geometry.normals import gradient_directions
-from rakelight.methods.one_photograph import OnePhotograph
+from rakelight.methods.levels import Level, first_photograph
 from rakelight.methods.single_image.reflectance_regions import brightness, reflectance_regions
 from rakelight.methods.single_image.texture import (
     DARKEST,
@@ -46,7 +46,7 @@ BRIGHTEST = 1.5
 class View:
     """How the first photograph looks: colour, brightness, regions of one albedo, texture.
 
-    given : the photograph and the prepared depth
+    level : the photograph and the prepared depth
     exposure : linear light of the object's median pixel, the unit of colour and intensity
     colour : (h, w, 3), clipped values as they are; intensity : its `brightness`
     regions : (h, w) each, the `reflectance_regions`
@@ -54,7 +54,7 @@ class View:
     texture : likelihood that changes are shading of fine relief, not of the albedo, 0..1
     """
 
-    given: OnePhotograph
+    level: Level
     exposure: float
     colour: Floats
     intensity: Floats
@@ -65,20 +65,20 @@ class View:
     @property
     def mask(self) -> Mask:
         """(h, w) the object."""
-        return self.given.mask
+        return self.level.mask
 
     @classmethod
     def of(cls, prepared: Prepared) -> View:
         """The view of the first photograph of `prepared`."""
-        given = OnePhotograph.of(prepared)
-        mask, links, usable = given.mask, given.links, given.usable
+        level = first_photograph(prepared)
+        mask, links, usable = level.mask, level.links, level.usable
         seen = usable.any(axis=-1) & surrounded(links)
-        observed = given.image.mean(axis=-1)[seen]
+        observed = level.image.mean(axis=-1)[seen]
         exposure = max(float(np.median(observed)), np.finfo(float).tiny) if observed.size else 1.0
-        colour = given.image / exposure
+        colour = level.image / exposure
         regions = tuple(reflectance_regions(colour, mask))
         return cls(
-            given,
+            level,
             exposure,
             colour,
             brightness(colour, usable, mask),
@@ -90,7 +90,7 @@ class View:
     def edges(self, sigma_c: float, sigma_d: float, tau: float) -> EdgeWeights:
         """Weights of the links between neighbours: small where the albedo may change."""
         color = without_texture(self.intensity, self.texture, self.regions)[..., None]
-        depth_m = np.exp(self.given.prior)
+        depth_m = np.exp(self.level.prior)
         return edge_weights(color, depth_m, self.mask, sigma_c=sigma_c, sigma_d=sigma_d, tau=tau)
 
     def contrast(self) -> Floats:
@@ -109,7 +109,7 @@ class View:
 
     def shading_weight(self, colour_weight: float) -> Floats:
         """(h, w) 0..1, the weight c of the shading: see `texture.shading_weight`."""
-        return shading_weight(self.colour, self.texture, self.given.links, colour_weight)
+        return shading_weight(self.colour, self.texture, self.level.links, colour_weight)
 
 
 def surrounded(links: Links) -> Mask:
@@ -150,28 +150,28 @@ class Depth:
     @property
     def prior_weight(self) -> Floats:
         """(h, w) the weight of the prepared depth, lambda_z1 f^2."""
-        weight = self.lambda_z1 * self.view.given.camera.fx * self.view.given.camera.fy
+        weight = self.lambda_z1 * self.view.level.camera.fx * self.view.level.camera.fy
         return np.full(self.view.mask.shape, weight)
 
     def linear(self, length: Floats) -> tuple[Floats, Floats, Floats]:
         """a_u, a_v and c, (h, w) each, of the residual  a . grad p + c  with |m| = `length`."""
         weight = np.where(self.view.seen, np.sqrt(self.shading_weight), 0.0)
         scale = weight * self.albedo
-        u, v = (d @ self.light[:3] for d in gradient_directions(self.view.given.camera))
+        u, v = (d @ self.light[:3] for d in gradient_directions(self.view.level.camera))
         constant = scale * (self.light[3] - self.light[2] / length) - weight * self.target
         return scale * u / length, scale * v / length, constant
 
     def step(self, log_depth: Floats) -> Solution:
         """The minimiser with |m| of `log_depth`: linear."""
-        u, v, constant = self.linear(self.view.given.normals(log_depth)[1])
-        squared = self.view.given.camera.fx * self.view.given.camera.fy
-        links, prior = self.view.given.links, self.view.given.prior
+        u, v, constant = self.linear(self.view.level.normals(log_depth)[1])
+        squared = self.view.level.camera.fx * self.view.level.camera.fy
+        links, prior = self.view.level.links, self.view.level.prior
         system = assemble(
             links.mask,
             np.stack([u * u, u * v, v * v], axis=-1),
             -np.stack([u * constant, v * constant], axis=-1),
             pair_weights=links.pairs,
-            **data_terms(self.view.given.averaging, self.prior_weight, prior),
+            **data_terms(self.view.level.averaging, self.prior_weight, prior),
             laplacian_weight=self.lambda_z2 * squared if self.lambda_z2 else None,
             laplacian_target=laplacian(prior + self.expected, links.mask),
         )
@@ -183,18 +183,18 @@ class Depth:
     def energy(self, log_depth: Floats) -> float:
         """The energy, photometry being the mean over the one-sided differences (see `solve`)."""
         view = self.view
-        slopes = self.linear(view.given.normals(log_depth)[1])
+        slopes = self.linear(view.level.normals(log_depth)[1])
         residual, second_order = slopes[2], np.zeros(view.mask.shape)
         for axis, slope in ((1, slopes[0]), (0, slopes[1])):
-            forward, backward = differences(log_depth, view.given.links, axis)
-            ahead, behind = neighbours(view.given.links, axis)
+            forward, backward = differences(log_depth, view.level.links, axis)
+            ahead, behind = neighbours(view.level.links, axis)
             both = np.where(ahead & behind, forward - backward, 0.0)
             residual = residual + slope * (forward + backward) / np.maximum(1.0 * ahead + behind, 1)
             second_order += (slope * both) ** 2 / 4
-        moved = log_depth - view.given.prior
+        moved = log_depth - view.level.prior
         curved = laplacian(moved - self.expected, view.mask)
-        prior_term = data_sum_of_squares(view.given.averaging, self.prior_weight, moved, view.mask)
-        smooth = self.lambda_z2 * view.given.camera.fx * view.given.camera.fy * curved**2
+        prior_term = data_sum_of_squares(view.level.averaging, self.prior_weight, moved, view.mask)
+        smooth = self.lambda_z2 * view.level.camera.fx * view.level.camera.fy * curved**2
         return prior_term + float((residual**2 + second_order + smooth)[view.mask].sum())
 
     def fixed_point(self, rounds: int, tolerance: float, progress: ProgressCallback) -> Fit:
@@ -202,7 +202,7 @@ class Depth:
 
         A step that the solver does not find is refused, and the fit has not converged.
         """
-        now: Floats = self.view.given.prior
+        now: Floats = self.view.level.prior
         solve_s = 0.0
         energies, gain = [self.energy(now)], np.inf
         while len(energies) <= rounds and gain > tolerance * energies[-1]:

@@ -117,9 +117,9 @@ def depth_energy(
     shading_weight = view.shading_weight(colour_weight)
     expected: Floats = np.zeros(view.mask.shape)
     if smoothness:
-        normals, _ = view.given.normals(view.given.prior)
+        normals, _ = view.level.normals(view.level.prior)
         height, explained = occlusion_height(view.contrast(), light, normals, view.mask)
-        expected = -height / view.given.camera.fx
+        expected = -height / view.level.camera.fx
         target = target - explained * rho * shading(view, light)
     return Depth(
         view, light, rho, target, options.lambda_z1, smoothness, shading_weight, accuracy, expected
@@ -131,7 +131,7 @@ def harmonics(view: View) -> Floats:
 
     Of the commonest albedo; pixels of another are outliers.
     """
-    normals, intensity = view.given.normals(view.given.prior)[0], view.intensity[view.seen]
+    normals, intensity = view.level.normals(view.level.prior)[0], view.intensity[view.seen]
     normals = normals[view.seen]
     ones = np.ones((len(intensity), 1))
     light = np.array([0.0, 0.0, 0.0, float(np.median(intensity)) if len(intensity) else 0.0])
@@ -145,7 +145,7 @@ def harmonics(view: View) -> Floats:
 
 def shading(view: View, light: Floats, log_depth: Floats | None = None) -> Floats:
     """S = l . n + phi, (h, w), of a log depth, the prepared one unless given."""
-    normals, _ = view.given.normals(view.given.prior if log_depth is None else log_depth)
+    normals, _ = view.level.normals(view.level.prior if log_depth is None else log_depth)
     return np.asarray(normals @ light[:3] + light[3])
 
 
@@ -158,7 +158,7 @@ def albedo(
     shade = np.maximum(shade, least)
     image, seen = view.intensity, view.seen
     if coloured:
-        image, seen, shade = view.colour, view.given.usable, np.repeat(shade[..., None], 3, axis=-1)
+        image, seen, shade = view.colour, view.level.usable, np.repeat(shade[..., None], 3, axis=-1)
     weight = np.where(seen, shade**2, 0.0)
     return piecewise_smooth(image / shade, weight, edges, smoothness, view.mask, tolerance=accuracy)
 
@@ -177,7 +177,7 @@ def finished(
     shade = shading(view, light, fit.log_depth)
     color = albedo(view, shade, edges, smoothness, accuracy, coloured=True) * view.exposure
     gain = brightest(color[view.mask])
-    moved = view.given.camera.fx * np.abs(fit.log_depth - view.given.prior)
+    moved = view.level.camera.fx * np.abs(fit.log_depth - view.level.prior)
     confidence = depth.shading_weight * (1 - np.exp(-moved)) / 2
     return Estimate(
         log_depth=fit.log_depth,
