@@ -10,19 +10,20 @@ from rakelight.errors import InputError, MachineError
 from rakelight.geometry.grid import bounding_window
 from rakelight.methods.multi_light import METHOD
 from rakelight.metrics import evaluate_maps
-from rakelight.model import GivenLights
+from rakelight.model import GivenLights, RigidTransform
 from rakelight.pipeline import lower_resolution, refine, tiles
 from rakelight.pipeline.tiles import spans
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
 
-def scene(shape="vase", width=240, depth_factor=2, photographs=8):
+def scene(shape="vase", width=240, depth_factor=2, photographs=8, **settings):
     solid = make_shape(shape)
     options = SceneOptions(
         camera=solid.camera.scaled(width / 480),
         photographs=photographs,
         depth_factor=depth_factor,
         depth_noise=DepthNoise(rms_mm=2.0, correlation_length_px=3.0),
+        **settings,
     )
     return render_scene(solid, make_albedo("pattern"), options)
 
@@ -106,6 +107,18 @@ def test_sides_that_no_lower_resolution_divides(little):
         truth, depth=truth.depth[part], normals=truth.normals[part], albedo=truth.albedo[part]
     )
     assert evaluate_maps(result.depth, result.normals, truth).normals.mae_deg < 2.5
+
+
+@pytest.mark.parametrize(("depth_factor", "baseline_m"), [(1, None), (1.5, 0.03)])
+def test_depth_about_as_fine_as_the_photographs(little, depth_factor, baseline_m):
+    pose = baseline_m and RigidTransform(np.eye(3), np.array([baseline_m, 0.0, 0.0]))
+    capture, truth = scene(depth_factor=depth_factor, depth_to_color=pose)
+    little(too_few_for(capture))
+    result, _ = in_tiles(capture)
+    scores = evaluate_maps(result.depth, result.normals, truth)
+    before = evaluate_maps(result.prepared_depth, result.normals, truth)
+    assert scores.normals.mae_deg < 2.3  # at once 2.0
+    assert scores.depth.median_mm < 0.6 * before.depth.median_mm
 
 
 def test_given_lights_and_lower_output_resolution(little):

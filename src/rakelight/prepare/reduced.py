@@ -72,7 +72,7 @@ def _at(capture: Capture, shrink: int, ratio: float) -> Capture:
         depth_m, depth_camera = joined(capture.depth_m[:, *inside], join), None
     else:
         depth_m = joined(capture.depth_m, join)
-        depth_camera = _shrunk(own, join)
+        depth_camera = shrunk_camera(own, join)
     cut = replace(
         capture,
         photographs=np.ascontiguousarray(capture.photographs[:, rows, columns]),
@@ -88,11 +88,16 @@ def _at(capture: Capture, shrink: int, ratio: float) -> Capture:
         cut,
         photographs=shrunk_photographs(cut, shrink),
         mask=area_mean(cut.mask, shrink) == 1,
-        camera=_shrunk(cut.camera, shrink),
+        camera=shrunk_camera(cut.camera, shrink),
     )
 
 
-def _shrunk(camera: Camera, factor: int) -> Camera:
+def shrunk_camera(camera: Camera, factor: int) -> Camera:
+    """The camera with blocks of factor x factor pixels as pixels; what fills none is cut off.
+
+    >>> shrunk_camera(Camera(5, 4, 9.0, 9.0, 2.0, 1.5), 2).shape
+    (2, 2)
+    """
     height, width = (side // factor for side in camera.shape)
     whole = camera.cropped(slice(0, height * factor), slice(0, width * factor))
     return whole.resized(width, height)
