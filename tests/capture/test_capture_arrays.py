@@ -241,7 +241,7 @@ def test_any_arrays_are_refused_or_give_a_result():
     outcomes = Counter()
 
     @settings(
-        max_examples=100, deadline=None, suppress_health_check=list(HealthCheck), phases=PHASES
+        max_examples=60, deadline=None, suppress_health_check=list(HealthCheck), phases=PHASES
     )
     @given(capture=any_capture(), method=st.sampled_from(["auto", "fusion-like", "rgb-ratio"]))
     def tried(capture, method):
@@ -250,14 +250,14 @@ def test_any_arrays_are_refused_or_give_a_result():
     tried()
     # A third gives a result; a sample in which hardly any does would assert nothing.
     assert set(outcomes) == {"refused", "result"}
-    assert min(outcomes.values()) > 10
+    assert min(outcomes.values()) > 6
 
 
 def test_any_values_are_refused_or_give_a_result():
     outcomes = Counter()
 
     @settings(
-        max_examples=60, deadline=None, suppress_health_check=list(HealthCheck), phases=PHASES
+        max_examples=30, deadline=None, suppress_health_check=list(HealthCheck), phases=PHASES
     )
     @given(
         photographs=arrays.arrays(np.uint8, GOOD.photographs.shape, elements=st.integers(0, 255)),
@@ -271,4 +271,4 @@ def test_any_values_are_refused_or_give_a_result():
 
     tried()
     assert set(outcomes) == {"refused", "result"}
-    assert min(outcomes.values()) > 3
+    assert min(outcomes.values()) > 1

@@ -34,6 +34,22 @@ def capture(pristine, tmp_path):
     return shutil.copytree(pristine, tmp_path / "capture")
 
 
+@pytest.fixture(scope="session")
+def refined(pristine):
+    """A result folder of the tiny capture."""
+    folder = pristine.parent / "result"
+    with pytest.raises(SystemExit) as left:
+        main(["refine", str(pristine), "-o", str(folder), "--quiet"])
+    assert left.value.code == 0
+    return folder
+
+
+@pytest.fixture
+def result(refined, tmp_path):
+    """A result folder of the test's own, which `refine` wrote."""
+    return shutil.copytree(refined, tmp_path / "result")
+
+
 @pytest.fixture
 def run(capfd):
     """Run a command; it has to leave by sys.exit."""

@@ -314,12 +314,6 @@ def test_synth_replaces_only_what_it_wrote(run, refused, capture, tmp_path):
 # --- eval ---
 
 
-@pytest.fixture
-def result(run, capture, tmp_path):
-    assert run("refine", capture, "-o", tmp_path / "result", "--quiet").code == 0
-    return tmp_path / "result"
-
-
 def scores_of(result, truth):
     """(prepared, refined) as rakelight.metrics finds them."""
     loaded, known = load_result(result), load_truth(truth)
@@ -399,7 +393,7 @@ def test_eval_refuses_what_does_not_belong_together(run, refused, capture, resul
 
 
 def test_eval_refuses_the_truth_of_another_capture_of_the_same_size(
-    run, refused, capture, result, tmp_path
+    run, refused, pristine, capture, result, tmp_path
 ):
     other = tmp_path / "other"
     shutil.copytree(capture, other)
@@ -408,7 +402,7 @@ def test_eval_refuses_the_truth_of_another_capture_of_the_same_size(
     one = next((other / "depth").iterdir())
     values = decode_image(one.read_bytes())
     one.write_bytes(encode_png(values + np.uint16(1)))
-    words = ("made from another capture", f"seen the depth maps of {capture}", f"of {other}")
+    words = ("made from another capture", f"seen the depth maps of {pristine}", f"of {other}")
     refused("eval", result, "--truth", other, about=result, words=words)
     stored = json.loads((result / "result.json").read_text())
     del stored["capture"]["depth_checksum"]  # as of an earlier version

@@ -12,12 +12,6 @@ from rakelight.cli.commands import COMMANDS, rakelight
 from tests.cli.cli_process import run_process, start
 
 
-@pytest.fixture
-def result(run, capture, tmp_path):
-    assert run("refine", capture, "-o", tmp_path / "result", "--quiet").code == 0
-    return tmp_path / "result"
-
-
 @pytest.fixture(params=["refine", "synth", "eval", "demo"])
 def command(request, capture, result, tmp_path, monkeypatch):
     """A call of each command that works, with little to do."""

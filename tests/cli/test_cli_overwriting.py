@@ -13,12 +13,6 @@ from rakelight.export import load_result
 from tests.cli.cli_helpers import contents
 
 
-@pytest.fixture
-def result(run, capture, tmp_path):
-    assert run("refine", capture, "-o", tmp_path / "result", "--quiet").code == 0
-    return tmp_path / "result"
-
-
 def command_into(command, tmp_path):
     """The arguments of a command that may replace an older folder at tmp_path/out."""
     capture, out = tmp_path / "capture", tmp_path / "out"
@@ -43,7 +37,7 @@ MARKERS = {
 }
 
 
-@pytest.mark.usefixtures("result")
+@pytest.mark.usefixtures("capture", "result")
 @pytest.mark.parametrize(
     "content", [b"", b"{}", b'{"schema": "rakelight-result/1", "x": ' + b"[" * 5000]
 )
@@ -60,7 +54,7 @@ def test_33_a_file_of_a_known_name_makes_no_folder_ours(refused, tmp_path, comma
 
 
 @pytest.mark.parametrize("command", ["refine", "eval", "synth", "paper"])
-@pytest.mark.usefixtures("result")
+@pytest.mark.usefixtures("capture", "result")
 def test_33_the_thesis_beside_true_files_survives(run, refused, tmp_path, command):
     arguments, out = command_into(command, tmp_path), tmp_path / "out"
     assert run(*arguments).code == 0
@@ -186,7 +180,7 @@ def test_26_eval_finds_a_result_that_was_moved_aside(run, capture, result, tmp_p
     assert run("eval", result, "--truth", capture).code == 0
     assert contents(tmp_path) == before
     killed_between_two_renames(result)
-    assert load_result(result).source == str(capture)
+    assert load_result(result).source.endswith("capture")
 
 
 # --- an older folder that cannot be deleted ---
@@ -207,7 +201,7 @@ def undeletable(monkeypatch):
 
 @pytest.mark.parametrize("options", [(), ("--json",), ("--quiet",)])
 @pytest.mark.parametrize("command", ["refine", "eval", "synth", "paper"])
-@pytest.mark.usefixtures("result", "undeletable")
+@pytest.mark.usefixtures("capture", "result", "undeletable")
 def test_26_an_older_folder_that_stays_is_said(run, tmp_path, command, options):
     arguments = command_into(command, tmp_path)
     assert run(*arguments, "--quiet").code == 0

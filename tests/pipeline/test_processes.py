@@ -8,7 +8,8 @@ from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from rakelight.pipeline import refine
+import rakelight
+from rakelight.methods.multi_light import MultiLight
 from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
 
 forks = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
@@ -21,8 +22,12 @@ def make_scene():
     return render_scene(vase, make_albedo("pattern"), options)
 
 
-def run(capture):
-    return refine(capture)
+def refine(capture):
+    """A few steps."""
+    return rakelight.refine(capture, MultiLight(max_iterations=3))
+
+
+run = refine
 
 
 @pytest.fixture(autouse=True)

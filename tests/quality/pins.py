@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import sys
+from functools import cache
 from pathlib import Path
 
 from rakelight.methods import METHODS
@@ -53,6 +54,7 @@ CAPTURES = {
 SIZE = 0.5  # 240 x 180
 
 
+@cache
 def capture_for(name, lighting):
     """The capture of that name under the lights of `lighting`, and its truth."""
     albedo, settings = CAPTURES[name]
