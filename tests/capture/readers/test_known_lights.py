@@ -251,3 +251,17 @@ def test_damaged_folders_are_read_or_refused(tmp_path, make):
             outcomes.add("refused")
         path.write_bytes(sound[path])
     assert outcomes == {"read", "refused"}
+
+
+@pytest.mark.parametrize("name", ["light_directions.txt", "filenames.txt"])
+def test_a_diligent_folder_without_a_list_says_which(tmp_path, name):
+    folder = diligent(tmp_path / "set")
+    (folder / name).unlink()
+    with pytest.raises(InputError, match=rf"set/{name}: .* Fix: put it there"):
+        load_capture(folder)
+
+
+def test_a_diligent_folder_without_intensities_is_read(tmp_path):
+    folder = diligent(tmp_path / "set")
+    (folder / "light_intensities.txt").unlink()
+    assert load_capture(folder).lights.intensities is None

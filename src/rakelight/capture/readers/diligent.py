@@ -30,12 +30,11 @@ from rakelight.model import Floats, GivenLights
 
 DIRECTIONS, NAMES = "light_directions.txt", "filenames.txt"
 LISTS = (DIRECTIONS, NAMES, INTENSITIES_FILE)  # none of which states intrinsics
-LISTS = (DIRECTIONS, NAMES, INTENSITIES_FILE)
 
 
 def sniff(path: Path) -> bool:
-    """Whether the folder holds the benchmark's lists of names and directions."""
-    return all(os.path.lexists(path / name) for name in (DIRECTIONS, NAMES))
+    """Whether the folder holds two of the benchmark's three lists; `read` says which is missing."""
+    return sum(os.path.lexists(path / name) for name in LISTS) >= 2
 
 
 def read(path: Path, wanted: Wanted) -> Reading:
