@@ -207,7 +207,7 @@ def test_25_a_folder_without_permission(run, capture, tmp_path):
 
 
 def test_25_where_nothing_can_be_written_no_work_is_done(refused, capture, tmp_path, monkeypatch):
-    for work in ("capture.load_capture", "synthetic.render_scene", "paper.make.folder_of"):
+    for work in ("capture.load_capture", "synthetic.write_scene", "paper.make.folder_of"):
         monkeypatch.setattr(f"rakelight.{work}", failing(AssertionError("work was done")))
     (tmp_path / "file").write_text("x")
     out = tmp_path / "file" / "out"
@@ -250,11 +250,11 @@ def test_a_limit_that_is_no_size_is_refused(refused, capture, tmp_path, size):
 
 @pytest.mark.parametrize(
     ("options", "needed_mb"),
-    [((), "3"), (("--lights", "100000"), "2,940"), (("--depth-frames", "1000000"), "3,459")],
+    [((), "1"), (("--depth-frames", "1000000"), "3,457")],
 )
 def test_22_synth_tells_too_little_memory(refused, tmp_path, monkeypatch, options, needed_mb):
     monkeypatch.setattr("rakelight.memory.free_memory", lambda: 1e6)
-    words = ("too little memory", f"needed {needed_mb}", "fewer --lights or --depth-frames")
+    words = ("too little memory", f"needed {needed_mb}", "fewer --depth-frames")
     command = ("synth", tmp_path / "made", "--size", "0.1", *options)
     refused(*command, about="the scene", words=words, code=3)
 

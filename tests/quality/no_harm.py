@@ -46,7 +46,7 @@ def natural_paint(seed=0):
     than colour does.
     """
 
-    def paint(camera):
+    def paint(camera, rows):
         import cv2
 
         rng = np.random.default_rng(seed)
@@ -67,16 +67,16 @@ def natural_paint(seed=0):
         image = cv2.resize(0.3 * np.exp(log), (side, side), interpolation=cv2.INTER_AREA)
         top, left = (side - camera.height) // 2, (side - camera.width) // 2
         window = image[top : top + camera.height, left : left + camera.width]
-        return np.clip(window, 0.03, 0.95).astype(np.float32)
+        return np.clip(window, 0.03, 0.95).astype(np.float32)[rows]
 
     return Albedo(f"natural {seed}", paint)
 
 
-def woven_paint(camera):
+def woven_paint(camera, rows):
     """Paint of one hue that looks like yarn: loops of 10 of the object's pixels."""
     row, column = np.mgrid[: camera.height, : camera.width] * np.pi / LOOP_PX
     loops = np.sin(row) * np.cos(column)
-    return np.repeat(0.4 + 0.16 * loops[..., None], 3, axis=-1).astype(np.float32)
+    return np.repeat(0.4 + 0.16 * loops[rows, :, None], 3, axis=-1).astype(np.float32)
 
 
 @cache

@@ -33,7 +33,7 @@ STEP = 0.5 / 65535 + 1e-7
 
 
 def painted(reflectance):
-    return Albedo("paint", lambda camera: np.full((*camera.shape, 3), reflectance))
+    return Albedo("paint", lambda camera, rows: np.full((*camera.shape, 3), reflectance)[rows])
 
 
 def photographs(shape=SPHERE, albedo=None, **options):
@@ -155,13 +155,13 @@ def test_natural_light_is_broad():
     assert np.mean(first_order(truth, 0, mask) > truth.lights.ambient[0]) > 0.9
 
 
-def post(camera):
+def post(camera, rows):
     """A wall at 0.8 m and a post, 40 mm high, over columns 45 to 50."""
     depth = np.full(camera.shape, 0.8)
     scale = camera.width // 120
     depth[:, 45 * scale : 50 * scale] = 0.76
     normals = np.broadcast_to([0.0, 0.0, -1.0], (*camera.shape, 3)).copy()
-    return Surface(depth, normals)
+    return Surface(depth, normals).cut(rows)
 
 
 def test_the_shadow_of_a_post_is_as_long_as_it_should_be():

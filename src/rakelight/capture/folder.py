@@ -214,29 +214,15 @@ def write_capture(
             source=str(target),
             remedy="choose another name",
         )
-    config = format_config(
-        capture.camera,
-        capture.encoding,
-        capture.lighting,
-        depth_scale,
-        capture.depth_camera,
-        capture.depth_to_color,
-        capture.depth_noise,
-        capture.register,
-    )
     manifest = CAPTURE if truth is None else SYNTHETIC
     with staged_folder(target, manifest=manifest, overwrite=overwrite) as staging:
-        _write_images(capture, staging.path, depth_scale)
+        write_all_but_photographs(capture, staging.path, depth_scale)
+        (staging.path / "rgb").mkdir()
+        _write_each(staging.path / "rgb", ".png", encode_png, capture.photographs)
         if truth is not None:
             write_truth(truth, staging.path / "truth")
         if contact_sheet is not None:
             write_bytes(staging.path / "contact-sheet.png", encode_png(contact_sheet))
-        if capture.lights is not None:
-            lines, files = lights_lines(capture.lights)
-            config += lines
-            for name, text in files.items():
-                write_bytes(staging.path / name, text.encode())
-        write_bytes(staging.path / CONFIG, config.encode())
     return staging.findings
 
 
@@ -327,17 +313,33 @@ def _same_folder(first: Path, second: Path) -> bool:
         return False
 
 
-def _write_images(capture: Capture, path: Path, depth_scale: float | None) -> None:
-    """rgb/, depth/ and mask.png."""
-    for name in ("rgb", "depth"):
-        (path / name).mkdir()
-    _write_each(path / "rgb", ".png", encode_png, capture.photographs)
+def write_all_but_photographs(
+    capture: Capture, path: Path, depth_scale: float | None = None
+) -> None:
+    """Write depth/, mask.png, capture.toml and known lights into the folder of a capture."""
+    (path / "depth").mkdir()
     if depth_scale is None:
         _write_each(path / "depth", ".tiff", encode_tiff, capture.depth_m)
     else:
         values = depth_values(capture.depth_m, depth_scale)
         _write_each(path / "depth", ".png", encode_png, values)
     write_bytes(path / "mask.png", encode_png(capture.mask.astype(np.uint8) * np.uint8(255)))
+    config = format_config(
+        capture.camera,
+        capture.encoding,
+        capture.lighting,
+        depth_scale,
+        capture.depth_camera,
+        capture.depth_to_color,
+        capture.depth_noise,
+        capture.register,
+    )
+    if capture.lights is not None:
+        lines, files = lights_lines(capture.lights)
+        config += lines
+        for name, text in files.items():
+            write_bytes(path / name, text.encode())
+    write_bytes(path / CONFIG, config.encode())
 
 
 def _write_each(folder: Path, suffix: str, encode: Callable[[Array], bytes], images: Array) -> None:

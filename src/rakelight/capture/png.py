@@ -48,7 +48,7 @@ def plain_png(data: bytes, source: str) -> bytes:
         if count and (rows[at : at + count * size : size] > _LARGEST_FILTER).any():
             raise damaged(source, "its compressed pixels contradict themselves")
         at += count * size
-    kept += [_chunk(b"IDAT", pixels[:used]), _chunk(b"IEND", b"")]
+    kept += [chunk(b"IDAT", pixels[:used]), chunk(b"IEND", b"")]
     return PNG_MAGIC + b"".join(kept)
 
 
@@ -60,5 +60,6 @@ def _passes(width: int, height: int, bits: int, interlace: int) -> Iterator[tupl
             yield rows, 1 + -(-columns * bits // 8)
 
 
-def _chunk(kind: bytes, body: bytes) -> bytes:
+def chunk(kind: bytes, body: bytes) -> bytes:
+    """A chunk of a PNG: its length, kind, content and checksum."""
     return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))

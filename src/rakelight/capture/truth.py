@@ -16,6 +16,9 @@ from rakelight.errors import CaptureError, parsing
 from rakelight.files import MAX_TEXT_BYTES, read_bytes, write_bytes
 from rakelight.model import Floats, Lights, Truth
 
+TRUE_MAPS: dict[str, tuple[int, ...]] = {"depth": (), "normals": (3,), "albedo": (3,)}
+"""The maps of a truth, and the axes of each beside (H, W)."""
+
 
 def has_truth(folder: str | PathLike[str]) -> bool:
     """Whether the capture is a synthetic one that holds its truth.
@@ -60,19 +63,23 @@ class _LightsFile(msgspec.Struct, forbid_unknown_fields=True):
 def write_truth(truth: Truth, folder: Path) -> None:
     """Write the maps as float32 TIFF and lights.json into the new folder."""
     folder.mkdir()
-    for name in ("depth", "normals", "albedo"):
+    for name in TRUE_MAPS:
         pixels = np.asarray(getattr(truth, name), np.float32)
         write_bytes(folder / f"{name}.tiff", encode_tiff(pixels))
     if truth.lights is not None:
-        lights = truth.lights
-        stored = _LightsFile(
-            vector=lights.vector.astype(float).tolist(),
-            ambient=lights.ambient.astype(float).tolist(),
-            position_m=None if lights.position_m is None else lights.position_m.tolist(),
-            middle_m=None if lights.middle_m is None else lights.middle_m.tolist(),
-        )
-        data = msgspec.json.format(msgspec.json.encode(stored), indent=1)
-        write_bytes(folder / "lights.json", data)
+        write_lights(truth.lights, folder)
+
+
+def write_lights(lights: Lights, folder: Path) -> None:
+    """Write lights.json into the folder `truth`."""
+    stored = _LightsFile(
+        vector=lights.vector.astype(float).tolist(),
+        ambient=lights.ambient.astype(float).tolist(),
+        position_m=None if lights.position_m is None else lights.position_m.tolist(),
+        middle_m=None if lights.middle_m is None else lights.middle_m.tolist(),
+    )
+    data = msgspec.json.format(msgspec.json.encode(stored), indent=1)
+    write_bytes(folder / "lights.json", data)
 
 
 def _read_truth_map(root: Root, name: str, shape: tuple[int, ...] | None) -> Floats:

@@ -19,6 +19,7 @@ from rakelight.cli.options import (
     print_findings,
     refuse_input_as_output,
 )
+from rakelight.cli.progress import shown_progress
 from rakelight.errors import InputError, printable
 
 
@@ -46,6 +47,7 @@ _SCENE: tuple[tuple[tuple[str, ...], Any, Any, str], ...] = (
     (("--specular-exponent",), float, 40.0, "The larger, the smaller the highlight."),
     (("--exposure-spread",), float, 0.0, "Standard deviation of the log exposures."),
     (("--exposure",), float, None, "Value of white paint that faces a lamp; white is 1."),
+    (("--supersampling",), int, 2, "Rays per pixel, along each side."),
     (("--image-noise",), float, 0.01, "Standard deviation, as a fraction of white."),
     (("--bits",), int, 16, "8 or 16."),
     (("--encoding",), str, "linear", "linear or srgb."),
@@ -159,16 +161,16 @@ def command(
     **settings: Any,
 ) -> None:
     """Make a capture with known truth: an object, its paint, lights and sensors."""
-    from rakelight.capture import SYNTHETIC, write_capture
+    from rakelight.capture import SYNTHETIC
     from rakelight.folders import require_free
     from rakelight.synthetic import (
         DepthNoise,
         SceneOptions,
         make_albedo,
         make_shape,
-        render_scene,
         shape_from_file,
         texture_from_file,
+        write_scene,
     )
 
     _one_of("--shape", shape, "--shape-file", shape_file)
@@ -182,7 +184,7 @@ def command(
         if file is not None:
             refuse_input_as_output(file, output, what)
     require_free(output, manifest=SYNTHETIC, overwrite=overwrite)  # never a real capture
-    with _options_named():
+    with _options_named(), shown_progress(quiet or as_json) as progress:
         solid = make_shape(shape or SHAPE) if shape_file is None else shape_from_file(shape_file)
         if texture is None:
             paint = make_albedo(albedo or ALBEDO, settings["seed"])
@@ -191,8 +193,10 @@ def command(
         options = SceneOptions(
             camera=solid.camera.scaled(size), depth_noise=DepthNoise(**noise), **settings
         )
-        capture, truth = render_scene(solid, paint, options)
-    kept = write_capture(capture, output, truth=truth, overwrite=overwrite)
+        capture, kept = write_scene(
+            solid, paint, options, output, overwrite=overwrite, progress=progress
+        )
+    count = options.photographs if options.lighting == "moving-lamp" else 1
     if not quiet:
         print_findings(kept)
     if as_json:
@@ -200,13 +204,11 @@ def command(
             json.dumps(
                 {
                     "output": printable(str(output)),
-                    "photographs": len(capture.photographs),
+                    "photographs": count,
                     "size": [capture.camera.width, capture.camera.height],
                     "pixels": int(capture.mask.sum()),
                 }
             )
         )
     elif not quiet:
-        click.echo(
-            f"capture: {printable(str(output))}  ({count_photographs(len(capture.photographs))})"
-        )
+        click.echo(f"capture: {printable(str(output))}  ({count_photographs(count)})")

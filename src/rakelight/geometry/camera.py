@@ -8,11 +8,15 @@ from rakelight.errors import InputError
 from rakelight.geometry.distortion import to_rays
 from rakelight.model import Camera, Floats
 
+ALL = slice(None)
+"""The rows of an image, where only some can be asked for."""
 
-def pixel_rays(camera: Camera) -> tuple[Floats, Floats]:
+
+def pixel_rays(camera: Camera, rows: slice = ALL) -> tuple[Floats, Floats]:
     """Offsets x = u - cx (1, W) and y = v - cy (H, 1) of the pixel centres, in pixels.
 
-    They broadcast against (H, W) images.  Raises InputError for a camera with lens distortion.
+    They broadcast against (H, W) images.  Only of these rows, (h, 1), where such are named.  Raises
+    InputError for a camera with lens distortion.
 
     >>> x, y = pixel_rays(Camera(3, 2, fx=10.0, fy=10.0, cx=1.0, cy=0.5))
     >>> x.tolist(), y.tolist()
@@ -20,12 +24,14 @@ def pixel_rays(camera: Camera) -> tuple[Floats, Floats]:
     """
     require_ideal(camera)
     x = np.arange(camera.width, dtype=np.float64)[None, :] - camera.cx
-    y = np.arange(camera.height, dtype=np.float64)[:, None] - camera.cy
+    y = np.arange(camera.height, dtype=np.float64)[rows, None] - camera.cy
     return x, y
 
 
-def back_project(depth_m: Floats, camera: Camera) -> Floats:
+def back_project(depth_m: Floats, camera: Camera, rows: slice = ALL) -> Floats:
     """Points (H, W, 3), metres in the camera frame, of a depth map (H, W) in metres.
+
+    rows : those of the camera's image that the depth map has
 
     Along the undistorted rays of a camera with lens distortion, NaN where it has none.
 
@@ -34,10 +40,10 @@ def back_project(depth_m: Floats, camera: Camera) -> Floats:
     [0.2, 0.0, 2.0]
     """
     if camera.distortion is not None:
-        u, v = np.meshgrid(np.arange(float(camera.width)), np.arange(float(camera.height)))
+        u, v = np.meshgrid(np.arange(float(camera.width)), np.arange(float(camera.height))[rows])
         x, y = to_rays(u, v, camera)
         return np.stack([depth_m * x, depth_m * y, depth_m], axis=-1)
-    x, y = pixel_rays(camera)
+    x, y = pixel_rays(camera, rows)
     return np.stack([depth_m * x / camera.fx, depth_m * y / camera.fy, depth_m], axis=-1)
 
 

@@ -12,33 +12,37 @@ from __future__ import annotations
 
 import numpy as np
 
-from rakelight.geometry.camera import pixel_rays
+from rakelight.geometry.camera import ALL, pixel_rays
 from rakelight.geometry.grid import mean_gradient, neighbours, surface_links
 from rakelight.model import Camera, Floats, Mask
 
 
-def normals_from_gradient(p_u: Floats, p_v: Floats, camera: Camera) -> tuple[Floats, Floats]:
+def normals_from_gradient(
+    p_u: Floats, p_v: Floats, camera: Camera, rows: slice = ALL
+) -> tuple[Floats, Floats]:
     """Unit normals (H, W, 3) facing the camera, and |m| (H, W), from the gradient of log depth.
+
+    rows : those of the camera's image that the gradient has
 
     >>> camera = Camera(1, 1, fx=10.0, fy=10.0, cx=0.0, cy=0.0)
     >>> n, length = normals_from_gradient(np.zeros((1, 1)), np.zeros((1, 1)), camera)
     >>> n[0, 0].tolist(), float(length[0, 0])
     ([0.0, 0.0, -1.0], 1.0)
     """
-    x, y = pixel_rays(camera)
+    x, y = pixel_rays(camera, rows)
     m = np.stack([camera.fx * p_u, camera.fy * p_v, -(1 + x * p_u + y * p_v)], axis=-1)
-    length = normal_lengths(p_u, p_v, camera)
+    length = normal_lengths(p_u, p_v, camera, rows)
     return m / length[..., None], length
 
 
-def normal_lengths(p_u: Floats, p_v: Floats, camera: Camera) -> Floats:
+def normal_lengths(p_u: Floats, p_v: Floats, camera: Camera, rows: slice = ALL) -> Floats:
     """|m| (H, W) before it is normalised, from the gradient of log depth.
 
     >>> camera = Camera(1, 1, fx=3.0, fy=10.0, cx=0.0, cy=0.0)
     >>> normal_lengths(np.full((1, 1), 0.25), np.zeros((1, 1)), camera).tolist()
     [[1.25]]
     """
-    x, y = pixel_rays(camera)
+    x, y = pixel_rays(camera, rows)
     squares = (camera.fx * p_u) ** 2 + (camera.fy * p_v) ** 2 + (1 + x * p_u + y * p_v) ** 2
     return np.asarray(np.sqrt(squares))
 

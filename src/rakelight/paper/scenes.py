@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 
 from rakelight.model import Camera, Capture, Lighting, Truth
 from rakelight.synthetic import (
     PAPER_NOISE,
     SceneOptions,
     Shape,
+    Surface,
     make_albedo,
     make_shape,
     render_scene,
 )
+from rakelight.synthetic.albedo import made_once
 
 SCENARIOS = ("simple", "pattern", "complicated")
 
@@ -26,7 +27,12 @@ PAPER_OPTIONS = SceneOptions(camera=CAMERA, depth_noise=PAPER_NOISE, photographs
 def paper_object() -> Shape:
     """The bust; its surface is traced once per camera, for however many scenes."""
     bust = make_shape("head")
-    return replace(bust, render=lru_cache(maxsize=4)(bust.render))
+    traced = made_once(bust.render, cameras=4)
+
+    def render(camera: Camera, rows: slice | None = None) -> Surface:
+        return traced(camera) if rows is None else traced(camera).cut(rows)
+
+    return replace(bust, render=render)
 
 
 def paper_camera(size: float = 1.0) -> Camera:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from rakelight import jit
@@ -29,13 +31,36 @@ def in_sight(depth_m: Floats, camera: Camera, points_m: Floats, to_light_m: Floa
     >>> in_sight(depth, camera, point, lamp).tolist()
     [False]
     """
-    solid = np.ascontiguousarray(np.where(np.isfinite(depth_m), depth_m, np.inf), np.float64)
-    optics = (camera.fx, camera.fy, camera.cx, camera.cy)
-    points, lights = (np.ascontiguousarray(a, np.float64) for a in (points_m, to_light_m))
-    free = np.ones(len(points), dtype=bool)
-    given = (solid, optics, float(solid.min()), points, lights, free)
-    jit.in_parts(_march, 0, len(points), len(points), *given)
-    return free
+    return Occluder.of(depth_m, camera).in_sight(points_m, to_light_m)
+
+
+@dataclass(frozen=True, eq=False)
+class Occluder:
+    """A depth map that stands before lights, for many of them or many parts of its points.
+
+    depth_m : (H, W) float64, infinite outside the object
+    nearest_m : the least of it
+    """
+
+    depth_m: Floats
+    camera: Camera
+    nearest_m: float
+
+    @classmethod
+    def of(cls, depth_m: Floats, camera: Camera) -> Occluder:
+        """That of a depth map (H, W), NaN outside the object."""
+        solid = np.ascontiguousarray(np.where(np.isfinite(depth_m), depth_m, np.inf), np.float64)
+        return cls(solid, camera, float(solid.min()))
+
+    def in_sight(self, points_m: Floats, to_light_m: Floats) -> Mask:
+        """(M,) True where the ray to the light is free; see `in_sight`."""
+        camera = self.camera
+        optics = (camera.fx, camera.fy, camera.cx, camera.cy)
+        points, lights = (np.ascontiguousarray(a, np.float64) for a in (points_m, to_light_m))
+        free = np.ones(len(points), dtype=bool)
+        given = (self.depth_m, optics, self.nearest_m, points, lights, free)
+        jit.in_parts(_march, 0, len(points), len(points), *given)
+        return free
 
 
 @jit.kernel

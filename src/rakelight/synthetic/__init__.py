@@ -10,9 +10,10 @@ from rakelight.synthetic.noise import (
     add_depth_noise,
     calibrate_noise,
 )
+from rakelight.synthetic.options import SceneOptions
 from rakelight.synthetic.random_capture import Draw, draw, random_capture, render_draw
 from rakelight.synthetic.reliefs import RELIEFS, make_relief
-from rakelight.synthetic.scene import DEMO_OPTIONS, SceneOptions, demo_scene, render_scene
+from rakelight.synthetic.scene import DEMO_OPTIONS, demo_scene, render_scene, write_scene
 from rakelight.synthetic.shapes import SHAPES, Shape, make_shape
 
 __all__ = [
@@ -41,4 +42,5 @@ __all__ = [
     "shape_from_depth",
     "shape_from_file",
     "texture_from_file",
+    "write_scene",
 ]

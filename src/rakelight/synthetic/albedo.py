@@ -8,15 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from os import PathLike
 from pathlib import Path
+from threading import Lock
+from typing import TypeVar
 
 import numpy as np
 
 from rakelight.errors import InputError
 from rakelight.files import read_bytes
+from rakelight.geometry.camera import ALL
 from rakelight.model import Camera, Floats
+
+T = TypeVar("T")
 
 DARKEST = 0.1
 """The least reflectance of the patterns: even a blue area sends back some red."""
@@ -24,10 +29,13 @@ DARKEST = 0.1
 
 @dataclass(frozen=True)
 class Albedo:
-    """The paint: `paint` gives linear reflectance (H, W, 3) in 0..1 for a camera's pixels."""
+    """The paint: paint(camera, rows), linear reflectance (h, W, 3) in 0..1 of a camera's pixels.
+
+    Of these rows of the image; of all, (H, W, 3), where none are named.
+    """
 
     name: str
-    paint: Callable[[Camera], Floats]
+    paint: Callable[..., Floats]
 
 
 def make_albedo(name: str, seed: int = 0) -> Albedo:
@@ -64,7 +72,24 @@ def texture_from_file(path: str | PathLike[str]) -> Albedo:
         raise InputError(
             "not a texture", source=source, seen=f"{pixels.dtype}", needed="8, 16 bit or float"
         )
-    return Albedo(Path(path).stem, partial(_cover, np.clip(texture, 0.02, 1.0)))
+    whole = made_once(partial(_cover, np.clip(texture, 0.02, 1.0)))
+    return Albedo(Path(path).stem, lambda camera, rows=ALL: whole(camera)[rows])
+
+
+def made_once(function: Callable[[Camera], T], cameras: int = 1) -> Callable[[Camera], T]:
+    """What a function makes of the last few cameras, kept: for what cannot be made in strips.
+
+    >>> rooms = made_once(lambda camera: [camera.width])
+    >>> rooms(Camera(4, 3, 1.0, 1.0, 0.0, 0.0)) is rooms(Camera(4, 3, 1.0, 1.0, 0.0, 0.0))
+    True
+    """
+    made, at_work = lru_cache(maxsize=cameras)(function), Lock()
+
+    def once(camera: Camera) -> T:
+        with at_work:  # a second strip waits for the first
+            return made(camera)
+
+    return once
 
 
 def _cover(texture: Floats, camera: Camera) -> Floats:
@@ -86,8 +111,8 @@ def _cover(texture: Floats, camera: Camera) -> Floats:
 Pattern = Callable[[Floats, Floats, np.random.Generator], Floats]
 
 
-def _paint(pattern: Pattern, seed: int, camera: Camera) -> Floats:
-    u, v = np.arange(camera.width), np.arange(camera.height)
+def _paint(pattern: Pattern, seed: int, camera: Camera, rows: slice = ALL) -> Floats:
+    u, v = np.arange(camera.width), np.arange(camera.height)[rows]
     x = (u[None, :] + 0.5 - camera.width / 2) / camera.height
     y = (v[:, None] + 0.5 - camera.height / 2) / camera.height
     x, y = np.broadcast_arrays(x, y)

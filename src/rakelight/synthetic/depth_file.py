@@ -15,7 +15,7 @@ import numpy as np
 from rakelight.capture.npy import npy_header
 from rakelight.errors import InputError, parsing
 from rakelight.files import read_bytes
-from rakelight.geometry.camera import pixel_rays
+from rakelight.geometry.camera import ALL, pixel_rays
 from rakelight.geometry.grid import bounding_window
 from rakelight.model import Array, Camera, Floats, Mask
 from rakelight.synthetic.implicit import Surface
@@ -128,9 +128,11 @@ def _continued(values: Floats, measured: Mask, reach_px: float = 6.0) -> Floats:
     return np.asarray(np.where(measured[inner] & (distance < reach_px), mirrored, values[rim]))
 
 
-def _render_depth(spline: Spline, mask: Mask, seen_by: Camera, camera: Camera) -> Surface:
+def _render_depth(
+    spline: Spline, mask: Mask, seen_by: Camera, camera: Camera, rows: slice = ALL
+) -> Surface:
     """The spline at the rays of `camera`, which stands where `seen_by` did."""
-    offset_x, offset_y = np.broadcast_arrays(*pixel_rays(camera))
+    offset_x, offset_y = np.broadcast_arrays(*pixel_rays(camera, rows))
     x, y = offset_x * (seen_by.fx / camera.fx), offset_y * (seen_by.fy / camera.fy)
     u, v = x + seen_by.cx, y + seen_by.cy
     row, column = np.floor(v).astype(int), np.floor(u).astype(int)
@@ -138,10 +140,10 @@ def _render_depth(spline: Spline, mask: Mask, seen_by: Camera, camera: Camera) -
     inside = (row >= 0) & (row < height - 1) & (column >= 0) & (column < width - 1)
     inside[inside] = _whole_cells(mask)[row[inside], column[inside]]
     at = v[inside], u[inside]
-    depth = np.full(camera.shape, np.nan)
+    depth = np.full(u.shape, np.nan)
     depth[inside] = np.exp(spline.ev(*at))
     p_v, p_u = spline.ev(*at, dx=1), spline.ev(*at, dy=1)
-    normals = np.full((*camera.shape, 3), np.nan)
+    normals = np.full((*u.shape, 3), np.nan)
     outward = np.stack(
         [seen_by.fx * p_u, seen_by.fy * p_v, -(1 + x[inside] * p_u + y[inside] * p_v)], axis=-1
     )

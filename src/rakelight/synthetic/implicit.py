@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from rakelight.geometry.camera import pixel_rays
+from rakelight.geometry.camera import ALL, pixel_rays
 from rakelight.model import Camera, Floats, Mask, RigidTransform
 
 Values: TypeAlias = npt.NDArray[np.inexact[Any]]
@@ -34,6 +34,10 @@ class Surface:
 
     depth: Floats
     normals: Floats
+
+    def cut(self, rows: slice) -> Surface:
+        """These rows of it."""
+        return Surface(self.depth[rows], self.normals[rows])
 
     @property
     def mask(self) -> Mask:
@@ -100,18 +104,20 @@ BLOCK = 1 << 14
 """Rays at a time: their intermediate values stay in the processor's cache."""
 
 
-def trace(solid: Solid, camera: Camera) -> Surface:
+def trace(solid: Solid, camera: Camera, rows: slice = ALL) -> Surface:
     """Depth and normals of a solid at every pixel centre of a camera, to rounding.
+
+    rows : those of the image that are traced, with the same values whichever these are
 
     >>> ball = Solid(lambda x, y, z: np.sqrt(x**2 + y**2 + z**2) - 0.1, 0.8, 0.11)
     >>> surface = trace(ball, Camera(3, 1, fx=4.0, fy=4.0, cx=1.0, cy=0.0))
     >>> surface.depth.round(9).tolist(), surface.normals[0, 1, 2].item()
     ([[nan, 0.7, nan]], -1.0)
     """
-    x, y = _rays(camera)
-    start = _march_tiles(solid, camera)
-    depth = np.full(camera.shape, np.nan)
-    normals = np.full((*camera.shape, 3), np.nan)
+    x, y = _rays(camera, rows)
+    start = _march_tiles(solid, camera, rows)
+    depth = np.full(x.shape, np.nan)
+    normals = np.full((*x.shape, 3), np.nan)
     candidates = np.flatnonzero(np.isfinite(start))
     for first in range(0, candidates.size, BLOCK):
         block = candidates[first : first + BLOCK]
@@ -122,25 +128,28 @@ def trace(solid: Solid, camera: Camera) -> Surface:
     return Surface(depth, normals)
 
 
-def _rays(camera: Camera) -> tuple[Floats, Floats]:
-    """x/z and y/z of every pixel, each (H, W)."""
-    x, y = pixel_rays(camera)
+def _rays(camera: Camera, rows: slice) -> tuple[Floats, Floats]:
+    """x/z and y/z of every pixel of these rows, each (h, W)."""
+    x, y = pixel_rays(camera, rows)
     x, y = np.broadcast_arrays(x / camera.fx, y / camera.fy)
     return x, y
 
 
-def _march_tiles(solid: Solid, camera: Camera) -> Floats:
-    """(H, W) depths up to which whole tiles of rays run free; NaN where they miss for certain."""
+def _march_tiles(solid: Solid, camera: Camera, rows: slice) -> Floats:
+    """(h, W) depths up to which whole tiles of rays run free; NaN where they miss for certain."""
     tiles = replace(
         camera.scaled(1 / TILE), width=-(-camera.width // TILE), height=-(-camera.height // TILE)
     )
     slope = float(np.hypot(0.5 / tiles.fx, 0.5 / tiles.fy))
-    x, y = (np.ravel(ray) for ray in _rays(tiles))
+    top, bottom, _ = rows.indices(camera.height)
+    first = top // TILE
+    x, y = _rays(tiles, slice(first, -(-bottom // TILE)))
+    shape, x, y = x.shape, x.ravel(), y.ravel()
     z = np.full(x.size, solid.distance_m - solid.radius_m)
     z, met = _march(solid, x, y, z, NEAR_M, slope=slope)
     z[~met] = np.nan
-    grown = z.reshape(tiles.shape).repeat(TILE, axis=0).repeat(TILE, axis=1)
-    return grown[: camera.height, : camera.width]
+    grown = z.reshape(shape).repeat(TILE, axis=0).repeat(TILE, axis=1)
+    return grown[top - first * TILE : bottom - first * TILE, : camera.width]
 
 
 def _first_hit(solid: Solid, x: Floats, y: Floats, z: Floats) -> Floats:

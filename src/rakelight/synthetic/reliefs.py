@@ -12,7 +12,7 @@ from typing import TypeAlias
 import numpy as np
 
 from rakelight.errors import InputError
-from rakelight.geometry.camera import pixel_rays
+from rakelight.geometry.camera import ALL, pixel_rays
 from rakelight.geometry.normals import normals_from_gradient
 from rakelight.model import Camera, Floats, Mask
 from rakelight.synthetic.depth_file import shape_from_depth
@@ -50,9 +50,9 @@ def make_relief(name: str, seed: int = 0) -> Shape:
     return Shape(name, VIEW, partial(_render, _FUNCTIONS[name], seed))
 
 
-def _render(relief: Relief, seed: int, camera: Camera) -> Surface:
+def _render(relief: Relief, seed: int, camera: Camera, rows: slice = ALL) -> Surface:
     zoom = camera.fx / VIEW.fx
-    x, y = (np.asarray(ray) / (zoom * UNIT_PX) for ray in pixel_rays(camera))
+    x, y = (np.asarray(ray) / (zoom * UNIT_PX) for ray in pixel_rays(camera, rows))
     x, y = np.broadcast_arrays(x, y)
     along_x, inside = relief(x + 1j * COMPLEX_STEP, y, np.random.default_rng(seed))
     along_y, _ = relief(x, y + 1j * COMPLEX_STEP, np.random.default_rng(seed))
@@ -60,7 +60,7 @@ def _render(relief: Relief, seed: int, camera: Camera) -> Surface:
     depth = np.where(inside, DISTANCE_M - unit_m * along_x.real, np.nan)
     per_pixel = -unit_m / (COMPLEX_STEP * zoom * UNIT_PX)
     normals, _ = normals_from_gradient(
-        per_pixel * along_x.imag / depth, per_pixel * along_y.imag / depth, camera
+        per_pixel * along_x.imag / depth, per_pixel * along_y.imag / depth, camera, rows
     )
     return Surface(depth, normals)
 

@@ -30,13 +30,14 @@ class Shape:
     """An object in front of the camera.
 
     camera : a view that it fills
-    render : its surface as a camera at the same place sees it, whatever the resolution
+    render : render(camera, rows), its surface as a camera at the same place sees it, whatever the
+        resolution, in these rows of the image; all of them where none are named
     solid : the object itself, where it can be looked at from other places too
     """
 
     name: str
     camera: Camera
-    render: Callable[[Camera], Surface]
+    render: Callable[..., Surface]
     solid: Solid | None = None
 
 

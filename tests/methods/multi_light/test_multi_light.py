@@ -111,14 +111,15 @@ def jump():
     """Depth errors (mm) of the columns beside a jump of 50 mm, their means."""
     camera, gap = Camera(100, 80, 900.0, 900.0, 49.5, 39.5), 0.05
 
-    def render(camera):
+    def render(camera, rows):
         v, u = np.mgrid[: camera.height, : camera.width]
         x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
         waves = 0.001 * (np.cos(300 * x) + np.sin(250 * y)) + 3 * (x**2 + y**2)
         left, depth = x < 0, 0.7 + waves
         near = surface_normals(depth, left, camera)
         far = surface_normals(depth + gap, ~left, camera)
-        return Surface(np.where(left, depth, depth + gap), np.where(left[..., None], near, far))
+        normals = np.where(left[..., None], near, far)
+        return Surface(np.where(left, depth, depth + gap), normals).cut(rows)
 
     capture, truth = render_scene(
         Shape("jump", camera, render),
