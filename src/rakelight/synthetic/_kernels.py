@@ -19,27 +19,19 @@ def facing(normals, toward, lit):
 
 
 @helper
-def reflected(albedo, lit, highlight, glow, hit, rays, light):
-    """Fill light (h, W, 3) with the mean over each pixel's rays: rho (lit + glow) + highlight.
+def reflected(albedo, lit, highlight, glow, hit, samples):
+    """Fill samples (., 3), at the places hit (M,), with rho (lit + glow) + highlight.
 
     albedo (M, 3); lit, highlight (1 or 3, M), or no highlight (0, M): of all channels, or each its
-    own; glow: ambient light; hit (M,): which of the pixels' samples these are, others are black
+    own; glow: ambient light
     """
-    height, width, _ = light.shape
-    total = np.zeros((height, width, 3))
     shading, shine = np.zeros(1, albedo.dtype), np.zeros(1, albedo.dtype)  # rounded as albedo is
     for m in range(len(hit)):
-        row = hit[m] // (width * rays)
-        pixel = total[row // rays, (hit[m] - row * width * rays) // rays]
         for c in range(3):
             shading[0] = lit[min(c, len(lit) - 1), m]
             if len(highlight):
                 shine[0] = highlight[min(c, len(highlight) - 1), m]
-            pixel[c] += np.float32(albedo[m, c] * (np.float64(shading[0]) + glow) + shine[0])
-    for v in range(height):
-        for u in range(width):
-            for c in range(3):
-                light[v, u, c] = total[v, u, c] / (rays * rays)
+            samples[hit[m], c] = albedo[m, c] * (np.float64(shading[0]) + glow) + shine[0]
 
 
 @helper

@@ -155,11 +155,12 @@ class Rendering:
                 lit[c] *= self.occluder.in_sight(points, lights.way(points, photograph, c))
             if options.specular:
                 highlight[c] = _highlight(strip.normals, points, s, lit[c] > 0, options)
-        light = np.empty((*strip.mask.shape, 3), np.float32)
+        height, width, rays = *strip.mask.shape, options.supersampling
+        light = np.zeros((height * rays * width * rays, 3), np.float32)
         glow = float(lights.gain[photograph] * lights.ambient)
-        rays = options.supersampling
-        _kernels.reflected(strip.albedo, lit, highlight, glow, strip.hit, rays, light)
-        return light
+        _kernels.reflected(strip.albedo, lit, highlight, glow, strip.hit, light)
+        light = light.reshape(height * rays, width * rays, 3)
+        return light if rays == 1 else area_mean(light, rays).astype(np.float32)
 
     def _points(self, strip: Strip) -> Floats:
         """(M, 3) where the rays of a strip meet the object, metres."""
