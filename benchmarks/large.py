@@ -176,11 +176,13 @@ def child(capture: Path, output: Path, memory: str) -> None:
     )
 
 
-def measure(capture: Path, output: Path, source: Path, memory: str) -> dict[str, Any]:
-    """Run a process with the package in `source`; its figures, or why it failed."""
-    command = [sys.executable, __file__, "--child", str(capture), str(output), "--memory", memory]
+def measured(command: list[str], source: Path = SOURCE) -> dict[str, Any]:
+    """Run a Python process with the package in `source`: what it prints as JSON, and what it took.
+
+    cpu_s and peak_mb, the largest resident set, are the system's.  Where it fails: the last line.
+    """
     process = subprocess.Popen(
-        command,
+        [sys.executable, *command],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -196,6 +198,12 @@ def measure(capture: Path, output: Path, source: Path, memory: str) -> dict[str,
         return {"failed": last[0]}
     cpu_s = usage.ru_utime + usage.ru_stime
     return {**json.loads(text), "cpu_s": cpu_s, "peak_mb": usage.ru_maxrss / 1024 * 1.048576}
+
+
+def measure(capture: Path, output: Path, source: Path, memory: str) -> dict[str, Any]:
+    """Refine a capture with the package in `source`; its figures, or why it failed."""
+    command = [__file__, "--child", str(capture), str(output), "--memory", memory]
+    return measured(command, source)
 
 
 def row_of(
@@ -227,8 +235,8 @@ def row_of(
     }
 
 
-def shown(rows: list[dict[str, Any]], stages: bool) -> None:
-    """Print the rows as a table; the stages below it."""
+def table(rows: list[dict[str, Any]]) -> None:
+    """Print the rows as a table, but for their stages."""
     names = [name for name in max(rows, key=len) if name != "stages"]
     print("| " + " | ".join(names) + " |")
     print("|" + " --- |" * len(names))
@@ -236,6 +244,11 @@ def shown(rows: list[dict[str, Any]], stages: bool) -> None:
         print("| " + " | ".join(str(row.get(name, "")) for name in names) + " |")
         if "failed" in row:
             print(f"  {row['failed']}")
+
+
+def shown(rows: list[dict[str, Any]], stages: bool) -> None:
+    """Print the rows as a table; the stages below it."""
+    table(rows)
     for row in rows if stages else ():
         print(f"\n{row['megapixels']} megapixels, {row['photographs']} photographs: s, MB")
         for name, (seconds, peak) in row.get("stages", {}).items():

@@ -19,10 +19,10 @@ from rakelight.model import Array
 
 # The modulus of zlib's checksum (RFC 1950).
 _ADLER = 65521
-# Of zlib: in 16-bit photographs with noise no longer matches are found, and looking for them takes
-# as long again (`python benchmarks/synth.py --packing`).
+# Of zlib: looking for matches in photographs with noise takes longer and packs less
+# (`python benchmarks/synth.py --packing`).
 _PNG_STRATEGY = zlib.Z_RLE
-# Of maps in floating point: level 6 takes up to twice as long for 6 % less (the same).
+# Of maps in floating point: level 6 takes half as long again for 1 % less (the same).
 _TIFF_LEVEL = 1
 # TIFF types of a tag's values.
 _SHORT, _LONG = 3, 4
