@@ -162,6 +162,7 @@ def test_real_captures_of_one_photograph(run, tmp_path, name):
 
 SETTINGS = {
     "--lights": ("photographs", 4),
+    "--supersampling": ("supersampling", 3),
     "--cone": ("tilt_deg", (20.0, 50.0)),
     "--lamp-distance": ("lamp_distance_m", 0.7),
     "--ambient": ("ambient", 0.2),
