@@ -13,10 +13,11 @@ from rakelight import CaptureError, Lights, load_capture, refine
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods.base import require_photographs
 from rakelight.metrics import evaluate_maps
-from rakelight.model import silent
+from rakelight.model import GivenLights, silent
 from rakelight.pipeline.guarded import guarded
-from rakelight.pipeline.held_back import Prediction, kept
+from rakelight.pipeline.held_back import NO_BETTER, Prediction, kept
 from rakelight.prepare import prepare
+from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
 from tests.check import wrong_captures as wrong
 
 
@@ -53,6 +54,19 @@ def test_without_information_the_prepared_depth_stays(shape, change, method):
     np.testing.assert_array_equal(result.depth, result.prepared_depth)
     np.testing.assert_allclose(errors(result, truth), prepared_errors(result, truth), rtol=1e-6)
     assert result.confidence.max() == 0
+
+
+def test_lights_in_nearly_one_place_keep_the_prepared_depth():
+    vase = make_shape("vase")
+    camera = vase.camera.scaled(0.3)
+    options = SceneOptions(camera=camera, tilt_deg=(1.0, 3.0), depth_noise=wrong.NOISE)
+    capture, truth = render_scene(vase, make_albedo("pattern"), options)
+    result = refine(capture)
+    assert {"one-lamp-position", "photographs-say-nothing"} <= set(warnings(result))
+    np.testing.assert_array_equal(result.depth, result.prepared_depth)
+    # Lights that are known are no question.
+    known = replace(capture, lights=GivenLights(truth.lights.direction[:, 0], fixed=True))
+    assert (refine(known).depth != result.depth)[result.mask].any()
 
 
 @pytest.mark.parametrize("shape", wrong.SOLIDS)
@@ -121,7 +135,7 @@ def test_a_suspect_is_left_out_only_where_that_helps_the_others(others, left):
 
     def run(prepared, options, progress):
         lights = Lights(np.zeros((len(prepared), 1, 3)), np.zeros((len(prepared), 1)))
-        return replace(kept(prepared, lights), findings=())
+        return replace(kept(prepared, lights, NO_BETTER), findings=())
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys.modules["rakelight.pipeline.guarded"], "predict", predict)
@@ -142,7 +156,7 @@ def test_a_suspect_stays_where_the_method_does_not_take_fewer():
     def run(prepared, options, progress):
         require_photographs(prepared, "method", 8)
         lights = Lights(np.zeros((len(prepared), 1, 3)), np.zeros((len(prepared), 1)))
-        return replace(kept(prepared, lights), findings=())
+        return replace(kept(prepared, lights, NO_BETTER), findings=())
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys.modules["rakelight.pipeline.guarded"], "predict", predict)

@@ -6,7 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rakelight.geometry.normals import surface_normals
-from rakelight.pipeline.held_back import FEWEST, LARGEST_RATIO, _left_out, _Sample, kept, predict
+from rakelight.pipeline.held_back import (
+    FEWEST,
+    LARGEST_RATIO,
+    NO_BETTER,
+    _left_out,
+    _Sample,
+    kept,
+    predict,
+)
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
@@ -120,7 +128,7 @@ def test_too_few_photographs_predict_nothing(noisy, count):
 
 def test_the_kept_depth_is_the_prepared_one(noisy):
     prepared, truth = noisy
-    estimate = kept(prepared, truth.lights)
+    estimate = kept(prepared, truth.lights, NO_BETTER)
     np.testing.assert_array_equal(np.exp(estimate.log_depth), np.exp(np.log(prepared.depth_m)))
     assert estimate.confidence.max() == 0
     assert [finding.code for finding in estimate.findings] == ["photographs-say-nothing"]

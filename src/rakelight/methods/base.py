@@ -24,6 +24,8 @@ SMOOTHED_PX = 1.5
 DARK = 0.02
 # Largest angle between a light and their mean, degrees, below which they are in one place.
 LEAST_ANGLE_DEG = 6.0
+# Code of the finding about lights that are within it.
+ONE_LAMP_POSITION = "one-lamp-position"
 # Root mean square angle of the lights off one plane, degrees.  At 2.5 normals are 1.5 to 2 times as
 # far off as at 10, at 0.7 three times (vase and cat under 12 lights on an arc).
 LEAST_THICKNESS_DEG = 4.0
@@ -213,7 +215,7 @@ def light_findings(lights: Lights, names: tuple[str, ...]) -> tuple[Finding, ...
                 f"lights found in nearly one place, within {widest:.1f} degrees, in "
                 f"{listed(named, ~dark)}: the lamp hardly moved, or they are wrong"
             )
-            code = "one-lamp-position"
+            code = ONE_LAMP_POSITION
         elif thickness < np.sin(np.radians(LEAST_THICKNESS_DEG)):
             message = (
                 f"the lamp moves in one plane, within {np.degrees(np.arcsin(thickness)):.1f} "

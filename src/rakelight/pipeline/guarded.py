@@ -12,10 +12,17 @@ from rakelight.check.odd_photograph import odd_finding, odd_photographs
 from rakelight.errors import MethodError
 from rakelight.geometry.normals import surface_normals
 from rakelight.jit import one_blas_thread
-from rakelight.methods.base import Estimate, Method
-from rakelight.model import Floats, ProgressCallback, silent
+from rakelight.methods.base import ONE_LAMP_POSITION, Estimate, Method
+from rakelight.model import Finding, Floats, ProgressCallback, silent
 from rakelight.pipeline.degenerate import without_normals
-from rakelight.pipeline.held_back import LARGEST_RATIO, Prediction, kept, predict
+from rakelight.pipeline.held_back import (
+    LARGEST_RATIO,
+    NO_BETTER,
+    ONE_PLACE,
+    Prediction,
+    kept,
+    predict,
+)
 from rakelight.prepare import Prepared
 
 Options = TypeVar("Options")
@@ -48,7 +55,7 @@ def guarded(
     makes the others' predictions better: a photograph under a lamp far from the others is predicted
     badly too, and needed.  Photographs of something else are left out in any case.  Where the
     refined surface predicts photographs that are held back no better than the prepared depth does,
-    the estimate is the prepared depth.
+    or the lights are found in nearly one place, the estimate is the prepared depth.
     """
     estimate, prediction = _predicted(run, prepared, options, progress)
     findings = []
@@ -72,10 +79,25 @@ def guarded(
             break
         findings.append(odd_finding(prepared.names, oddity.either))
         prepared, estimate, prediction = rest, without, then
-    if prediction is not None and prediction.gain > LARGEST_RATIO and estimate.iterations:
+    reason = None if prediction is None else reason_to_keep(prepared, estimate, prediction)
+    if prediction is not None and reason is not None:
         findings += [each for each in estimate.findings if each.severity == "warning"]
-        estimate = kept(prepared, prediction.prepared_lights)
+        estimate = kept(prepared, prediction.prepared_lights, reason)
     return prepared, replace(estimate, findings=(*findings, *estimate.findings))
+
+
+def reason_to_keep(
+    prepared: Prepared, estimate: Estimate, prediction: Prediction
+) -> Finding | None:
+    """Why the prepared depth is the better answer, if it is."""
+    if not estimate.iterations:
+        return None  # it is the answer already
+    if prediction.gain > LARGEST_RATIO:
+        return NO_BETTER
+    given = prepared.lights is not None and prepared.lights.fixed
+    if not given and any(each.code == ONE_LAMP_POSITION for each in estimate.findings):
+        return ONE_PLACE
+    return None
 
 
 def _predicted(

@@ -57,6 +57,15 @@ NO_BETTER = Finding(
     "unchanged",
 )
 
+ONE_PLACE = Finding(
+    "warning",
+    "photographs-say-nothing",
+    "under lights that are found in nearly one place slopes are not told from paint: the depth is "
+    "kept",
+    "move the lamp around the object; where it was moved, the object is too flat to find it: state "
+    "where it was in [lights]",
+)
+
 
 @dataclass(frozen=True)
 class Prediction:
@@ -139,10 +148,11 @@ def predict(
     )
 
 
-def kept(prepared: Prepared, lights: Lights) -> Estimate:
+def kept(prepared: Prepared, lights: Lights, reason: Finding) -> Estimate:
     """The prepared depth as an estimate, with the albedo that explains the photographs by it.
 
-    lights : fitted likewise.  The confidence is 0: the photographs determine nothing.
+    lights : fitted likewise; reason : why it is kept.  The confidence is 0: the photographs
+        determine nothing.
     """
     normals = surface_normals(prepared.depth_m, prepared.mask, prepared.camera)[prepared.mask]
     points = back_project(prepared.depth_m, prepared.camera)[prepared.mask]
@@ -158,7 +168,7 @@ def kept(prepared: Prepared, lights: Lights) -> Estimate:
         confidence=np.zeros(prepared.mask.shape),
         lights=replace(lights, vector=gain * lights.vector, ambient=gain * lights.ambient),
         converged=True,
-        findings=(NO_BETTER,),
+        findings=(reason,),
     )
 
 
