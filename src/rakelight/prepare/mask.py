@@ -108,8 +108,8 @@ def nearest_object(depth_m: Floats, sigma_m: Floats, camera: Camera) -> Found | 
     large = area >= SMALLEST * measured.size
     if not large.any():
         return None
-    closeness = (middle_m[large].min() / middle_m) ** NEARNESS
-    score = np.where(large, area * closeness * np.clip(1 - 4 * at_frame, 0, 1), 0.0)
+    near_weight = (middle_m[large].min() / middle_m) ** NEARNESS
+    score = np.where(large, area * near_weight * np.clip(1 - 4 * at_frame, 0, 1), 0.0)
     best = int(np.argmax(score))
     # What is all there is stands out from nothing, unless nothing is all around it.
     if score[best] == 0 or (at_frame[best] > AT_FRAME and area[best] > 0.9 * measured.sum()):

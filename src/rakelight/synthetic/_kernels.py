@@ -25,13 +25,13 @@ def reflected(albedo, lit, highlight, glow, hit, samples):
     albedo (M, 3); lit, highlight (1 or 3, M), or no highlight (0, M): of all channels, or each its
     own; glow: ambient light
     """
-    shading, shine = np.zeros(1, albedo.dtype), np.zeros(1, albedo.dtype)  # rounded as albedo is
+    shading, specular = np.zeros(1, albedo.dtype), np.zeros(1, albedo.dtype)  # rounded as albedo is
     for m in range(len(hit)):
         for c in range(3):
             shading[0] = lit[min(c, len(lit) - 1), m]
             if len(highlight):
-                shine[0] = highlight[min(c, len(highlight) - 1), m]
-            samples[hit[m], c] = albedo[m, c] * (np.float64(shading[0]) + glow) + shine[0]
+                specular[0] = highlight[min(c, len(highlight) - 1), m]
+            samples[hit[m], c] = albedo[m, c] * (np.float64(shading[0]) + glow) + specular[0]
 
 
 @helper
