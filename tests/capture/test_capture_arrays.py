@@ -248,9 +248,9 @@ def test_any_arrays_are_refused_or_give_a_result():
         outcomes[outcome(capture, method)] += 1
 
     tried()
-    # A third gives a result; a sample in which hardly any does would assert nothing.
+    # A tenth to a third give a result; a sample in which none does would assert nothing.
     assert set(outcomes) == {"refused", "result"}
-    assert min(outcomes.values()) > 6
+    assert min(outcomes.values()) > 1
 
 
 def test_any_values_are_refused_or_give_a_result():
