@@ -146,10 +146,14 @@ def peak_bytes(work):
 
 
 def growth(make, monkeypatch, tmp_path):
-    """By how many 8-bit photographs the peak grows where there are forty more of them."""
+    """By how many 8-bit photographs the peak grows where there are twenty more of them.
+
+    One strip at a time: how many are at work at once is a matter of the threads' timing.
+    """
+    monkeypatch.setattr(rendering, "_on_all_cores", map)
     sphere, peaks = make_shape("sphere"), []
     quiet = SceneOptions(camera=VIEW.scaled(0.4), supersampling=1, exposure=0.6, bits=8)
-    for count in (2, 2, 42):  # the first loads the modules
+    for count in (2, 2, 22):  # the first loads the modules
         options = replace(quiet, photographs=count, depth_factor=4)
         in_strips(monkeypatch, 16, options)
         folder = tmp_path / f"{make.__name__}-{len(peaks)}"
@@ -167,9 +171,8 @@ def by_and_by(shape, options, folder):
 
 
 def test_memory_does_not_grow_with_the_photographs(monkeypatch, tmp_path):
-    # Two strips that are at work at once, or one after the other, make a difference of five.
-    assert growth(by_and_by, monkeypatch, tmp_path) < 8
-    assert growth(at_once, monkeypatch, tmp_path) > 18
+    assert growth(by_and_by, monkeypatch, tmp_path) < 1
+    assert growth(at_once, monkeypatch, tmp_path) > 9
 
 
 def test_an_interrupt_leaves_nothing(tmp_path):
