@@ -235,8 +235,11 @@ def row_of(
     }
 
 
-def table(rows: list[dict[str, Any]]) -> None:
-    """Print the rows as a table, but for their stages."""
+def table(rows: list[dict[str, Any]], as_json: bool = False) -> None:
+    """Print the rows as a table, but for their stages; or as JSON."""
+    if as_json:
+        print(json.dumps(rows))
+        return
     names = [name for name in max(rows, key=len) if name != "stages"]
     print("| " + " | ".join(names) + " |")
     print("|" + " --- |" * len(names))
@@ -246,10 +249,10 @@ def table(rows: list[dict[str, Any]]) -> None:
             print(f"  {row['failed']}")
 
 
-def shown(rows: list[dict[str, Any]], stages: bool) -> None:
-    """Print the rows as a table; the stages below it."""
-    table(rows)
-    for row in rows if stages else ():
+def shown(rows: list[dict[str, Any]], stages: bool, as_json: bool) -> None:
+    """Print the rows as a table, the stages below it; or all as JSON."""
+    table(rows, as_json)
+    for row in rows if stages and not as_json else ():
         print(f"\n{row['megapixels']} megapixels, {row['photographs']} photographs: s, MB")
         for name, (seconds, peak) in row.get("stages", {}).items():
             print(f"  {name:34} {seconds:8.2f} {peak:8}")
@@ -281,10 +284,7 @@ def main() -> None:
                     memory = given.memory if name == "this" else ""
                     found = row_of(folder, megapixels, photographs, source, memory)
                     rows.append({"source": name, **found})
-    if given.json:
-        print(json.dumps(rows))
-    else:
-        shown(rows, given.stages)
+    shown(rows, given.stages, given.json)
 
 
 if __name__ == "__main__":

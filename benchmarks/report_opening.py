@@ -12,7 +12,6 @@ for the first time and that frame is over; ready_s: until the page says that all
 from __future__ import annotations
 
 import argparse
-import json
 import shutil
 import statistics
 import sys
@@ -98,10 +97,7 @@ def main() -> None:
                 sys.exit(found["failed"])
             reports = [output / "report.html"]
         rows = rows_of(reports, given.times)
-    if given.json:
-        print(json.dumps(rows))
-    else:
-        table(rows)
+    table(rows, given.json)
 
 
 if __name__ == "__main__":

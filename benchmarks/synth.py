@@ -13,7 +13,6 @@ largest resident set.
 from __future__ import annotations
 
 import argparse
-import json
 import shlex
 import shutil
 import sys
@@ -121,10 +120,7 @@ def main() -> None:
                 for photographs in given.photographs:
                     row = row_of(megapixels, photographs, options, source, Path(scratch))
                     rows.append({"source": name, **row})
-    if given.json:
-        print(json.dumps(rows))
-    else:
-        table(rows)
+    table(rows, given.json)
 
 
 if __name__ == "__main__":

@@ -196,7 +196,6 @@ def command(
         capture, kept = write_scene(
             solid, paint, options, output, overwrite=overwrite, progress=progress
         )
-    count = options.photographs if options.lighting == "moving-lamp" else 1
     if not quiet:
         print_findings(kept)
     if as_json:
@@ -204,11 +203,11 @@ def command(
             json.dumps(
                 {
                     "output": printable(str(output)),
-                    "photographs": count,
+                    "photographs": options.count,
                     "size": [capture.camera.width, capture.camera.height],
                     "pixels": int(capture.mask.sum()),
                 }
             )
         )
     elif not quiet:
-        click.echo(f"capture: {printable(str(output))}  ({count_photographs(count)})")
+        click.echo(f"capture: {printable(str(output))}  ({count_photographs(options.count)})")

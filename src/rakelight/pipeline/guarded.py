@@ -79,8 +79,7 @@ def guarded(
             break
         findings.append(odd_finding(prepared.names, oddity.either))
         prepared, estimate, prediction = rest, without, then
-    reason = None if prediction is None else reason_to_keep(prepared, estimate, prediction)
-    if prediction is not None and reason is not None:
+    if prediction is not None and (reason := reason_to_keep(prepared, estimate, prediction)):
         findings += [each for each in estimate.findings if each.severity == "warning"]
         estimate = kept(prepared, prediction.prepared_lights, reason)
     return prepared, replace(estimate, findings=(*findings, *estimate.findings))

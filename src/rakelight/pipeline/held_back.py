@@ -60,10 +60,10 @@ NO_BETTER = Finding(
 ONE_PLACE = Finding(
     "warning",
     "photographs-say-nothing",
-    "under lights that are found in nearly one place slopes are not told from paint: the depth is "
-    "kept",
-    "move the lamp around the object; where it was moved, the object is too flat to find it: state "
-    "where it was in [lights]",
+    "the lights found are in nearly one place, from which slopes and paint look alike: the depth "
+    "is kept",
+    "move the lamp around the object; if it was moved, the object is too flat to tell where it "
+    "was: state that in [lights], fixed",
 )
 
 

@@ -10,7 +10,7 @@ from rakelight.methods.base import Method
 from rakelight.model import Capture
 from rakelight.prepare import PreparedView, shrunk_view
 from rakelight.prepare.reduced import joined, shrunk_camera
-from rakelight.prepare.sensor import SensorGrid, depth_camera_of, sensor_shape
+from rakelight.prepare.sensor import depth_camera_of
 
 # Factors by which the resolution may be lowered for the whole object.
 SHRINKS = range(2, 33)
@@ -54,8 +54,7 @@ def coarse_view(capture: Capture, view: PreparedView, shrink: int) -> PreparedVi
     """
     total = shrink * view_shrink(capture, view)
     height, width = (side // total * total for side in capture.mask.shape)
-    depth_px = SensorGrid(sensor_shape(capture), capture.camera.shape).factor
-    join = ceil(total / depth_px * (1 - 1e-9))
+    join = ceil(shrink / view.grid.factor * (1 - 1e-9))  # depth pixels along a block
     cut = (height, width) != capture.mask.shape or any(n % join for n in capture.depth_m.shape[1:])
     own, pose = depth_camera_of(capture)
     if cut or capture.depth_camera is not None:

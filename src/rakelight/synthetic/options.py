@@ -77,6 +77,11 @@ class SceneOptions:
     depth_noise: DepthNoise = PERFECT
     seed: int = 0
 
+    @property
+    def count(self) -> int:
+        """How many photographs the scene has: one, but under a moving lamp."""
+        return self.photographs if self.lighting == "moving-lamp" else 1
+
     def __post_init__(self) -> None:
         for name, possible, needed in self._conditions():
             if not possible:

@@ -48,8 +48,7 @@ def render_scene(
     """
     options = options or SceneOptions()
     camera = options.camera or shape.camera
-    count = options.photographs if options.lighting == "moving-lamp" else 1
-    require_samples(camera, options, photographs=count)
+    require_samples(camera, options, photographs=options.count)
     maps = {name: np.empty((*camera.shape, *axes), np.float32) for name, axes in TRUE_MAPS.items()}
     truth = Truth(maps["depth"], maps["normals"], maps["albedo"])
 
