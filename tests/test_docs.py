@@ -25,6 +25,7 @@ from rakelight.capture.config import (
 from rakelight.cli.commands import COMMANDS
 from rakelight.cli.commands import rakelight as program
 from rakelight.errors import InputError, MachineError, RakelightError
+from rakelight.export.mesh_formats import MESH_FORMATS, mesh_file
 from rakelight.export.summary import Conventions, Summary
 from rakelight.methods import METHODS, load_method
 from rakelight.model import Camera, Capture, Lights, Result
@@ -374,7 +375,7 @@ def test_keys_of_result_json():
         assert listed == {field.name for field in msgspec.structs.fields(struct)}
 
 
-@pytest.mark.parametrize("mesh", ["ply", "glb"])
+@pytest.mark.parametrize("mesh", MESH_FORMATS)
 def test_files_of_the_result_folder(tmp_path, mesh):
     plane, facing = np.ones((4, 4), np.float32), np.zeros((4, 4, 3), np.float32)
     facing[..., 2] = -1
@@ -396,4 +397,5 @@ def test_files_of_the_result_folder(tmp_path, mesh):
         name for row in table(section, "file") for name in re.findall(r"`([\w.]+\.\w+)`", row[0])
     }
     written = {path.name for path in (tmp_path / "out").iterdir()}
-    assert written == listed - {"mesh.ply" if mesh == "glb" else "mesh.glb"}
+    others = set(MESH_FORMATS) - {mesh}
+    assert written == listed - {mesh_file(name) for name in others}

@@ -10,7 +10,8 @@ from typing import Any
 
 from rakelight.capture import has_truth, load_truth
 from rakelight.capture.readers import Wanted, find_reader
-from rakelight.export.summary import MeshFormat, program_version
+from rakelight.export.mesh_formats import DEFAULT_MESH
+from rakelight.export.summary import program_version
 from rakelight.methods import Method, choose_method, load_method
 from rakelight.model import Progress, ProgressCallback, Result, silent
 from rakelight.pictures.colors import NormalMap
@@ -34,7 +35,7 @@ class Recipe:
     options_for: Callable[[Method], Any] | None = None
     scale: Scale = "auto"
     photographs: tuple[int, ...] | None = None
-    mesh: MeshFormat = "ply"
+    mesh: str = DEFAULT_MESH
     normal_map: NormalMap = "opengl"
 
     def check(self) -> None:

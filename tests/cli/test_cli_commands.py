@@ -12,6 +12,7 @@ import pytest
 from rakelight.capture import load_capture, load_truth
 from rakelight.capture.images import decode_image, encode_png
 from rakelight.export import load_result
+from rakelight.export.mesh_formats import MESH_CHOICES
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods import METHODS
 from rakelight.metrics import evaluate_maps
@@ -95,7 +96,7 @@ def test_scale(run, capture, tmp_path, scale, shape):
     assert load_result(tmp_path / "out").depth.shape == shape
 
 
-@pytest.mark.parametrize("mesh", ["ply", "glb", "none"])
+@pytest.mark.parametrize("mesh", MESH_CHOICES)
 def test_mesh(run, capture, tmp_path, mesh):
     assert run("refine", capture, "-o", tmp_path / "out", "--mesh", mesh).code == 0
     meshes = [path.name for path in (tmp_path / "out").glob("mesh.*")]

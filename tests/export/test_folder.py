@@ -3,16 +3,20 @@
 import errno
 import json
 import os
+import re
 from dataclasses import replace
 from enum import Enum
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
 from rakelight.errors import InputError, MachineError, OutputExistsError
 from rakelight.export import load_result, read_summary, write_result
 from rakelight.export.lights import lights_json, parse_lights
+from rakelight.export.mesh_formats import MESH_FORMATS
+from rakelight.export.summary import Conventions
 from rakelight.model import Finding, Lights
 from rakelight.photometry.images import LightParameters
 from rakelight.report import save_result
@@ -47,12 +51,20 @@ def leftovers(parent, *expected):
     return {path.name for path in parent.iterdir()} - set(expected)
 
 
-@pytest.mark.parametrize(("mesh", "more"), [("ply", {"mesh.ply"}), ("glb", {"mesh.glb"})])
-def test_the_folder_holds_what_result_json_lists(sphere, tmp_path, mesh, more):
+@pytest.mark.parametrize("mesh", MESH_FORMATS)
+def test_the_folder_holds_what_result_json_lists(sphere, tmp_path, mesh):
+    more = {f"mesh.{mesh}"}
     write_result(sphere, tmp_path / "out", mesh=mesh)
     assert {path.name for path in (tmp_path / "out").iterdir()} == FILES | more
     assert set(strict_json(tmp_path / "out" / "result.json")["files"]) == FILES | more
     assert leftovers(tmp_path, "out") == set()
+
+
+def test_result_json_says_the_frame_of_every_mesh_format():
+    fields = {field.name for field in msgspec.structs.fields(Conventions)}
+    assert {name for name in fields if re.fullmatch(r"mesh_\w+_frame", name)} == {
+        f"mesh_{name}_frame" for name in MESH_FORMATS
+    }
 
 
 def test_result_save_is_save_result_with_a_report(sphere, tmp_path):
@@ -326,7 +338,7 @@ def test_a_result_without_any_finite_depth_is_refused(sphere, tmp_path):
 def test_a_result_of_single_pixels_has_no_mesh_and_says_so(sphere, tmp_path):
     alone = np.full_like(sphere.depth, np.nan)
     alone[20, 30] = alone[25, 35] = 0.6
-    for mesh in ("ply", "glb"):
+    for mesh in MESH_FORMATS:
         write_result(replace(sphere, depth=alone), tmp_path / mesh, mesh=mesh)
         assert content(tmp_path / mesh).keys() == FILES
         summary = strict_json(tmp_path / mesh / "result.json")

@@ -34,6 +34,7 @@ def command(output: Path, as_json: bool, quiet: bool, debug: bool) -> None:
     """
     from rakelight.capture import SYNTHETIC, load_capture, write_capture
     from rakelight.export import RESULT
+    from rakelight.export.mesh_formats import DEFAULT_MESH, mesh_file
     from rakelight.folders import require_free
     from rakelight.metrics import evaluate_depth, evaluate_maps
     from rakelight.pipeline import refine
@@ -60,5 +61,11 @@ def command(output: Path, as_json: bool, quiet: bool, debug: bool) -> None:
     elif not quiet:
         click.echo(score_table(before, after))
         click.echo(f"normals: {before.normals.mae_deg / after.normals.mae_deg:.1f} times better")
-        for name in ("preview.png", "depth.tiff", "normals.png", "mesh.ply", "report.html"):
+        for name in (
+            "preview.png",
+            "depth.tiff",
+            "normals.png",
+            mesh_file(DEFAULT_MESH),
+            "report.html",
+        ):
             click.echo(f"  {printable(str(result_folder / name))}")

@@ -24,8 +24,10 @@ from rakelight.cli.options import (
 from rakelight.cli.progress import shown_progress
 from rakelight.cli.view import view_command
 from rakelight.errors import printable
+from rakelight.export.mesh_formats import DEFAULT_MESH, MESH_CHOICES, MESH_FORMATS
 from rakelight.methods import METHODS
 from rakelight.model import Result
+from rakelight.pictures.colors import AXES
 
 if TYPE_CHECKING:
     from rakelight.recipe import Recipe
@@ -58,17 +60,19 @@ _RECIPE_OPTIONS = (
     ),
     click.option(
         "--normal-map",
-        type=click.Choice(["opengl", "directx"]),
+        type=click.Choice(list(AXES)),
         default="opengl",
         show_default=True,
         help="Axes of normals.png.",
     ),
     click.option(
         "--mesh",
-        type=click.Choice(["ply", "glb", "none"]),
-        default="ply",
+        type=click.Choice(MESH_CHOICES),
+        default=DEFAULT_MESH,
         show_default=True,
-        help="Format of the mesh; ply has the camera's axes, glb those of glTF (y up).",
+        help="Format of the mesh; "
+        + ", ".join(f"{name} has {each.axes}" for name, each in MESH_FORMATS.items())
+        + ".",
     ),
 )
 

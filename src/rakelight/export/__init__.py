@@ -20,14 +20,20 @@ from rakelight.export.confidence import confidence_png
 from rakelight.export.depth import choose_values_per_metre, depth_png, float32_tiff
 from rakelight.export.finite import only_finite
 from rakelight.export.lights import lights_json
-from rakelight.export.mesh import Surface, glb_parts, ply_parts
+from rakelight.export.mesh import Surface
+from rakelight.export.mesh_formats import (
+    DEFAULT_MESH,
+    MESH_CHOICES,
+    MESH_FORMATS,
+    NO_MESH,
+    mesh_file,
+)
 from rakelight.export.normals import normals_png, normals_tiff
 from rakelight.export.preview import preview_png
 from rakelight.export.reading import load_result, read_summary
 from rakelight.export.summary import (
     MARKER,
     Conventions,
-    MeshFormat,
     Summary,
     parse_summary,
     summarise,
@@ -36,7 +42,7 @@ from rakelight.export.summary import (
 from rakelight.files import in_threads, write_bytes, write_parts
 from rakelight.folders import Manifest, staged_folder
 from rakelight.model import Finding, Result
-from rakelight.pictures.colors import NormalMap
+from rakelight.pictures.colors import AXES, NormalMap
 
 __all__ = ["RESULT", "Summary", "load_result", "read_summary", "write_result"]
 
@@ -58,7 +64,7 @@ def write_result(
     folder: str | PathLike[str],
     *,
     overwrite: bool = False,
-    mesh: MeshFormat = "ply",
+    mesh: str = DEFAULT_MESH,
     normal_map: NormalMap = "opengl",
     extra_files: ExtraFiles | None = None,
 ) -> tuple[Finding, ...]:
@@ -69,7 +75,7 @@ def write_result(
     folder : where it is to appear; its parents are made
     overwrite : replace an older result folder there if it holds nothing but what its result.json
         lists; other folders and files are never replaced
-    mesh : format of the mesh file
+    mesh : format of the mesh file, such as "glb"; "none" for no mesh file
     normal_map : the axes of normals.png
     extra_files : more files for the folder, such as the report: name -> function that makes the
         content from the result as it is written
@@ -102,8 +108,8 @@ def write_result(
     ...     load_result(Path(scratch) / "out").method
     'none'
     """
-    _check_option("mesh", mesh, ("ply", "glb", "none"))
-    _check_option("normal_map", normal_map, ("opengl", "directx"))
+    _check_option("mesh", mesh, MESH_CHOICES)
+    _check_option("normal_map", normal_map, tuple(AXES))
     result = only_finite(result)
     with staged_folder(Path(folder), manifest=RESULT, overwrite=overwrite) as staging:
         _write(result, staging.path, mesh, normal_map, extra_files or {})
@@ -113,14 +119,14 @@ def write_result(
 def _write(
     result: Result,
     staging: Path,
-    mesh: MeshFormat,
+    mesh: str,
     normal_map: NormalMap,
     extra_files: ExtraFiles,
 ) -> None:
     """Write every file of a finite result into the staging folder; result.json last."""
-    surface = Surface.of(result) if mesh != "none" else None
+    surface = Surface.of(result) if mesh != NO_MESH else None
     if surface is not None and not surface.faces:
-        surface, result = None, replace(result, findings=(*result.findings, _NO_MESH))
+        surface, result = None, replace(result, findings=(*result.findings, _WITHOUT_MESH))
     values_per_metre = choose_values_per_metre(float(np.nanmax(result.depth)))
     contents: dict[str, Callable[[], bytes | Iterator[bytes]]] = {
         **{name: partial(content, result) for name, content in extra_files.items()},
@@ -138,8 +144,7 @@ def _write(
         if (sigma := getattr(result, name)) is not None:
             contents[f"{name}.tiff"] = partial(float32_tiff, sigma)
     if surface is not None:
-        parts = {"ply": ply_parts, "glb": glb_parts}[mesh]
-        contents[f"mesh.{mesh}"] = partial(parts, surface)
+        contents[mesh_file(mesh)] = partial(MESH_FORMATS[mesh].parts, surface)
 
     def write(name: str) -> None:
         data = contents[name]()
@@ -154,7 +159,7 @@ def _write(
     write_bytes(staging / MARKER, summary_json(summary))
 
 
-_NO_MESH = Finding(
+_WITHOUT_MESH = Finding(
     "warning", "no-mesh", "no mesh was written: no three neighbouring pixels form a surface"
 )
 

@@ -16,8 +16,6 @@ SCHEMA = "rakelight-result/1"
 MARKER = "result.json"
 """By which a result folder is known."""
 
-MeshFormat = Literal["ply", "glb", "none"]
-
 
 class Units(msgspec.Struct, frozen=True, kw_only=True):
     """Of the numbers in the result folder."""

@@ -8,7 +8,7 @@ from os import PathLike
 
 from rakelight.errors import check_is
 from rakelight.export import write_result
-from rakelight.export.summary import MeshFormat
+from rakelight.export.mesh_formats import DEFAULT_MESH
 from rakelight.model import Finding, Result, Truth
 from rakelight.pictures.colors import NormalMap
 from rakelight.report.page import report_html
@@ -21,7 +21,7 @@ def save_result(
     folder: str | PathLike[str],
     *,
     overwrite: bool = False,
-    mesh: MeshFormat = "ply",
+    mesh: str = DEFAULT_MESH,
     normal_map: NormalMap = "opengl",
     truth: Truth | None = None,
     extra_files: Mapping[str, bytes] | None = None,
@@ -33,7 +33,7 @@ def save_result(
     folder : where it is to appear; its parents are made
     overwrite : replace an older result folder there if it holds nothing but what its result.json
         lists; other folders and files are never replaced
-    mesh : format of the mesh file
+    mesh : format of the mesh file, such as "glb"; "none" for no mesh file
     normal_map : the axes of normals.png
     truth : of a synthetic capture, for the errors in report.html; left out where it has another
         size than the result
