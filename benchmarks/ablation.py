@@ -37,9 +37,10 @@ from typing import Any
 import numpy as np
 
 from rakelight import RakelightError, refine
+from rakelight.methods import load_method
 from rakelight.metrics import evaluate_maps
 from rakelight.synthetic import draw, render_draw
-from random_captures import LIGHTING, one_thread, seeds
+from random_captures import one_thread, seeds
 
 SOURCE = Path(__file__).parent.parent / "src" / "rakelight"
 MODULES = {
@@ -184,7 +185,7 @@ def refined(trial: Trial, method: str, folder: Path) -> dict[str, Any]:
 
 def render(seed: int, arguments: argparse.Namespace, folder: Path) -> None:
     """Render one draw of `random_captures.py`, at another size, to a file."""
-    lighting = LIGHTING.get(arguments.method, "moving-lamp")
+    lighting = load_method(arguments.method).lighting
     scans = sorted(arguments.scans.glob("*.npz"))
     drawn = draw(seed, arguments.size, scans, arguments.pictures, lighting=lighting)
     (folder / f"{seed:04d}.pickle").write_bytes(pickle.dumps(render_draw(drawn)))

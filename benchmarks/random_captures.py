@@ -57,8 +57,6 @@ WEIGHTS = tuple(np.geomspace(1e-3, 30, 7).tolist())
 WORSE = 1.02
 """A result is worse than the prepared depth where an error is this much larger."""
 TORN_M, TORN_SIGMAS = 0.003, 3.0
-LIGHTING = {"rgb-ratio": "rgb-leds", "fusion-like": "ambient", "rgbd-fusion": "ambient"}
-"""The captures that methods of one photograph are for."""
 
 Record = dict[str, Any]
 
@@ -399,7 +397,7 @@ def main() -> None:
     else:
         arguments.scans = sorted(arguments.scans.glob("*.npz"))
         arguments.pictures = [file for file in arguments.pictures if file.exists()]
-        lighting = {"lighting": LIGHTING.get(arguments.method, "moving-lamp")}
+        lighting = {"lighting": load_method(arguments.method).lighting}
         arguments.overrides = lighting | dict(arguments.set)
         arguments.with_oracle = arguments.seeds[: arguments.oracle]
         arguments.output.parent.mkdir(parents=True, exist_ok=True)

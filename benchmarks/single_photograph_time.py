@@ -11,12 +11,11 @@ from __future__ import annotations
 from dataclasses import replace
 from time import perf_counter, process_time
 
-from rakelight.methods import load_method
+from rakelight.methods import METHODS, load_method
 from rakelight.model import silent
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
-LIGHTING = {"rgbd-fusion": "ambient", "fusion-like": "ambient", "rgb-ratio": "rgb-leds"}
 NEARER = 2.0  # than needed to see the whole of the cloth: then nothing else is seen
 SHAPE = (480, 640)
 
@@ -26,16 +25,18 @@ def main() -> None:
     shape = make_shape("cloth")
     camera = shape.camera.scaled(SHAPE[0] / shape.camera.height)
     camera = replace(camera, fx=NEARER * camera.fx, fy=NEARER * camera.fy)
-    print("| paint | pixels |", " | ".join(LIGHTING), "|")
-    print("| --- | --- |" + " --- |" * len(LIGHTING))
+    methods = [load_method(name) for name in METHODS]
+    methods = [method for method in methods if method.lighting != "moving-lamp"]
+    print("| paint | pixels |", " | ".join(method.name for method in methods), "|")
+    print("| --- | --- |" + " --- |" * len(methods))
     for paint in ("simple", "pattern", "complicated"):
         cells = []
-        for name, lighting in LIGHTING.items():
+        for method in methods:
             options = SceneOptions(
-                camera=camera, lighting=lighting, depth_noise=DepthNoise(rms_mm=3.3)
+                camera=camera, lighting=method.lighting, depth_noise=DepthNoise(rms_mm=3.3)
             )
             prepared = prepare(render_scene(shape, make_albedo(paint), options)[0])
-            method, seconds = load_method(name), []
+            seconds = []
             for _ in range(4):
                 began = perf_counter(), process_time()
                 method.run(prepared, method.options(), silent)

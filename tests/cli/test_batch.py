@@ -13,6 +13,7 @@ import pytest
 
 from rakelight.capture import write_capture
 from rakelight.cli import main
+from rakelight.methods import METHODS
 from tests.cli.cli_helpers import contents, small_scene
 from tests.cli.cli_process import run_process, start
 
@@ -173,8 +174,7 @@ def refused_batch(refused, tmp_path):
     return refused_batch
 
 
-UNKNOWN = "method 'best' is unknown (needed one of multi-light, multi-light-alternating, "
-UNKNOWN += "rgb-ratio, fusion-like, rgbd-fusion, ldr-ps). Fix"
+UNKNOWN = f"method 'best' is unknown (needed one of {', '.join(METHODS)}). Fix"
 
 
 def test_calls_that_are_wrong(captures, refused_batch, tmp_path):

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from rakelight.cli import main
+from rakelight.methods import load_method
 from rakelight.paper.rows import ROWS
 from rakelight.paper.scenes import SCENARIOS, paper_object, paper_scene
 from rakelight.paper.table1 import Cell, table1
@@ -69,6 +70,11 @@ def test_the_papers_six_rows_come_first_with_its_numbers():
     assert {row.label: row.paper for row in ROWS[:6]} == PRINTED
     assert [row.label for row in ROWS[:6]] == list(PRINTED)
     assert all(row.paper is None for row in ROWS[6:])
+
+
+def test_every_method_sees_the_light_that_it_is_for():
+    methods = [row for row in ROWS if row.method]
+    assert all(row.lighting == load_method(row.method).lighting for row in methods)
 
 
 def test_one_object_and_one_depth_map_for_every_lamp_and_paint():

@@ -14,16 +14,13 @@ import sys
 from functools import cache
 from pathlib import Path
 
-from rakelight.methods import METHODS
+from rakelight.methods import METHODS, load_method
 from rakelight.metrics import evaluate_depth, evaluate_maps
 from rakelight.pipeline import refine
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
 FILE = Path(__file__).with_name("pins.json")
-
-# What a method needs to see; the others want a moving lamp.
-LIGHTING = {"rgb-ratio": "rgb-leds", "fusion-like": "ambient", "rgbd-fusion": "ambient"}
 
 # Different in object, paint, sensor and files, so that most of the package has a part in them.
 CAPTURES = {
@@ -65,7 +62,8 @@ def capture_for(name, lighting):
 
 def measure(method, name):
     """{"rmse_mm", "mae_deg"} of "input" or a method on a capture; of a method, "iterations" too."""
-    capture, truth = capture_for(name, LIGHTING.get(method, "moving-lamp"))
+    lighting = "moving-lamp" if method == "input" else load_method(method).lighting
+    capture, truth = capture_for(name, lighting)
     if method == "input":
         prepared = prepare(capture)
         depth = prepared.embed(prepared.depth_m, float("nan"))

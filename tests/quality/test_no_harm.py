@@ -5,7 +5,7 @@ import pytest
 
 from rakelight.methods import load_method
 from rakelight.model import silent
-from tests.quality.no_harm import LIGHTING, before_and_after, scene
+from tests.quality.no_harm import ONE_PHOTOGRAPH, before_and_after, scene
 from tests.scans import for_every_scan
 
 NO_HARM = 1.02
@@ -16,7 +16,7 @@ PARAMETERS += for_every_scan(lambda path: (path.stem, "natural 1", "white", 0.5)
 
 
 @pytest.mark.parametrize("case", PARAMETERS)
-@pytest.mark.parametrize("method", LIGHTING)
+@pytest.mark.parametrize("method", ONE_PHOTOGRAPH)
 def test_the_prepared_depth_is_not_made_worse(method, case):
     before, after = before_and_after(method, *case)
     assert (after <= NO_HARM * before).all(), (before, after)

@@ -11,7 +11,7 @@ import numpy as np
 
 from rakelight.errors import InputError, MethodError, listed, printable
 from rakelight.geometry.normals import squared_normal_derivative
-from rakelight.model import Camera, Finding, Floats, Lights, Mask, ProgressCallback
+from rakelight.model import Camera, Finding, Floats, Lighting, Lights, Mask, ProgressCallback
 from rakelight.prepare import Prepared
 
 # Standard deviation of a normal, degrees, at which the confidence is one half.
@@ -70,6 +70,8 @@ class Method:
 
     run : (Prepared, options, progress) -> Estimate
     options : a frozen dataclass, every field with a default
+    lighting : of the captures that it is for: many photographs under "moving-lamp", one under
+        "rgb-leds" or "ambient"
     starts_from_depth : whether it explains all photographs from the depth on, so that the pipeline
         looks for photographs that do not fit the others, and for a result that predicts them worse
         than the prepared depth does
@@ -85,6 +87,7 @@ class Method:
     name: str
     run: Callable[[Prepared, Any, ProgressCallback], Estimate]
     options: type[Any]
+    lighting: Lighting = "moving-lamp"
     starts_from_depth: bool = False
     corrects_pose: bool = False
     given_lights: Literal["use", "find", "ignore"] = "ignore"

@@ -304,4 +304,4 @@ def _median(values: Floats) -> float:
     return float(np.median(finite)) if finite.size else 0.0
 
 
-METHOD = Method("rgb-ratio", rgb_ratio, RgbRatio)
+METHOD = Method("rgb-ratio", rgb_ratio, RgbRatio, lighting="rgb-leds")

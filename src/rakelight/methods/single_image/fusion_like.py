@@ -191,4 +191,4 @@ def finished(
     )
 
 
-METHOD = Method("fusion-like", fusion_like, FusionLike)
+METHOD = Method("fusion-like", fusion_like, FusionLike, lighting="ambient")

@@ -83,4 +83,4 @@ def ambient(view: View, remaining: Floats, edges: EdgeWeights, options: RgbdFusi
     return piecewise_smooth(target, weight, edges, options.lambda_beta1, view.mask)
 
 
-METHOD = Method("rgbd-fusion", rgbd_fusion, RgbdFusion)
+METHOD = Method("rgbd-fusion", rgbd_fusion, RgbdFusion, lighting="ambient")
