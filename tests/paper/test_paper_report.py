@@ -18,9 +18,8 @@ from rakelight.paper.report import INPUT, JOINT, LDR_PS, PUBLISHED, SINGLE, clai
 from rakelight.paper.scenarios import Paint
 from rakelight.paper.scenes import SCENARIOS
 from rakelight.paper.sheet import SECONDS, Sheet
-from rakelight.paper.table1 import Cell
-from rakelight.paper.table2 import Runtime
-from rakelight.paper.write import table1_markdown, table2_markdown
+from rakelight.paper.table1 import Cell, table1_markdown
+from rakelight.paper.table2 import Runtime, table2_markdown
 
 ANGLES = {
     INPUT: (16.0, 16.0, 16.0),

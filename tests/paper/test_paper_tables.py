@@ -15,9 +15,9 @@ from rakelight.cli import main
 from rakelight.methods import load_method
 from rakelight.paper.rows import ROWS
 from rakelight.paper.scenes import SCENARIOS, paper_object, paper_scene
-from rakelight.paper.table1 import Cell, table1
-from rakelight.paper.table2 import table2
-from rakelight.paper.write import as_csv, as_json, table1_markdown, table2_markdown
+from rakelight.paper.table1 import Cell, table1, table1_markdown
+from rakelight.paper.table2 import table2, table2_markdown
+from rakelight.paper.write import as_csv, as_json
 
 KEYS = ("method", "scenario", "rmse_mm", "mae_deg", "paper_rmse_mm", "paper_mae_deg")
 PRINTED = {

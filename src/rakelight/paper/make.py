@@ -9,7 +9,9 @@ from rakelight.paper.plots import require_matplotlib
 from rakelight.paper.report import claims, page
 from rakelight.paper.runs import Runs
 from rakelight.paper.sheet import Sheet
-from rakelight.paper.write import as_json, table1_markdown, table2_markdown
+from rakelight.paper.table1 import table1_markdown
+from rakelight.paper.table2 import table2_markdown
+from rakelight.paper.write import as_json
 
 NAMES = ("table1", "table2", "scenarios", *(f"figure{number}" for number in range(1, 9)))
 ALL = "all"

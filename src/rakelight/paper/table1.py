@@ -11,6 +11,7 @@ from rakelight.model import Array, Progress, ProgressCallback, Truth, silent
 from rakelight.paper.rows import ROWS, Row
 from rakelight.paper.runs import Runs
 from rakelight.paper.scenes import SCENARIOS
+from rakelight.paper.write import Column, as_markdown
 from rakelight.pictures.clay import shaded
 from rakelight.pictures.montage import side_by_side
 from rakelight.pictures.shown import object_window
@@ -27,6 +28,13 @@ class Cell:
     mae_deg: float
     paper_rmse_mm: float | None
     paper_mae_deg: float | None
+
+
+COLUMNS = (
+    Column("RMSE, mm", lambda cell: cell.rmse_mm, lambda cell: cell.paper_rmse_mm),
+    Column("MAE, deg", lambda cell: cell.mae_deg, lambda cell: cell.paper_mae_deg),
+)
+"""What is printed of a cell; every field of it is in the JSON and CSV files."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +83,16 @@ def table1(
         for index, scenario in enumerate(SCENARIOS)
     )
     return Table1(cells, pictures)
+
+
+def table1_markdown(cells: Sequence[Cell]) -> str:
+    """Table 1 as the paper prints it, ours first and the paper's in brackets."""
+    scenarios = dict.fromkeys(cell.scenario for cell in cells)
+    lines: dict[str, list[str]] = {}
+    for cell in cells:
+        lines.setdefault(cell.method, []).extend(column.text(cell) for column in COLUMNS)
+    titles = [f"{scenario} {column.title}" for scenario in scenarios for column in COLUMNS]
+    return as_markdown(titles, lines)
 
 
 def _score(row: Row, scenario: str, runs: Runs) -> tuple[Evaluation, Array]:

@@ -10,6 +10,7 @@ from rakelight.methods import load_method
 from rakelight.model import Progress, ProgressCallback, silent
 from rakelight.paper.rows import ROWS, Row
 from rakelight.paper.scenes import paper_object, paper_scene
+from rakelight.paper.write import Column, as_markdown
 from rakelight.synthetic import Shape
 
 
@@ -21,6 +22,12 @@ class Runtime:
     seconds: float
     parameters: int
     paper_seconds: float | None
+
+
+COLUMNS = (
+    Column("seconds", lambda row: row.seconds, lambda row: row.paper_seconds),
+    Column("parameters", lambda row: row.parameters, format="d"),
+)
 
 
 def table2(
@@ -37,6 +44,12 @@ def table2(
         progress(Progress(row.label, step, len(methods)))
         timed.append(_time(row, size, bust))
     return tuple(timed)
+
+
+def table2_markdown(rows: Sequence[Runtime]) -> str:
+    """Table 2, ours first and the paper's in brackets."""
+    lines = {row.method: [column.text(row) for column in COLUMNS] for row in rows}
+    return as_markdown([column.title for column in COLUMNS], lines)
 
 
 def _time(row: Row, size: float, bust: Shape) -> Runtime:

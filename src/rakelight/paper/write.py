@@ -5,8 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Sequence
-from dataclasses import asdict, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 
@@ -25,35 +25,36 @@ def as_csv(rows: Sequence[Any]) -> str:
     return text.getvalue()
 
 
-def table1_markdown(cells: Sequence[Any]) -> str:
-    """Table 1 as the paper prints it, ours first and the paper's in brackets."""
-    scenarios = list(dict.fromkeys(cell.scenario for cell in cells))
-    head = [f"{s} RMSE, mm | {s} MAE, deg" for s in scenarios]
-    lines = [
-        "| method | " + " | ".join(head) + " |",
-        "| --- |" + " --- | --- |" * len(scenarios),
-    ]
-    for method in dict.fromkeys(cell.method for cell in cells):
-        entries = []
-        for cell in (cell for cell in cells if cell.method == method):
-            entries += [
-                _beside(cell.rmse_mm, cell.paper_rmse_mm),
-                _beside(cell.mae_deg, cell.paper_mae_deg),
-            ]
-        lines.append(f"| {method} | " + " | ".join(entries) + " |")
-    return "\n".join([*lines, "", "In brackets: the paper's own numbers.", ""])
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A number of every cell or row, as a table prints it: ours, and the paper's in brackets.
+
+    ours, paper : of a cell or row; the paper's is None where it has none
+    format : of both
+    """
+
+    title: str
+    ours: Callable[[Any], float]
+    paper: Callable[[Any], float | None] = lambda _: None
+    format: str = ".2f"
+
+    def text(self, row: Any) -> str:
+        """The entry of a cell or row."""
+        ours, paper = format(self.ours(row), self.format), self.paper(row)
+        return ours if paper is None else f"{ours} ({format(paper, self.format)})"
 
 
-def table2_markdown(rows: Sequence[Any]) -> str:
-    """Table 2, ours first and the paper's in brackets."""
-    lines = ["| method | seconds | parameters |", "| --- | --- | --- |"]
-    for row in rows:
-        lines.append(
-            f"| {row.method} | {_beside(row.seconds, row.paper_seconds)} | {row.parameters} |"
-        )
-    return "\n".join([*lines, "", "In brackets: the paper's own numbers.", ""])
+def as_markdown(titles: Sequence[str], lines: Mapping[str, Sequence[str]]) -> str:
+    """A table of methods: entries (name -> one per title), the paper's own in brackets.
 
-
-def _beside(ours: float, paper: float | None) -> str:
-    shown = f"{ours:.2f}"
-    return shown if paper is None else f"{shown} ({paper:.2f})"
+    >>> print(as_markdown(["seconds"], {"ours": ["1.00 (2.00)"]}))
+    | method | seconds |
+    | --- | --- |
+    | ours | 1.00 (2.00) |
+    <BLANKLINE>
+    In brackets: the paper's own numbers.
+    <BLANKLINE>
+    """
+    head = [f"| method | {' | '.join(titles)} |", "| --- |" + " --- |" * len(titles)]
+    body = [f"| {method} | {' | '.join(entries)} |" for method, entries in lines.items()]
+    return "\n".join([*head, *body, "", "In brackets: the paper's own numbers.", ""])
