@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter
 from rakelight.errors import InputError
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods.levels import first_photograph
-from rakelight.methods.rgb_ratio import RgbRatio, estimate_depth_weight, rgb_ratio
+from rakelight.methods.rgb_ratio import RgbRatio, depth_weight_from_change, rgb_ratio
 from rakelight.methods.rgb_ratio.ratios import Ratios
 from rakelight.metrics import evaluate_maps
 from rakelight.model import silent
@@ -127,7 +127,7 @@ def change(length_px, drift=0.0):
 
 def test_the_depth_weight_falls_with_the_errors_correlation_length():
     fine, middle, coarse = (
-        estimate_depth_weight(*change(length), 0.0) for length in (0.7, 2.0, 5.0)
+        depth_weight_from_change(*change(length), 0.0) for length in (0.7, 2.0, 5.0)
     )
     assert fine > 3 * middle > 9 * coarse
     assert fine > 0.3
@@ -135,8 +135,8 @@ def test_the_depth_weight_falls_with_the_errors_correlation_length():
 
 
 def test_a_drift_triples_the_depth_weight():
-    assert estimate_depth_weight(*change(2.0), 1.0) == 1.0
-    assert estimate_depth_weight(*change(2.0, drift=20.0), 1.0) == 3.0
+    assert depth_weight_from_change(*change(2.0), 1.0) == 1.0
+    assert depth_weight_from_change(*change(2.0, drift=20.0), 1.0) == 3.0
 
 
 def test_a_dark_channel_keeps_the_depth_and_is_told():

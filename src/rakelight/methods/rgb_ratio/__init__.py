@@ -235,7 +235,7 @@ def weighed_depth(
             return None
         log_depth = solution.value
     while (
-        estimated := min(estimate_depth_weight(level, log_depth, depth_weight), most)
+        estimated := min(depth_weight_from_change(level, log_depth, depth_weight), most)
     ) > LEAST_INCREASE * depth_weight:
         depth_weight = estimated
         solution, tensor = depth_step(level, equations, depth_weight, log_depth, True, laplacian)
@@ -276,7 +276,7 @@ def depth_step(
     return solve(system, start=log_depth, tolerance=1e-3), ratios
 
 
-def estimate_depth_weight(level: Level, log_depth: Floats, depth_weight: float) -> float:
+def depth_weight_from_change(level: Level, log_depth: Floats, depth_weight: float) -> float:
     """The weight of the sensor's depth, from the depth's change under `depth_weight`.
 
     Errors e of the sensor that are correlated over l pixels count l^2 times less than independent
