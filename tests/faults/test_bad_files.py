@@ -210,10 +210,11 @@ def test_wild_numbers_in_json(sound, changed, name, key, number):
     assert str(sound) in refusal(read, sound / folder)
 
 
-def test_a_confidence_of_nothing(sound, changed):
+@pytest.mark.parametrize("one", ["0", "256", "1" + "0" * 400])
+def test_a_confidence_of_nothing_or_beyond_eight_bits(sound, changed, one):
     text = (sound / "result" / "result.json").read_text()
-    nothing = text.replace('"confidence_one": 255', '"confidence_one": 0')
-    changed("result/result.json", nothing.encode())
+    wrong = text.replace('"confidence_one": 255', f'"confidence_one": {one}')
+    changed("result/result.json", wrong.encode())
     assert "confidence_one" in refusal(load_result, sound / "result")
 
 

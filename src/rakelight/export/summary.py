@@ -42,7 +42,7 @@ class Conventions(msgspec.Struct, frozen=True, kw_only=True):
     normal_map_outside: tuple[int, int, int] = (128, 128, 255)
     albedo_encoding: Literal["srgb"] = "srgb"
     albedo_white: float = 1.0
-    confidence_one: Annotated[int, msgspec.Meta(ge=1)] = 255
+    confidence_one: Annotated[int, msgspec.Meta(ge=1, le=255)] = 255
     camera_frame: str = "x right, y down, z forward"
     pixels: str = "(u, v) = (column, row), centres at integers from 0"
     depth: str = "along the optical axis; NaN = outside the object"
