@@ -12,9 +12,12 @@ import OpenEXR
 from rakelight.capture import load_capture
 from rakelight.capture.images import encode_jpeg
 from rakelight.capture.readers import kinect_mkv
+from rakelight.model import RigidTransform
 from tests.capture.photo_files import dng, exr, heic, mosaic_of, pfm
 from tests.capture.readers import test_known_lights as datasets
-from tests.capture.readers.kinect_files import Take, some_color, some_depth, write_mkv
+from tests.capture.readers.kinect_files import Take as KinectTake
+from tests.capture.readers.kinect_files import some_color, some_depth, write_mkv
+from tests.capture.readers.realsense_files import Take, write_bag
 from tests.capture.readers.test_photographs import fill
 from tests.faults.sound_recordings import read_all
 
@@ -25,11 +28,16 @@ _MAT_TEXT = 116
 def source_kinds(folder: Path) -> list[tuple[str, Path, Callable[[], object]]]:
     """(name, file to damage, what reads the source) of each, written below the new `folder`."""
     folder.mkdir()
-    kinect = Take(color=some_color(1), depth=some_depth(1), titles=("COLOR", "DEPTH"))
+    kinect = KinectTake(color=some_color(1), depth=some_depth(1), titles=("COLOR", "DEPTH"))
     path = write_mkv(folder / "kinect.mkv", kinect)
     kinds = [
         ("kinect.mkv", path, partial(read_all, lambda p: (kinect_mkv.recording(p), None), path))
     ]
+
+    path = folder / "realsense.bag"
+    beside = RigidTransform(np.eye(3), np.array([0.015, 0.0, 0.0]))
+    write_bag(path, Take(depth_to_color=beside))
+    kinds.append(("realsense.bag", path, partial(load_capture, path)))
 
     path = datasets.mat(folder / "set.mat")
     path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(_MAT_TEXT) + path.read_bytes()[_MAT_TEXT:])

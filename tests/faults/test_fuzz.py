@@ -2,11 +2,14 @@
 
 import sys
 import textwrap
+from contextlib import suppress
 
 import pytest
 
-from rakelight.errors import InputError, MachineError
+from rakelight.capture.readers import find_reader, readers
+from rakelight.errors import CaptureError, InputError, MachineError
 from tests.faults.fuzz import Cases, fuzz, tried
+from tests.faults.sound_files import make_kinds
 
 
 def test_every_damaged_file_is_read_or_refused():
@@ -16,6 +19,16 @@ def test_every_damaged_file_is_read_or_refused():
     kinds = {outcome.kind for outcome in ran}
     assert {outcome.kind for outcome in ran if outcome.what == "refused"} == kinds
     assert {outcome.kind for outcome in ran if outcome.what == "read"} == kinds
+
+
+def test_every_reader_has_a_sound_source_to_damage(tmp_path):
+    """The damaged file, or a folder above it, is a source that the reader recognises."""
+    found = set()
+    for kind in make_kinds(tmp_path / "files"):
+        for place in (kind.path, *kind.path.parents[:2]):
+            with suppress(CaptureError):
+                found.add(find_reader(place).name)
+    assert found == {reader.name for reader in readers()}
 
 
 def test_a_case_is_the_same_file_each_time(tmp_path):
