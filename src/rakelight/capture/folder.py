@@ -41,6 +41,7 @@ from rakelight.capture.listing import (
     check_photograph_kind,
     file_findings,
     list_images,
+    numbered,
     read_mask,
     read_photographs,
 )
@@ -344,6 +345,6 @@ def write_all_but_photographs(
 
 def _write_each(folder: Path, suffix: str, encode: Callable[[Array], bytes], images: Array) -> None:
     def write(index: int) -> None:
-        write_bytes(folder / f"{index:03d}{suffix}", encode(images[index]))
+        write_bytes(folder / numbered(index, suffix), encode(images[index]))
 
     in_threads(write, range(len(images)))

@@ -15,6 +15,7 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
+from rakelight.capture.listing import numbered
 from rakelight.errors import CaptureError, check_is, parsing, printable
 from rakelight.files import read_bytes
 from rakelight.model import Array, Floats, GivenLights
@@ -248,7 +249,7 @@ def lights_lines(lights: GivenLights) -> tuple[str, dict[str, str]]:
     else:
         lines.append(f'file = "{LIGHTS_FILE}"')
         vectors = in_frame(np.asarray(lights.directions), "opengl")
-        rows = (f"{i:03d}.png {row}" for i, row in enumerate(_table(vectors).splitlines()))
+        rows = (f"{numbered(i)} {row}" for i, row in enumerate(_table(vectors).splitlines()))
         files[LIGHTS_FILE] = "\n".join([str(len(lights)), *rows]) + "\n"
     if lights.intensities is not None:
         lines.append(f'intensities = "{INTENSITIES_FILE}"')

@@ -25,6 +25,15 @@ UNREAD = {
 }  # fmt: skip
 
 
+def numbered(index: int, suffix: str = ".png") -> str:
+    """The name of an image file in the capture folders that are written; index from 0.
+
+    >>> numbered(0), numbered(12, ".tiff")
+    ('000.png', '012.tiff')
+    """
+    return f"{index:03d}{suffix}"
+
+
 @dataclass(frozen=True)
 class Root:
     """The capture folder, and how messages name the files in it."""

@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from rakelight.capture.listing import numbered
 from rakelight.errors import InputError
 from rakelight.geometry.averaging import overlaps
 from rakelight.geometry.camera import back_project
@@ -345,7 +346,7 @@ def render_draw(drawn: Draw) -> tuple[Capture, Truth]:
         camera=camera,
         encoding=drawn.encoding,
         lighting=drawn.lighting,
-        names=tuple(f"{i:03d}.png" for i in range(len(light))),
+        names=tuple(map(numbered, range(len(light)))),
         source=f"draw {drawn.seed}",
     )
     truth = Truth(

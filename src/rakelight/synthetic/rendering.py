@@ -12,6 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from rakelight.capture.listing import numbered
 from rakelight.errors import InputError
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.grid import area_mean, row_strips
@@ -104,7 +105,7 @@ class Rendering:
             lighting=options.lighting,
             depth_camera=self.depth_camera,
             depth_to_color=options.depth_to_color,
-            names=tuple(f"{i:03d}.png" for i in range(len(photographs))),
+            names=tuple(map(numbered, range(len(photographs)))),
         )
 
     def photographs(

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from rakelight.capture.folder import SYNTHETIC, write_all_but_photographs
+from rakelight.capture.listing import numbered
 from rakelight.capture.rows import TiffFile, pack_png_rows, pack_tiff_rows, png_parts
 from rakelight.capture.truth import TRUE_MAPS, write_lights
 from rakelight.files import write_parts
@@ -113,7 +114,7 @@ def write_scene(
         strips = scene.photographs(pack_png_rows, progress)
         for i, packed in groupby(strips, key=itemgetter(0)):
             parts = png_parts(scene.camera.shape, scene.dtype, map(itemgetter(2), packed))
-            write_parts(rgb / f"{i:03d}.png", parts)
+            write_parts(rgb / numbered(i), parts)
     return capture, staging.findings
 
 
