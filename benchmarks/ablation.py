@@ -68,7 +68,7 @@ OFF: dict[str, Any] = {
     "levels.FILLED": 1e-9,
     "levels.SMALL_COMPONENT": 0,
     "outliers.LEAST_HIDDEN": 2.0,
-    "outliers.LEAST_EXPLAINED": 2.0,
+    "specular.LEAST_EXPLAINED": 2.0,
     "factored_start.SHADOW": 0.0,
     "factored_start.FREEDOM": 1e9,
     "held_back.LARGEST_RATIO": np.inf,

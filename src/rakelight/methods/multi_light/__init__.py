@@ -40,9 +40,10 @@ from rakelight.methods.multi_light.noise import (
 )
 from rakelight.methods.multi_light.normals import fine_normals
 from rakelight.methods.multi_light.options import MultiLight
-from rakelight.methods.multi_light.outliers import remove_outliers, trim_brightest
+from rakelight.methods.multi_light.outliers import remove_outliers
 from rakelight.methods.multi_light.steps import Descent, descend
 from rakelight.model import Finding, Floats, ProgressCallback
+from rakelight.photometry.specular import Highlights, trim_brightest
 from rakelight.prepare import Prepared
 
 # First depth weight, 1/variance relative to white noise's, times the result's pixels in a depth
@@ -76,8 +77,8 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     weight *= factor
     levels = [level.weighted(factor) for level in levels]
     # 2. Without the highlights and cast shadows that this fit predicts.
-    level, fit, specular = without_outliers(levels[-1], descent.fit)
-    if specular.any():
+    level, fit, highlights = without_outliers(levels[-1], descent.fit)
+    if highlights:
         fit = refit_without_brightest(levels[-1], fit, options, progress)
         level, fit, _ = without_outliers(levels[-1], fit)
     if fit is not descent.fit:
@@ -98,21 +99,21 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
         weight = estimate_depth_weight(descent.fit, prepared)
     # 5. Lights and depth until the energy has converged, with outliers predicted again and links
     # cut at jumps that the sensor blurred or its noise hid: they are steep by now.
-    level, fit, specular = without_outliers(levels[0], descent.fit)
+    level, fit, highlights = without_outliers(levels[0], descent.fit)
     level = level.weighted(weight / first_weight).cut(fit.log_depth)
     equal_intensity = estimate_equal_intensity_weight(level, fit.log_depth, prepared)
     fit = replace(fit, equal_intensity_weight=equal_intensity)
     last = descend(level, fit, options, progress, "refine, weighed", noisiest=1.0, thorough=True)
     descent = replace(last, steps=descent.steps + last.steps)
-    return finished(prepared, level, descent, weight, specular)
+    return finished(prepared, level, descent, weight, highlights)
 
 
-def without_outliers(level: Level, fit: Fit) -> tuple[Level, Fit, Floats]:
+def without_outliers(level: Level, fit: Fit) -> tuple[Level, Fit, Highlights]:
     """`remove_outliers` at a state, and the state on what is left, its robust scale reset."""
-    clear, specular = remove_outliers(level, fit.log_depth, fit.lights)
+    clear, highlights = remove_outliers(level, fit.log_depth, fit.lights)
     if clear is not level:
         fit = reset_scale(clear, fit)
-    return clear, fit, specular
+    return clear, fit, highlights
 
 
 def refit_without_brightest(
@@ -122,7 +123,7 @@ def refit_without_brightest(
 
     Where highlights bent the surface, it predicts them in the wrong place.
     """
-    trimmed = trim_brightest(level)
+    trimmed = replace(level, photographs=trim_brightest(level.photographs))
     found = descend(
         trimmed, reset_scale(trimmed, fit), options, progress, "try without the brightest"
     )
@@ -140,11 +141,11 @@ def stage(index: int) -> str:
 
 
 def finished(
-    prepared: Prepared, level: Level, descent: Descent, weight: float, specular: Floats
+    prepared: Prepared, level: Level, descent: Descent, weight: float, highlights: Highlights
 ) -> Estimate:
     """The estimate of the finest level, the albedo's 99th percentile set to 1.
 
-    weight : the depth weight; specular : (E,) coefficients of the highlights; both for the notes
+    weight, highlights : the depth weight and what was left out, for the notes
     """
     fit, active = descent.fit, level.photographs.active
     normals, linearization = fine_normals(level, fit)
@@ -152,8 +153,8 @@ def finished(
     gain = brightest(albedo[active])
     lights = fit.lights.brighter(gain).as_lights(level.middle_m)
     notes = [Finding("note", "depth-weight", f"depth weight {weight:.3g} times white noise's")]
-    if specular.any():
-        height = f"{specular.sum() / gain:.2f} of white paint's brightness"
+    if highlights:
+        height = f"{highlights.height / gain:.2f} of white paint's brightness"
         notes.append(Finding("note", "highlights", f"highlights up to {height}, left out"))
     held = fit.directions is not None
     moment = sensor_moment(level, fit.log_depth, scale_only=held)

@@ -35,7 +35,7 @@ from rakelight.methods.multi_light.confidence import (
 )
 from rakelight.methods.multi_light.energy import Fit, first_fit, update_scale
 from rakelight.methods.multi_light.normals import fine_normals
-from rakelight.methods.multi_light.outliers import Outliers, find_outliers
+from rakelight.methods.multi_light.outliers import LitSurface, Outliers, find_outliers
 from rakelight.methods.multi_light.steps import depth_step
 from rakelight.model import FARTHEST_M, Array, Floats, Lights, Mask
 from rakelight.photometry.images import LightParameters
@@ -138,7 +138,7 @@ def whole_of(prepared: Prepared, estimate: Estimate, shrink: int) -> Whole:
         stated=lights,
         lights=parameters,
         middle_m=level.middle_m,
-        outliers=find_outliers(level, log_depth, parameters),
+        outliers=find_outliers(LitSurface(level, log_depth, parameters)),
         bas_relief=nearest_fill(bas_relief, prepared.mask),
     )
 
@@ -223,12 +223,10 @@ def tile_level(prepared: Prepared, whole: Whole) -> tuple[Level, Floats]:
         # What no pixel of the lower resolution covers whole stays near its continuation.
         small_components=prepared.mask & ~covered,
     )
-    outliers = whole.outliers
-    if outliers.hidden is not None:
-        hidden = whole.part(np.moveaxis(outliers.hidden, 0, 2), *coarse)
-        hidden = np.moveaxis(in_blocks(hidden, shrink, prepared.mask.shape), 2, 0)
-        outliers = replace(outliers, hidden=hidden)
-    return outliers.removed(level, start, whole.lights), start
+    outliers = whole.outliers.carried(
+        lambda image: in_blocks(whole.part(image, *coarse), shrink, prepared.mask.shape)
+    )
+    return outliers.removed(LitSurface(level, start, whole.lights)), start
 
 
 def in_blocks(image: Array, shrink: int, shape: tuple[int, ...]) -> Array:
