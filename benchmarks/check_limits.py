@@ -22,8 +22,9 @@ import numpy as np
 from rakelight import evaluate, refine
 from rakelight.capture.arrays import checked_capture
 from rakelight.check import next_lights as design
-from rakelight.check.depth_quality import depth_quality
+from rakelight.check.depth_quality import depth_findings
 from rakelight.check.exposure import BRIGHT_PART
+from rakelight.check.measured import Measured
 from rakelight.errors import RakelightError
 from rakelight.model import Capture, Floats, Truth
 from rakelight.prepare.linear import srgb, to_linear
@@ -175,7 +176,7 @@ def doubted(capture: Capture, factor: float) -> bool:
     """Whether something is said of the unit where the depth is that many times too large."""
     try:
         scaled = replace(capture, depth_m=(capture.depth_m * factor).astype(np.float32))
-        _, findings = depth_quality(checked_capture(scaled))
+        findings = depth_findings(Measured(checked_capture(scaled)))
     except RakelightError:
         return True
     return any(each.code == "depth-unit" for each in findings)

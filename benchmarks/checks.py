@@ -26,22 +26,19 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from rakelight.check.camera_motion import camera_motion
-from rakelight.check.depth_checks import DEPTH_CHECKS
+from rakelight.check.findings import checks
+from rakelight.check.measured import Measured
 from rakelight.check.odd_photograph import odd_photographs
 from rakelight.errors import RakelightError
 from rakelight.methods import load_method
-from rakelight.model import Capture, Finding, silent
+from rakelight.model import Capture, silent
 from rakelight.pipeline.guarded import surface
 from rakelight.pipeline.held_back import LARGEST_RATIO, predict
 from rakelight.prepare import prepare
 from rakelight.synthetic import Draw, draw, render_draw
 
 Change = Callable[[Capture], Capture]
-CHECKS: dict[str, Callable[[Capture], tuple[Finding, ...]]] = {
-    "camera-moved": camera_motion,
-    **DEPTH_CHECKS,
-}
+CHECKS = {code: check for check, code in checks(in_refine=True).items()}
 MOVED_PX = (3.0, -2.0)
 SHIFTED, LEAST_SHIFTED_PX = 0.1, 3
 """Of the object's width, and in depth pixels at the least."""
@@ -106,7 +103,7 @@ WRONG: dict[str, tuple[str, Change]] = {
 def verdict(check: str, capture: Capture) -> str:
     """What a check says."""
     try:
-        return "warned" if CHECKS[check](capture) else "silent"
+        return "warned" if CHECKS[check](Measured(capture)) else "silent"
     except RakelightError:
         return "refused"
 

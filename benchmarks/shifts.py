@@ -16,6 +16,7 @@ import numpy as np
 from rakelight import load_capture
 from rakelight.check.camera_motion import camera_motion
 from rakelight.check.depth_shift import depth_shift
+from rakelight.check.measured import Measured
 from rakelight.errors import CaptureError
 from rakelight.model import Capture, Finding
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
@@ -62,7 +63,7 @@ def camera_moved(capture: Capture, first: int, last: int, right: float, down: fl
 def said(check: Any, capture: Capture) -> str:
     """What a person reads of the pixels, or -."""
     try:
-        found: tuple[Finding, ...] = check(capture)
+        found: tuple[Finding, ...] = check(Measured(capture))
     except CaptureError as error:
         return "refused: " + error.seen.removeprefix("shifted by about ")
     return found[0].message.rsplit("shifted by ", 1)[1] if found else "-"

@@ -22,6 +22,7 @@ from rakelight.capture.config import (
     TransformTable,
     parse_config,
 )
+from rakelight.check.findings import FINDINGS
 from rakelight.cli.commands import COMMANDS
 from rakelight.cli.commands import rakelight as program
 from rakelight.errors import InputError, MachineError, RakelightError
@@ -156,6 +157,12 @@ def test_the_python_of_the_readme_uses_names_that_exist():
             called.add(ast.unparse(node.func))
             assert set(options) <= set(rakelight.MultiLight.__dataclass_fields__)
     assert called == {"rakelight.MultiLight"}
+
+
+def test_the_page_about_check_lists_the_codes_of_the_findings():
+    rows = table(text_of("docs/reference/check.md"), "code")
+    listed = re.findall(r"`([a-z0-9-]+)`", " ".join(row[0] for row in rows))
+    assert sorted(listed) == sorted(code for row in FINDINGS for code in row.codes)
 
 
 @pytest.mark.parametrize("page", ["README.md", "docs/reference/python.md"])

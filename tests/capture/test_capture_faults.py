@@ -218,7 +218,7 @@ def test_invalid_depth_is_a_hole_and_counted(folder):
     expected = depth_m.copy()
     expected[5, 5:10] = np.nan
     np.testing.assert_array_equal(capture.depth_m[0], expected)
-    message = next(f.message for f in capture.findings if f.code == "depth-holes")
+    message = next(f.message for f in capture.findings if f.code == "depth-missing")
     assert message.endswith("(values: 1 zero, 2 negative, 2 not finite)")
 
 

@@ -76,7 +76,7 @@ def test_depth_camera_comes_back(tmp_path):
     again = load_capture(tmp_path / "c")
     assert again.depth_camera == capture.depth_camera
     assert again.depth_noise == capture.depth_noise
-    assert "depth-holes" not in codes(tmp_path / "c")  # what of it is the object is not known
+    assert "depth-missing" not in codes(tmp_path / "c")  # what of it is the object is not known
     assert same_bits(again.depth_to_color.rotation, transform.rotation)
     assert same_bits(again.depth_to_color.translation_m, transform.translation_m)
     nine = ", ".join(map(repr, transform.rotation.ravel().tolist()))

@@ -116,7 +116,7 @@ def test_one_map_or_several_and_what_is_no_measurement():
 def test_holes_on_the_object_are_counted_by_reason():
     depth = DEPTH.copy()
     depth[:, 5, 6:10] = 0, 0, -1, np.nan
-    (holes,) = [f for f in made(depth=depth).findings if f.code == "depth-holes"]
+    (holes,) = [f for f in made(depth=depth).findings if f.code == "depth-missing"]
     assert "4 zero, 2 negative, 2 not finite" in holes.message
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from rakelight.capture import load_capture
 from rakelight.check.camera_motion import camera_motion, detail, stood_still
+from rakelight.check.measured import Measured
 from tests.check.moved_captures import still_scene, with_photographs_moved
 
 MITTEN = Path(__file__).parents[3] / "shared" / "captures" / "mitten"
@@ -31,7 +32,7 @@ def still():
     ],
 )
 def test_lights_and_shadows_are_no_motion_of_the_camera(shape, albedo, changes):
-    assert camera_motion(still_scene(shape, albedo, **changes)) == ()
+    assert camera_motion(Measured(still_scene(shape, albedo, **changes))) == ()
 
 
 @pytest.mark.parametrize(("right", "down"), [(1.5, -1.0), (0.0, 2.0), (-9.0, 4.0)])
@@ -49,20 +50,20 @@ def test_whichever_photograph_moved_the_others_are_at_rest(still, which):
 
 
 def test_a_bump_moves_all_later_photographs(still):
-    (found,) = camera_motion(with_photographs_moved(still, [3, 4], 2.0, 0.0))
+    (found,) = camera_motion(Measured(with_photographs_moved(still, [3, 4], 2.0, 0.0)))
     assert (found.severity, found.code) == ("warning", "camera-moved")
     assert "003.png, 004.png shifted by 2." in found.message
     assert "2.0 right" in found.message or "1.9 right" in found.message
 
 
 def test_photographs_beside_each_other_by_less_than_they_tell_are_not_named(still):
-    assert camera_motion(with_photographs_moved(still, [1], 0.3, 0.0)) == ()
+    assert camera_motion(Measured(with_photographs_moved(still, [1], 0.3, 0.0))) == ()
 
 
 @pytest.mark.skipif(not MITTEN.exists(), reason="the real captures are not here")
 def test_the_mitten_stood_still_and_a_pixel_is_seen():
     mitten = load_capture(MITTEN)
-    assert camera_motion(mitten) == ()
+    assert camera_motion(Measured(mitten)) == ()
     shifts, moved = stood_still(with_photographs_moved(mitten, [7], 0.0, 1.5))
     assert np.flatnonzero(moved).tolist() == [7]
     np.testing.assert_allclose(shifts[7], (0, 1.5), atol=0.3)
@@ -100,5 +101,6 @@ def test_black_beside_texture_has_no_detail():
 
 
 def test_black_photographs_and_tiny_ones_say_nothing(still):
-    assert camera_motion(still_scene(size=0.05)) == ()
-    assert camera_motion(replace(still, photographs=np.zeros_like(still.photographs))) == ()
+    assert camera_motion(Measured(still_scene(size=0.05))) == ()
+    black = replace(still, photographs=np.zeros_like(still.photographs))
+    assert camera_motion(Measured(black)) == ()

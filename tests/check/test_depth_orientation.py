@@ -11,6 +11,7 @@ from rakelight.check.depth_orientation import (
     unexplained,
 )
 from rakelight.check.evidence import LIKELY, SURELY
+from rakelight.check.measured import Measured
 from rakelight.errors import CaptureError
 from tests.check.wrong_captures import SOLIDS, noise_alone, one_lamp, sound, with_turned_photographs
 
@@ -18,7 +19,7 @@ from tests.check.wrong_captures import SOLIDS, noise_alone, one_lamp, sound, wit
 @pytest.mark.parametrize("shape", SOLIDS)
 def test_a_sound_capture_lies_right(shape):
     capture, _ = sound(shape)
-    assert depth_orientation(capture) == ()
+    assert depth_orientation(Measured(capture)) == ()
     assert max(fit.evidence for fit in orientation_fits(capture)) < LIKELY
 
 
@@ -28,20 +29,20 @@ def test_turned_photographs_are_refused_with_the_turn_that_fits(shape):
     turned = replace(capture, photographs=np.ascontiguousarray(capture.photographs[:, ::-1, ::-1]))
     # The vase looks the same in a mirror: of what fits, the turn is named.
     with pytest.raises(CaptureError, match="turned by 180 degrees") as error:
-        depth_orientation(turned)
+        depth_orientation(Measured(turned))
     assert "give the depth" in error.value.remedy
 
 
 def test_the_mask_may_be_turned_with_the_photographs():
-    capture, _ = sound("head")
+    turned = with_turned_photographs(sound("head")[0], lambda image: image[::-1, ::-1])
     with pytest.raises(CaptureError, match="180 degrees"):
-        depth_orientation(with_turned_photographs(capture, lambda image: image[::-1, ::-1]))
+        depth_orientation(Measured(turned))
 
 
 def test_mirrored_photographs_are_refused():
     capture, _ = sound("head")
     with pytest.raises(CaptureError, match="left to right"):
-        depth_orientation(with_turned_photographs(capture, lambda image: image[:, ::-1]))
+        depth_orientation(Measured(with_turned_photographs(capture, lambda image: image[:, ::-1])))
 
 
 @pytest.mark.parametrize(
@@ -59,16 +60,17 @@ def test_a_quarter_turn_is_named_where_the_image_is_square(turn, words):
         depth_m=np.ascontiguousarray(capture.depth_m[:, *window]),
         camera=capture.camera.cropped(*window),
     )
-    assert depth_orientation(square) == ()
+    assert depth_orientation(Measured(square)) == ()
+    turned = with_turned_photographs(square, lambda image: np.rot90(image, -turn))
     with pytest.raises(CaptureError, match=words):
         # What turns the depth back is the turn that was given to the photographs.
-        depth_orientation(with_turned_photographs(square, lambda image: np.rot90(image, -turn)))
+        depth_orientation(Measured(turned))
 
 
 @pytest.mark.parametrize("change", [one_lamp, noise_alone])
 def test_photographs_without_information_say_nothing_of_it(change):
     capture, _ = sound("head")
-    assert depth_orientation(change(capture)) == ()
+    assert depth_orientation(Measured(change(capture))) == ()
 
 
 @pytest.mark.parametrize("count", [1, 2])

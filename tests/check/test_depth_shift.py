@@ -9,6 +9,7 @@ import pytest
 
 from rakelight.capture import load_capture
 from rakelight.check.depth_shift import depth_shift, displacement, seen_by_sensor
+from rakelight.check.measured import Measured
 from rakelight.errors import CaptureError
 from rakelight.model import RigidTransform
 from rakelight.synthetic import DepthNoise
@@ -35,7 +36,7 @@ def registered():
     ],
 )
 def test_registered_depth_is_not_doubted(shape, changes):
-    assert depth_shift(still_scene(shape, **changes)) == ()
+    assert depth_shift(Measured(still_scene(shape, **changes))) == ()
 
 
 @pytest.mark.parametrize(
@@ -47,7 +48,7 @@ def test_registered_depth_is_not_doubted(shape, changes):
     ],
 )
 def test_shifted_depth_is_told_with_the_photographs_pixels(registered, right, down, told):
-    (found,) = depth_shift(with_depth_moved(registered, right, down))
+    (found,) = depth_shift(Measured(with_depth_moved(registered, right, down)))
     assert (found.severity, found.code) == ("warning", "depth-shifted")
     assert found.message.endswith(f"shifted by about {told}")
     assert found.remedy.startswith("register = true in capture.toml")
@@ -55,7 +56,7 @@ def test_shifted_depth_is_told_with_the_photographs_pixels(registered, right, do
 
 def test_depth_of_another_place_is_refused(registered):
     with pytest.raises(CaptureError, match="20 right") as refused:
-        depth_shift(with_depth_moved(registered, 10, 0))
+        depth_shift(Measured(with_depth_moved(registered, 10, 0)))
     assert "not registered" in str(refused.value)
     assert "needed less than 10 pixels" in str(refused.value)
 
@@ -63,7 +64,7 @@ def test_depth_of_another_place_is_refused(registered):
 def test_registering_is_not_advised_where_it_was_done_or_cannot_be(registered):
     moved = with_depth_moved(registered, 3, 0)
     for capture in (replace(moved, register=True), moved.select([0])):
-        (found,) = depth_shift(capture)
+        (found,) = depth_shift(Measured(capture))
         assert found.remedy.startswith("give the depth camera's own")
 
 
@@ -72,11 +73,11 @@ def test_a_mask_drawn_too_wide_or_too_narrow_is_no_shift(registered, wider):
     ball = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (abs(wider), abs(wider)))
     change = cv2.dilate if wider > 0 else cv2.erode
     mask = change(registered.mask.astype(np.uint8), ball) > 0
-    assert depth_shift(replace(registered, mask=mask)) == ()
+    assert depth_shift(Measured(replace(registered, mask=mask))) == ()
 
 
 def test_a_depth_pixel_is_not_told(registered):
-    assert depth_shift(with_depth_moved(registered, 1, 0)) == ()
+    assert depth_shift(Measured(with_depth_moved(registered, 1, 0))) == ()
 
 
 def ending_early(capture, lost):
@@ -88,7 +89,7 @@ def ending_early(capture, lost):
 
 @pytest.mark.parametrize("lost", [2, 4, 6])
 def test_depth_that_ends_early_on_one_side_is_no_shift(lost):
-    assert depth_shift(ending_early(still_scene(depth_noise=DepthNoise()), lost)) == ()
+    assert depth_shift(Measured(ending_early(still_scene(depth_noise=DepthNoise()), lost))) == ()
 
 
 @pytest.mark.parametrize("name", ["mitten", "android", "monkey"])
@@ -97,22 +98,22 @@ def test_real_captures_are_not_doubted(name):
         pytest.skip("the real captures are not here")
     capture = load_capture(CAPTURES / name)
     capture = replace(capture, depth_m=capture.depth_m[:1])
-    assert depth_shift(capture) == ()
-    assert depth_shift(ending_early(capture, 4)) == ()
-    assert depth_shift(with_depth_moved(capture, 10, 0))[0].code == "depth-shifted"
+    assert depth_shift(Measured(capture)) == ()
+    assert depth_shift(Measured(ending_early(capture, 4))) == ()
+    assert depth_shift(Measured(with_depth_moved(capture, 10, 0)))[0].code == "depth-shifted"
 
 
 def test_an_object_on_a_table_at_its_depth_is_no_shift(registered):
     depth = registered.depth_m.copy()
     bottom = np.nonzero(registered.mask.any(axis=1))[0].max() // 2
     depth[:, bottom - 3 :] = np.nanmedian(depth)
-    assert depth_shift(replace(registered, depth_m=depth)) == ()
+    assert depth_shift(Measured(replace(registered, depth_m=depth))) == ()
 
 
 def test_a_mask_of_half_the_object_is_no_shift(registered):
     rows, columns = np.mgrid[:144, :192]
     for half in (rows < 72, columns > 96):
-        assert depth_shift(replace(registered, mask=registered.mask & half)) == ()
+        assert depth_shift(Measured(replace(registered, mask=registered.mask & half))) == ()
 
 
 def test_thin_objects_are_found_far_away():

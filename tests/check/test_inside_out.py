@@ -5,6 +5,7 @@ import pytest
 
 from rakelight.check.evidence import LIKELY, SURELY
 from rakelight.check.inside_out import inside_out, outline_of
+from rakelight.check.measured import Measured
 from rakelight.errors import CaptureError
 from tests.check.wrong_captures import SOLIDS, disparity, flat_depth, sound, with_background
 
@@ -12,17 +13,17 @@ from tests.check.wrong_captures import SOLIDS, disparity, flat_depth, sound, wit
 @pytest.mark.parametrize("shape", SOLIDS)
 def test_disparity_before_a_background_is_refused_and_depth_is_not(shape):
     capture = with_background(sound(shape)[0], 0.3)
-    assert inside_out(capture) == ()
+    assert inside_out(Measured(capture)) == ()
     with pytest.raises(CaptureError, match="inside out") as error:
-        inside_out(disparity(capture))
+        inside_out(Measured(disparity(capture)))
     assert "disparity" in error.value.remedy
 
 
 @pytest.mark.parametrize("shape", SOLIDS)
 def test_without_a_background_it_may_be_a_hollow(shape):
     capture, _ = sound(shape)
-    assert inside_out(capture) == ()
-    (finding,) = inside_out(disparity(capture))
+    assert inside_out(Measured(capture)) == ()
+    (finding,) = inside_out(Measured(disparity(capture)))
     assert (finding.severity, finding.code) == ("warning", "depth-inside-out")
     assert "hollow" in finding.message
     assert "disparity" in finding.remedy
@@ -36,13 +37,13 @@ def test_a_background_that_is_nearer_here_and_farther_there_decides_nothing():
     depth = np.where(np.isfinite(capture.depth_m), capture.depth_m, tilted).astype(np.float32)
     found = replace(capture, depth_m=depth)
     assert abs(outline_of(found).nearer) < LIKELY
-    (finding,) = inside_out(found)
+    (finding,) = inside_out(Measured(found))
     assert "hollow" in finding.message
 
 
 def test_a_hollow_before_a_background_is_sound():
     mould = disparity(sound("head")[0])
-    assert inside_out(with_background(mould, 0.4)) == ()
+    assert inside_out(Measured(with_background(mould, 0.4))) == ()
 
 
 def test_a_hollow_in_a_block_is_never_refused():
@@ -54,7 +55,7 @@ def test_a_hollow_in_a_block_is_never_refused():
     outline = outline_of(replace(mould, depth_m=block))
     assert outline.falls > SURELY
     assert outline.nearer > LIKELY
-    (finding,) = inside_out(replace(mould, depth_m=block))
+    (finding,) = inside_out(Measured(replace(mould, depth_m=block)))
     assert finding.severity == "warning"
 
 
@@ -62,19 +63,19 @@ def test_a_picture_in_a_frame_is_sound():
     flat = flat_depth(sound("head")[0])
     framed = with_background(flat, -0.05)
     assert outline_of(framed).nearer > SURELY
-    assert inside_out(framed) == ()
+    assert inside_out(Measured(framed)) == ()
 
 
 def test_low_relief_has_no_side():
-    assert inside_out(sound("coin")[0]) == ()
-    assert inside_out(disparity(sound("coin")[0])) == ()
+    assert inside_out(Measured(sound("coin")[0])) == ()
+    assert inside_out(Measured(disparity(sound("coin")[0]))) == ()
 
 
 def test_a_shallow_hollow_is_doubted_only():
     capture, _ = sound("head")
     middle_m = np.nanmedian(capture.depth_m)
     shallow = middle_m + 0.4 * (middle_m - capture.depth_m)
-    (finding,) = inside_out(replace(capture, depth_m=shallow.astype(np.float32)))
+    (finding,) = inside_out(Measured(replace(capture, depth_m=shallow.astype(np.float32))))
     assert finding.code == "depth-inside-out"
 
 

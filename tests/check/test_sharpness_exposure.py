@@ -1,8 +1,11 @@
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
 from rakelight.check.exposure import exposure, exposure_findings
+from rakelight.check.measured import Measured
 from rakelight.check.sharpness import blurred_ones, edge_width, edge_widths, sharpness_findings
 from tests.check.wrong_captures import sound, with_photograph
 
@@ -27,7 +30,9 @@ def test_soft_photographs_are_not_compared():
 
 
 def test_all_out_of_focus_is_said():
-    (found,) = sharpness_findings(("a", "b", "c"), np.array([5.0, 5.5, 4.8]))
+    capture = sound("vase")[0]
+    soft = np.stack([cv2.GaussianBlur(each, (0, 0), 6) for each in capture.photographs])
+    (found,) = sharpness_findings(Measured(replace(capture, photographs=soft)))
     assert (found.severity, found.code) == ("note", "out-of-focus")
 
 
@@ -41,9 +46,10 @@ def test_shares_of_a_capture():
     half = capture.photographs[2].copy()
     rows = np.nonzero(capture.mask)[0]
     half[: int(np.median(rows))] = 65535
-    found = exposure(with_photograph(capture, 2, lambda _: half))
+    measured = Measured(with_photograph(capture, 2, lambda _: half))
+    found = measured(exposure)
     assert found.saturated[2] == pytest.approx(0.5, abs=0.03)
     assert found.saturated[[0, 1, 3]].max() < 0.01
     assert np.flatnonzero(found.over).tolist() == [2]
     assert not found.under.any()
-    assert capture.names[2] in exposure_findings(capture.names, found)[0].message
+    assert capture.names[2] in exposure_findings(measured)[0].message

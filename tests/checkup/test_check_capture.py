@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from rakelight import check_capture, load_capture
+from rakelight import check_capture, load_capture, refine
 from rakelight.errors import CaptureError
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 from tests.check.moved_captures import still_scene, with_depth_moved, with_photographs_moved
@@ -147,6 +147,15 @@ def test_one_photograph_is_said_to_be_one(head):
     assert report.findings[0].code == "single-photograph"
     assert report.verdict == "usable"
     assert report.accuracy is None
+
+
+def test_the_methods_warnings_are_said_and_its_notes_are_not(head):
+    lit = still_scene("vase", lighting="rgb-leds").select([0])
+    limit = np.quantile(lit.photographs[0][lit.mask], 0.9)
+    bright = with_photograph(lit, 0, lambda light: np.where(light > limit, 65535, light))
+    assert "highlights" in {each.code for each in check_capture(bright).findings}
+    assert "depth-weight" in {each.code for each in refine(head).findings}
+    assert "depth-weight" not in {each.code for each in check_capture(head).findings}
 
 
 def test_shifted_depth():

@@ -122,7 +122,7 @@ def test_6_invalid_depth_is_a_hole_and_counted(capture, run, tmp_path):
     as_float_depth(capture, count_and_spoil)
     findings = refined(run, capture, tmp_path / "out")
     counts = f"(values: 1 zero, 2 negative, {already_nan + 2} not finite)"
-    assert findings["depth-holes"].endswith(counts)
+    assert findings["depth-missing"].endswith(counts)
     result = load_result(tmp_path / "out")
     assert np.isfinite(result.depth[16:18, 18:28]).all()
     assert abs(np.nanmedian(result.depth) - 0.74) < 0.02

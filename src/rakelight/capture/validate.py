@@ -471,7 +471,7 @@ def check_depth(
         findings.append(
             Finding(
                 "note",
-                "depth-holes",
+                "depth-missing",
                 f"{1 - share:.1%} of the object is without depth (values: {reasons})",
             )
         )

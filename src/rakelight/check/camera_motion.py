@@ -8,6 +8,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from rakelight.check.measured import Measured
 from rakelight.errors import listed
 from rakelight.geometry.grid import bounding_window
 from rakelight.model import Array, Capture, Finding, Floats
@@ -29,22 +30,17 @@ FALSE_ALARM = 0.01
 RAYLEIGH_MEDIAN = float(np.sqrt(2 * np.log(2)))
 
 
-def camera_motion(capture: Capture) -> tuple[Finding, ...]:
+def camera_motion(measured: Measured) -> tuple[Finding, ...]:
     """A warning where photographs are shifted against the others, with the pixels and their names.
 
     None unless most photographs have a shift: without texture a surface shows shading alone.
     """
-    return motion_finding(capture, *stood_still(capture))
-
-
-def motion_finding(capture: Capture, shifts: Floats, moved: Array) -> tuple[Finding, ...]:
-    """The warning about photographs that moved, from what `stood_still` says of the capture."""
+    shifts, moved = measured(stood_still)
     if not moved.any():
         return ()
-    names = capture.names or tuple(f"photograph {i}" for i in range(len(moved)))
     farthest = shifts[np.argmax(np.where(moved, np.hypot(*shifts.T), 0))]
     message = (
-        f"the camera moved between the photographs: {listed(names, moved)} "
+        f"the camera moved between the photographs: {listed(measured.names, moved)} "
         f"shifted by {in_words(farthest, 1)} at most"
     )
     remedy = "fix the camera and take these again, or leave them out"

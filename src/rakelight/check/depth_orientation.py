@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rakelight.check.evidence import LIKELY, SURELY, log_likelihood_ratio
+from rakelight.check.measured import Measured
 from rakelight.check.shading import RelativeShading, relative_shading
 from rakelight.errors import CaptureError
 from rakelight.geometry.blur import blurred
@@ -68,11 +69,12 @@ class Fit:
         return float(np.log(max(1 - self.as_it_is, 1e-9) / max(1 - self.turned, 1e-9)))
 
 
-def depth_orientation(capture: Capture) -> tuple[Finding, ...]:
+def depth_orientation(measured: Measured) -> tuple[Finding, ...]:
     """A warning where the depth seems turned or mirrored against the photographs.
 
     Raises CaptureError, which names the turn that fits, where that is beyond doubt.
     """
+    capture = measured.capture
     fits = orientation_fits(capture)
     most = max((fit.advantage for fit in fits), default=-np.inf)
     best = next((fit for fit in fits if fit.advantage > most - ALIKE), None)

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from rakelight.check.camera_motion import in_words
+from rakelight.check.measured import Measured
 from rakelight.errors import CaptureError
 from rakelight.model import Capture, Finding, Floats, Mask
 from rakelight.prepare.sensor import SensorGrid, sensed
@@ -69,11 +70,12 @@ class Displacement:
         return self.length >= least and self.explained >= EXPLAINED
 
 
-def depth_shift(capture: Capture) -> tuple[Finding, ...]:
+def depth_shift(measured: Measured) -> tuple[Finding, ...]:
     """A warning where the depth map is shifted against the photographs, with the pixels.
 
     Raises CaptureError where that is beyond doubt and more than a tenth of the object's width.
     """
+    capture = measured.capture
     seen, factor = seen_by_sensor(capture)
     size = seen.shape[::-1]
     share = cv2.resize(capture.mask.astype(np.float32), size, interpolation=cv2.INTER_AREA)

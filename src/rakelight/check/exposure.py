@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rakelight.capture.validate import exposure_shares
+from rakelight.check.measured import Measured
 from rakelight.errors import listed
 from rakelight.model import Capture, Finding, Floats, Mask
 from rakelight.prepare.linear import to_linear
@@ -59,14 +60,9 @@ def exposure(capture: Capture) -> Exposure:
     return Exposure(np.array(saturated), np.array(black), np.quantile(light, BRIGHT_PART, axis=1))
 
 
-def exposure_findings(names: tuple[str, ...], found: Exposure) -> tuple[Finding, ...]:
-    """Warnings about over- and under-exposed photographs.
-
-    >>> found = Exposure(np.array([0.5, 0.0]), np.zeros(2), np.array([1.0, 0.5]))
-    >>> [finding.code for finding in exposure_findings(("a.png", "b.png"), found)]
-    ['overexposed']
-    """
-    findings = []
+def exposure_findings(measured: Measured) -> tuple[Finding, ...]:
+    """Warnings about over- and under-exposed photographs."""
+    found, findings = measured(exposure), []
     for code, which, shares, word, remedy in (
         ("overexposed", found.over, found.saturated, "saturated",
          "expose shorter, or hold the lamp farther away, and take these again"),
@@ -79,6 +75,6 @@ def exposure_findings(names: tuple[str, ...], found: Exposure) -> tuple[Finding,
             how = f"up to {shares[which].max():.0%} of the object {word}"
         else:
             how = f"the object's brighter part at {shares[which].min():.1%} of white"
-        message = f"{code.replace('exposed', '-exposed')}: {listed(names, which)}, {how}"
+        message = f"{code.replace('exposed', '-exposed')}: {listed(measured.names, which)}, {how}"
         findings.append(Finding("warning", code, message, remedy))
     return tuple(findings)

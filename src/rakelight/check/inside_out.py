@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rakelight.check.evidence import LIKELY, PRIOR, SURELY, log_likelihood_ratio
+from rakelight.check.measured import Measured
 from rakelight.errors import CaptureError
 from rakelight.geometry.blur import blurred
 from rakelight.model import Array, Capture, Finding, Floats, Mask
@@ -81,11 +82,12 @@ class Outline:
         return log_likelihood_ratio(np.minimum(self.slope, 0) - self.behind)
 
 
-def inside_out(capture: Capture) -> tuple[Finding, ...]:
+def inside_out(measured: Measured) -> tuple[Finding, ...]:
     """A warning where the depth may be inside out.
 
     Raises CaptureError where the outline and what lies beyond say so beyond doubt.
     """
+    capture = measured.capture
     outline = outline_of(capture)
     if outline is None or outline.falls < LIKELY:
         return ()

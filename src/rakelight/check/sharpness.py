@@ -14,6 +14,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from rakelight.check.measured import Measured
 from rakelight.errors import listed
 from rakelight.geometry.grid import bounding_window
 from rakelight.model import Array, Capture, Finding, Floats, Mask
@@ -103,21 +104,21 @@ def blurred_ones(widths: Floats) -> Mask:
     return np.nan_to_num(widths) > max(TIMES * typical, typical + WIDER_PX)
 
 
-def sharpness_findings(names: tuple[str, ...], widths: Floats) -> tuple[Finding, ...]:
-    """Warnings about photographs that are blurred beside the others, or all out of focus."""
+def sharpness_findings(measured: Measured) -> tuple[Finding, ...]:
+    """A warning about photographs blurred beside the others; a note where all are out of focus."""
+    widths = measured(edge_widths)
     which = blurred_ones(widths)
+    typical = float(np.nanmedian(widths)) if np.isfinite(widths).any() else 0.0
     findings = []
     if which.any():
-        typical = float(np.nanmedian(widths))
         message = (
-            f"blurred: {listed(names, which)}, edges up to {widths[which].max():.1f} pixels wide "
-            f"where the others' are {typical:.1f}"
+            f"blurred: {listed(measured.names, which)}, edges up to {widths[which].max():.1f} "
+            f"pixels wide where the others' are {typical:.1f}"
         )
         remedy = "take these again with the camera fixed and the focus locked"
         findings.append(Finding("warning", "blurred", message, remedy))
-    measured = widths[np.isfinite(widths)]
-    if measured.size and float(np.median(measured)) > OUT_OF_FOCUS_PX:
-        message = f"out of focus: edges are {float(np.median(measured)):.1f} pixels wide"
+    if typical > OUT_OF_FOCUS_PX:
+        message = f"out of focus: edges are {typical:.1f} pixels wide"
         remedy = "focus on the object and lock the focus, or use the photographs at half the size"
         findings.append(Finding("note", "out-of-focus", message, remedy))
     return tuple(findings)

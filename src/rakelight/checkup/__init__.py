@@ -6,32 +6,26 @@ which tells the lights, the photographs that do not fit, and what accuracy to ex
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
 
 from rakelight.capture.arrays import checked_capture
-from rakelight.check.camera_motion import motion_finding, stood_still
-from rakelight.check.depth_checks import DEPTH_CHECKS
-from rakelight.check.depth_quality import DepthQuality, depth_quality
-from rakelight.check.exposure import Exposure, exposure, exposure_findings
-from rakelight.check.next_lights import light_findings, next_lights, sphere_normals
-from rakelight.check.sharpness import blurred_ones, edge_widths, sharpness_findings
-from rakelight.checkup.quick import Quick, quickly_refined, some_maps
+from rakelight.check.camera_motion import stood_still
+from rakelight.check.depth_quality import depth_quality
+from rakelight.check.exposure import exposure
+from rakelight.check.findings import checks, ordered
+from rakelight.check.measured import Measured
+from rakelight.check.sharpness import blurred_ones, edge_widths
+from rakelight.checkup.quick import Quick, any_lights, quickly_refined
 from rakelight.checkup.report import CheckReport, PhotographCheck
-from rakelight.checkup.verdict import judged, ordered, refused_finding
+from rakelight.checkup.verdict import judged, refused_finding
 from rakelight.errors import CaptureError, InputError
 from rakelight.methods import choose_method
-from rakelight.model import Array, Capture, Finding, Floats
+from rakelight.model import Capture, Finding
 from rakelight.prepare.undistort import undistorted
-
-# From so many photographs on another one changes little; with fewer the check advises more.
-ENOUGH = 8
-# The reader's findings that are said in other words here.
-REPLACED = ("saturated", "black")
 
 
 def check_capture(capture: Capture) -> CheckReport:
@@ -52,75 +46,42 @@ def check_capture(capture: Capture) -> CheckReport:
     began = perf_counter()
     capture = undistorted(checked_capture(capture))
     capture = replace(capture, names=_names(capture))
+    measured = Measured(capture)
     # The checks run no kernel of ours, so they may run beside the method, which does.
     with ThreadPoolExecutor(1) as beside:
-        checks = beside.submit(_checked, capture)
+        checked = beside.submit(_checked, measured)
         quick = quickly_refined(capture)
-        found = checks.result()
-    findings = [each for each in capture.findings if each.code not in REPLACED]
-    findings += [*found.findings, *_exposed(capture, found.exposed)]
-    refusal: InputError | None = found.refusal
-    coming = next_lights(np.zeros((0, 3)), sphere_normals())
+        found, refusal = checked.result()
     if refusal is None:
-        refusal = quick.refusal
-        findings += [*quick.findings, *_few(len(capture.photographs), refusal)]
-        if quick.lights:
-            vectors = np.array(list(quick.lights.values()))
-            coming = next_lights(vectors, quick.normals)
-            if len(vectors) > 2:
-                findings += light_findings(_unit(vectors), coming)
-    in_order = ordered(findings)
-    verdict, headline, why = judged(in_order, refusal)
+        refusal, found = quick.refusal, (*found, *quick.findings)
+    findings = ordered((*capture.findings, *found))
+    verdict, headline, why = judged(findings, refusal)
     return CheckReport(
         verdict=verdict,
         headline=headline,
-        findings=in_order,
-        photographs=_photographs(capture, found, quick),
+        findings=findings,
+        photographs=_photographs(measured, quick),
         method=choose_method(capture),
-        depth=found.depth,
+        depth=measured(depth_quality)[0],
         accuracy=None if refusal is not None else quick.accuracy,
-        next_lights=coming,
+        next_lights=quick.next_lights if refusal is None else any_lights(),
         refusal=why,
         source=capture.source,
         timings_s={"check": perf_counter() - began},
     )
 
 
-@dataclass(frozen=True)
-class _Checked:
-    """What the checks say of a capture, without refining it."""
-
-    exposed: Exposure
-    edge_px: Floats
-    shift_px: Floats
-    moved: Array
-    depth: DepthQuality | None
-    findings: tuple[Finding, ...]
-    refusal: CaptureError | None
-
-
-def _checked(capture: Capture) -> _Checked:
-    exposed, edge_px = exposure(capture), edge_widths(capture)
-    shift_px, moved = stood_still(capture)
-    findings = [*motion_finding(capture, shift_px, moved)]
-    findings += sharpness_findings(capture.names, edge_px)
-    refusal, depth = None, None
-
-    def quality(capture: Capture) -> tuple[Finding, ...]:
-        nonlocal depth
-        depth, said = depth_quality(some_maps(capture))
-        return said
-
-    checks: dict[str, Callable[[Capture], tuple[Finding, ...]]] = {
-        **DEPTH_CHECKS, "no-depth": quality,
-    }  # fmt: skip
-    for code, check in checks.items():
+def _checked(measured: Measured) -> tuple[tuple[Finding, ...], InputError | None]:
+    """What the checks say of a capture, and why it cannot be refined, if they say so."""
+    findings: list[Finding] = []
+    refusal = None
+    for check, code in checks().items():
         try:
-            findings += check(capture)
+            findings += check(measured)
         except CaptureError as error:
             findings.append(refused_finding(code, error))
             refusal = refusal or error
-    return _Checked(exposed, edge_px, shift_px, moved, depth, tuple(findings), refusal)
+    return tuple(findings), refusal
 
 
 def _names(capture: Capture) -> tuple[str, ...]:
@@ -130,37 +91,15 @@ def _names(capture: Capture) -> tuple[str, ...]:
     return tuple(f"photograph {i}" for i in range(len(capture.photographs)))
 
 
-def _exposed(capture: Capture, exposed: Exposure) -> tuple[Finding, ...]:
-    """Warnings about exposure; the reader's notes about it where there is nothing to warn of."""
-    found = exposure_findings(capture.names, exposed)
-    return found or tuple(each for each in capture.findings if each.code in REPLACED)
-
-
-def _few(count: int, refusal: InputError | None) -> tuple[Finding, ...]:
-    """What to say of few photographs.
-
-    >>> [finding.code for finding in _few(4, None) + _few(12, None)]
-    ['few-photographs']
-    """
-    remedy = "take 12 or more, with the lamp all around the object, the camera fixed"
-    if refusal is not None or count >= ENOUGH or count == 1:  # of one the method warns
-        return ()
-    message = f"{count} photographs: more would average out noise and shadows"
-    return (Finding("note", "few-photographs", message, remedy),)
-
-
-def _unit(vectors: Floats) -> Floats:
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.asarray(vectors / np.maximum(length, np.finfo(float).tiny))
-
-
-def _photographs(capture: Capture, found: _Checked, quick: Quick) -> tuple[PhotographCheck, ...]:
-    exposed, blurred = found.exposed, blurred_ones(found.edge_px)
+def _photographs(measured: Measured, quick: Quick) -> tuple[PhotographCheck, ...]:
+    exposed, edge_px = measured(exposure), measured(edge_widths)
+    shift_px, moved = measured(stood_still)
+    blurred = blurred_ones(edge_px)
     rows = []
-    for i, name in enumerate(capture.names):
-        shift = found.shift_px[i]
+    for i, name in enumerate(measured.names):
+        shift = shift_px[i]
         marks = []
-        if found.moved[i]:
+        if moved[i]:
             marks.append(f"moved by {np.hypot(*shift):.1f} px")
         if exposed.over[i]:
             marks.append("over-exposed")
@@ -170,16 +109,15 @@ def _photographs(capture: Capture, found: _Checked, quick: Quick) -> tuple[Photo
             marks.append("blurred")
         if name in quick.odd:
             marks.append("does not fit the others")
-        light = quick.lights.get(name)
         rows.append(
             PhotographCheck(
                 name=name,
                 saturated=float(exposed.saturated[i]),
                 black=float(exposed.black[i]),
                 brightness=float(exposed.brightness[i]),
-                edge_px=float(found.edge_px[i]) if np.isfinite(found.edge_px[i]) else None,
+                edge_px=float(edge_px[i]) if np.isfinite(edge_px[i]) else None,
                 shift_px=(float(shift[0]), float(shift[1])) if np.isfinite(shift).all() else None,
-                light=None if light is None else _unit(light),
+                light=quick.lights.get(name),
                 marks=tuple(marks),
             )
         )

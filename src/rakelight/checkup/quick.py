@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from rakelight.check.depth_quality import some_maps
+from rakelight.check.next_lights import NextLight, light_findings, next_lights, sphere_normals
 from rakelight.checkup.report import Accuracy
 from rakelight.checkup.verdict import refused_finding
 from rakelight.errors import InputError, MethodError
@@ -23,8 +25,6 @@ from rakelight.prepare.reduced import reduced
 # Most pixels of the object, about.  The mitten's expected depth error is 0.49 mm at 9,100 pixels,
 # 0.32 at 37,000, 0.38 at all 149,000; uw-owl takes 1.9 s at 2,800 pixels and 2.6 s at 11,600.
 MOST_PIXELS = 12_000
-# Most depth maps that are looked at: their noise is right to a fifth.
-MOST_MAPS = 6
 # multi-light, ended early: of the mitten it takes 0.8 s instead of 1.9 at the same pixels, and its
 # expected errors, 0.48 mm and 12.6 degrees, are then 30 and 8 % larger.
 BRIEF = MultiLight(coarse_pixels=1000, tolerance=0.05, max_iterations=4)
@@ -33,32 +33,31 @@ BRIEF = MultiLight(coarse_pixels=1000, tolerance=0.05, max_iterations=4)
 # before, 17 of 20 errors of each lie within (benchmarks/check_accuracy.py --seeds 22:42).  The rest
 # is up to 28 times (depth, at jumps) and 2.6 times (normals) beyond it.
 DEPTH_RANGE, NORMALS_RANGE = (0.4, 4.2), (0.15, 1.8)
-# Findings of the method that are about the quick look alone, or of no use before refining.
-LEFT_AWAY = ("depth-weight", "highlights", "first-photograph")
+# From so many photographs on another one changes little; with fewer the check advises more.
+ENOUGH = 8
+
+
+def any_lights() -> tuple[NextLight, ...]:
+    """The best directions for photographs of a surface that is not known."""
+    return next_lights(np.zeros((0, 3)), sphere_normals())
 
 
 @dataclass(frozen=True)
 class Quick:
     """What a quick refinement tells.
 
-    lights : photograph's name -> (3,) its light vector, camera frame, mean over the channels
+    lights : photograph's name -> (3,) unit vector towards its lamp, camera frame
     odd : names of the photographs that were left out, as the others do not explain them
-    normals : (P, 3) of the surface
+    next_lights : the best directions for further photographs
     refusal : why the method does not take the capture
     """
 
     findings: tuple[Finding, ...] = ()
     lights: Mapping[str, Floats] = field(default_factory=dict)
     odd: tuple[str, ...] = ()
-    normals: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    next_lights: tuple[NextLight, ...] = field(default_factory=any_lights)
     accuracy: Accuracy | None = None
     refusal: InputError | None = None
-
-
-def some_maps(capture: Capture) -> Capture:
-    """The capture with at most `MOST_MAPS` of its depth maps, evenly chosen."""
-    every = -(-len(capture.depth_m) // MOST_MAPS)
-    return replace(capture, depth_m=capture.depth_m[::every])
 
 
 def quickly_refined(capture: Capture) -> Quick:
@@ -74,19 +73,39 @@ def quickly_refined(capture: Capture) -> Quick:
         return Quick((refused_finding(code, error),), refusal=error)
     _, normals = surface(used, estimate)
     seen = used.mask & np.isfinite(normals).all(axis=-1)
-    vectors = estimate.lights.vector.mean(axis=1)
     lights = {
         name: vector
-        for name, vector in zip(used.names, vectors, strict=False)
+        for name, vector in zip(used.names, estimate.lights.vector.mean(axis=1), strict=False)
         if np.isfinite(vector).all() and np.linalg.norm(vector) > 0
     }
+    vectors = np.array(list(lights.values())).reshape(-1, 3)
+    directions = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    coming = next_lights(vectors, normals[seen]) if lights else any_lights()
+    # The method's notes tell how it refined, quickly, which is of no use before refining.
+    findings = [each for each in estimate.findings if each.severity == "warning"]
+    findings += few_photographs(len(capture.photographs))
+    if len(directions) > 2:
+        findings += light_findings(directions, coming)
     return Quick(
-        findings=tuple(each for each in estimate.findings if each.code not in LEFT_AWAY),
-        lights=lights,
+        findings=tuple(findings),
+        lights=dict(zip(lights, directions, strict=True)),
         odd=tuple(name for name in prepared.names if name not in used.names),
-        normals=normals[seen],
+        next_lights=coming,
         accuracy=_accuracy(used, estimate),
     )
+
+
+def few_photographs(count: int) -> tuple[Finding, ...]:
+    """What to say of few photographs that can be refined.
+
+    >>> [finding.code for finding in few_photographs(4) + few_photographs(12)]
+    ['few-photographs']
+    """
+    remedy = "take 12 or more, with the lamp all around the object, the camera fixed"
+    if count >= ENOUGH or count == 1:  # of one the method warns
+        return ()
+    message = f"{count} photographs: more would average out noise and shadows"
+    return (Finding("note", "few-photographs", message, remedy),)
 
 
 def _accuracy(prepared: Prepared, estimate: Estimate) -> Accuracy | None:

@@ -1,56 +1,11 @@
-"""What is said first: the order of findings, and the verdict."""
+"""The verdict on a capture, from its findings."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
+from rakelight.check.findings import gains_nothing
 from rakelight.checkup.report import Verdict
 from rakelight.errors import InputError
 from rakelight.model import Finding
-
-# The order in which findings are said.  First what makes the others meaningless; then the cause
-# before its effects: a photograph that moved does not fit the others either.
-ORDER = (
-    "depth-turned",
-    "depth-inside-out",
-    "depth-shifted",
-    "too-few-photographs",
-    "no-surface",
-    "few-lights",
-    "one-lamp-position",
-    "camera-moved",
-    "overexposed",
-    "underexposed",
-    "blurred",
-    "photographs-say-nothing",
-    "odd-photographs",
-    "single-photograph",
-    "depth-unit",
-    "depth-holes",
-    "holes-left-out",
-    "lights-in-one-plane",
-    "lights-on-one-side",
-    "dark-photographs",
-    "few-photographs",
-)
-# With these the result is the depth as it was, or little else.
-NOTHING_GAINED = ("few-lights", "one-lamp-position", "photographs-say-nothing")
-
-
-def ordered(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Warnings before notes, each in the order of `ORDER`; of one code the first alone.
-
-    >>> note, warning = Finding("note", "blurred", ""), Finding("warning", "depth-unit", "")
-    >>> [finding.code for finding in ordered([note, warning, note])]
-    ['depth-unit', 'blurred']
-    """
-    rank = {code: i for i, code in enumerate(ORDER)}
-    once: dict[str, Finding] = {}
-    for finding in sorted(
-        findings, key=lambda f: (f.severity != "warning", rank.get(f.code, len(rank)))
-    ):
-        once.setdefault(finding.code, finding)
-    return tuple(once.values())
 
 
 def judged(
@@ -68,7 +23,7 @@ def judged(
     if refusal is not None:
         return "not usable", f"not usable because {refusal.what}", refusal
     for finding in findings:
-        if finding.code in NOTHING_GAINED:
+        if gains_nothing(finding):
             why = InputError(finding.message, remedy=finding.remedy)
             return "not usable", f"not usable because {finding.message}", why
     warnings = [finding for finding in findings if finding.severity == "warning"]

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from rakelight.capture.arrays import checked_capture
-from rakelight.check.camera_motion import camera_motion
-from rakelight.check.depth_checks import DEPTH_CHECKS
+from rakelight.check.findings import checks
+from rakelight.check.measured import Measured
 from rakelight.errors import CaptureError, InputError, MethodError
 from rakelight.geometry.grid import row_strips
 from rakelight.jit import one_blas_thread
@@ -253,15 +253,13 @@ def checks_beside(capture: Capture) -> Iterator[list[Finding]]:
     Most of the preparation runs on one core.
     """
     found: list[Finding] = []
+    measured = Measured(capture)
     with ThreadPoolExecutor(1) as beside:
-        checks = beside.submit(
-            lambda: (
-                *camera_motion(capture),
-                *(found for check in DEPTH_CHECKS.values() for found in check(capture)),
-            )
+        checked = beside.submit(
+            lambda: [each for check in checks(in_refine=True) for each in check(measured)]
         )
         yield found
-        found += checks.result()
+        found += checked.result()
 
 
 def _embedded(prepared: Prepared, sigma: Floats | None) -> Floats | None:

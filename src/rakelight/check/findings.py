@@ -1,0 +1,120 @@
+"""The table of what `check` says: a row for each finding, in the order in which they are said.
+
+To add one, write its check in a file of its own, and its row here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+
+from rakelight.check.camera_motion import camera_motion
+from rakelight.check.depth_orientation import depth_orientation
+from rakelight.check.depth_quality import depth_findings
+from rakelight.check.depth_shift import depth_shift
+from rakelight.check.exposure import exposure_findings
+from rakelight.check.inside_out import inside_out
+from rakelight.check.measured import Measured
+from rakelight.check.sharpness import sharpness_findings
+from rakelight.model import Finding
+
+Check = Callable[[Measured], tuple[Finding, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """Findings of one rank: of these, what was found first is said first.
+
+    check : what finds them, or raises CaptureError where the capture is wrong beyond doubt; None
+        where the reader, the preparation or a method says them
+    in_refine : whether `refine` runs the check, too
+    nothing_gained : whether the result is then the depth as it was, or little else
+    instead_of : codes of findings that say less of the same
+    """
+
+    codes: tuple[str, ...]
+    check: Check | None = None
+    in_refine: bool = False
+    nothing_gained: bool = False
+    instead_of: tuple[str, ...] = ()
+
+
+# First what makes the others meaningless; then the cause before its effects: a photograph that
+# moved does not fit the others either.  Warnings are said before all notes.
+FINDINGS = (
+    Row(("depth-turned",), depth_orientation, in_refine=True),
+    Row(("depth-inside-out",), inside_out, in_refine=True),
+    Row(("depth-shifted",), depth_shift, in_refine=True),
+    Row(("no-depth",), depth_findings),
+    Row(("too-few-photographs", "no-surface")),
+    Row(("few-lights", "one-lamp-position"), nothing_gained=True),
+    Row(("camera-moved",), camera_motion, in_refine=True),
+    Row(("overexposed", "underexposed"), exposure_findings, instead_of=("saturated", "black")),
+    Row(("blurred",), sharpness_findings),
+    Row(("photographs-say-nothing",), nothing_gained=True),
+    Row(("odd-photographs",)),
+    Row(("single-photograph",)),
+    Row(("depth-unit",), depth_findings),
+    Row(("depth-holes",), depth_findings, instead_of=("depth-missing",)),
+    Row(("depth-missing",)),
+    Row(("holes-left-out",), depth_findings),
+    Row(("lights-in-one-plane",)),
+    Row(("lights-on-one-side",)),
+    Row(("dark-photographs",)),
+    Row(("few-photographs",)),
+    # What the reader assumed, changed or left out.
+    Row((
+        "encoding-assumed", "intrinsics-from-exif", "default-intrinsics", "depth-unit-assumed",
+        "ignored-files", "unread-images", "misnamed", "same-view",
+        "jpeg", "compressed", "raw", "grey", "alpha-dropped", "display-p3", "exif-orientation",
+        "ambient-subtracted", "flat-divided", "light-scaled", "undistorted",
+        "mask-everything", "no-mask", "median-depth", "phone-moved",
+        "frames-taken", "frames-over-exposed", "frames-too-dark", "frames-camera-or-object-moved",
+        "frames-something-before-the-object", "frames-blurred", "lamp-hardly-moved",
+        "auto-exposure",
+    )),
+    Row(("out-of-focus",), sharpness_findings),
+    Row(("holes-carried",), depth_findings),
+    Row(("saturated", "black")),
+    Row(("too-thin", "channel-dark", "leds-close", "white-balance", "highlights")),
+    Row(("next-light",)),
+)  # fmt: skip
+
+
+def checks(in_refine: bool = False) -> dict[Check, str]:
+    """The checks, each once, in the order of the table, and the code for what each refuses.
+
+    in_refine : those alone that `refine` runs
+    """
+    found: dict[Check, str] = {}
+    for row in FINDINGS:
+        if row.check is not None and (row.in_refine or not in_refine):
+            found.setdefault(row.check, row.codes[0])
+    return found
+
+
+def ordered(findings: Collection[Finding]) -> tuple[Finding, ...]:
+    """Warnings before notes, each in the order of the table; of one code the first alone.
+
+    Codes that are not in the table, of a reader or method from elsewhere, come last.
+
+    >>> note, warning = Finding("note", "blurred", ""), Finding("warning", "depth-unit", "")
+    >>> [finding.code for finding in ordered([note, warning, note])]
+    ['depth-unit', 'blurred']
+    """
+    rank = {code: i for i, row in enumerate(FINDINGS) for code in row.codes}
+    once: dict[str, Finding] = {}
+    for finding in sorted(
+        findings, key=lambda f: (f.severity != "warning", rank.get(f.code, len(rank)))
+    ):
+        once.setdefault(finding.code, finding)
+    for row in FINDINGS:
+        if not once.keys().isdisjoint(row.codes):
+            for code in row.instead_of:
+                once.pop(code, None)
+    return tuple(once.values())
+
+
+def gains_nothing(finding: Finding) -> bool:
+    """Whether the result is then the depth as it was, or little else."""
+    return any(row.nothing_gained and finding.code in row.codes for row in FINDINGS)
