@@ -3,11 +3,11 @@
     python benchmarks/check_limits.py --seeds 200:250 --size 0.5
     python benchmarks/check_limits.py --seeds 200:250 --geometry
 
-Each draw is refined as it is, then spoiled up to a limit: so much of the object saturated, so dark,
-with so many holes.  Printed are the ratios of the errors to those of the draw as it is.  "next
-light": one photograph is left out; its gain as `next_lights` predicts it, and what it really is.
-With --geometry, which refines nothing: what is said of the unit as it is and ten times wrong, and
-how the best next light moves with the information of the depth.
+Each draw is refined as it is, then spoiled up to a limit: so much of the object saturated or black,
+so dark, with so many holes.  Printed are the ratios of the errors to those of the draw as it is.
+"next light": one photograph is left out; its gain as `next_lights` predicts it, and what it really
+is.  With --geometry, which refines nothing: what is said of the unit as it is and ten times wrong,
+and how the best next light moves with the information of the depth.
 """
 
 from __future__ import annotations
@@ -59,6 +59,16 @@ def dark(capture: Capture, brightness: float) -> Capture:
     return exposed(capture, brightness / max(float(np.median(part)), 1e-3))
 
 
+def blackened(capture: Capture, share: float) -> Capture:
+    """Every photograph with that share of the object's pixels black, the darkest ones."""
+    photographs = capture.photographs.copy()
+    for photograph, light in zip(photographs, brightest(capture), strict=True):
+        inside = photograph[capture.mask]
+        inside[light <= np.quantile(light, share)] = 0
+        photograph[capture.mask] = inside
+    return replace(capture, photographs=photographs)
+
+
 def holed(capture: Capture, share: float) -> Capture:
     """That share of the depth pixels lost, in patches of about 6 pixels."""
     field = np.random.default_rng(0).standard_normal(capture.depth_m.shape[1:])
@@ -72,6 +82,8 @@ SPOILED: dict[str, Callable[[Capture], Capture]] = {
     "saturated 0.4": lambda capture: saturated(capture, 0.4),
     "bright 0.06": lambda capture: dark(capture, 0.06),
     "bright 0.02": lambda capture: dark(capture, 0.02),
+    "black 0.4": lambda capture: blackened(capture, 0.4),
+    "black 0.6": lambda capture: blackened(capture, 0.6),
     "holes 0.1": lambda capture: holed(capture, 0.1),
     "holes 0.3": lambda capture: holed(capture, 0.3),
 }
@@ -124,19 +136,19 @@ def show_errors(arguments: argparse.Namespace) -> None:
             lights.append(next_light(capture, truth, whole))
             line += "  next light: {:.3f} {:.3f}".format(*lights[-1])
         print(f"{seed:4}  {whole[0]:.2f} mm {whole[1]:.2f} deg  {line}", flush=True)
-        summary(names, np.array(rows), np.array(lights))
+        if len(rows) % 10 == 0:
+            summary(names, np.array(rows), np.array(lights))
+    summary(names, np.array(rows), np.array(lights))
 
 
 def summary(names: list[str], rows: Floats, lights: Floats) -> None:
-    """Geometric means so far, and how many draws are worse by a tenth."""
-    if len(rows) % 10:
-        return
+    """Geometric means so far, and how many draws are better and worse by a tenth."""
     for i, name in enumerate(names):
         ratio = rows[:, i][np.isfinite(rows[:, i]).all(axis=1)]
         depth, normals = np.exp(np.log(ratio).mean(axis=0))
-        worse = int((ratio[:, 1] > 1.1).sum())
+        better, worse = (ratio[:, 1] < 1 / 1.1).sum(), (ratio[:, 1] > 1.1).sum()
         print(f"## {name}: {len(ratio)} of {len(rows)} draws refined, depth {depth:.3f}, "
-              f"normals {normals:.3f}, {worse} worse by a tenth")  # fmt: skip
+              f"normals {normals:.3f}, by a tenth {better} better, {worse} worse")  # fmt: skip
     if len(lights):
         for low, high in ((0.0, 0.9), (0.9, 0.96), (0.96, 0.98), (0.98, 1.0)):
             within = (lights[:, 0] > low) & (lights[:, 0] <= high) & np.isfinite(lights[:, 1])

@@ -53,3 +53,15 @@ def test_shares_of_a_capture():
     assert np.flatnonzero(found.over).tolist() == [2]
     assert not found.under.any()
     assert capture.names[2] in exposure_findings(measured)[0].message
+
+
+@pytest.mark.parametrize(("black", "under"), [(0.4, True), (0.2, False)])
+def test_a_photograph_whose_object_is_largely_black_is_under_exposed(black, under):
+    capture = sound("vase")[0]
+    dark = capture.photographs[1].copy()
+    dark[: int(np.quantile(np.nonzero(capture.mask)[0], black))] = 0
+    measured = Measured(with_photograph(capture, 1, lambda _: dark))
+    found = measured(exposure)
+    assert found.black[1] == pytest.approx(black, abs=0.03)
+    assert np.flatnonzero(found.under).tolist() == ([1] if under else [])
+    assert [each.code for each in exposure_findings(measured)] == ["underexposed"] * under
