@@ -6,8 +6,8 @@
 Each draw is refined as it is, then spoiled up to a limit: so much of the object saturated or black,
 so dark, with so many holes.  Printed are the ratios of the errors to those of the draw as it is.
 "next light": one photograph is left out; its gain as `next_lights` predicts it, and what it really
-is.  With --geometry, which refines nothing: what is said of the unit as it is and ten times wrong,
-and how the best next light moves with the information of the depth.
+is.  With --geometry, which refines nothing: how black the photographs are, what is said of the unit
+as it is and ten times wrong, and how the best next light moves with the information of the depth.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from rakelight import evaluate, refine
 from rakelight.capture.arrays import checked_capture
 from rakelight.check import next_lights as design
 from rakelight.check.depth_quality import depth_findings
-from rakelight.check.exposure import BRIGHT_PART
+from rakelight.check.exposure import BRIGHT_PART, exposure
 from rakelight.check.measured import Measured
 from rakelight.errors import RakelightError
 from rakelight.model import Capture, Floats, Truth
@@ -138,7 +138,8 @@ def show_errors(arguments: argparse.Namespace) -> None:
         print(f"{seed:4}  {whole[0]:.2f} mm {whole[1]:.2f} deg  {line}", flush=True)
         if len(rows) % 10 == 0:
             summary(names, np.array(rows), np.array(lights))
-    summary(names, np.array(rows), np.array(lights))
+    if len(rows) % 10:
+        summary(names, np.array(rows), np.array(lights))
 
 
 def summary(names: list[str], rows: Floats, lights: Floats) -> None:
@@ -158,10 +159,12 @@ def summary(names: list[str], rows: Floats, lights: Floats) -> None:
 
 
 def show_geometry(arguments: argparse.Namespace) -> None:
-    """Units and the information of the depth."""
+    """Black photographs, units, and the information of the depth."""
     said: dict[str, list[bool]] = {}
+    black: list[float] = []
     moved, gains = [], []
     for _, capture, truth in draws(arguments):
+        black += exposure(capture).black.tolist()
         for name, factor in (("as it is", 1), ("10 times", 10.0), ("a tenth", 0.1),
                              ("25.4 times", 25.4), ("a thousandth", 1e-3)):  # fmt: skip
             said.setdefault(name, []).append(doubted(capture, factor))
@@ -176,6 +179,7 @@ def show_geometry(arguments: argparse.Namespace) -> None:
         cosines = [min(float(each.direction @ found[1].direction), 1.0) for each in found]
         moved.append(np.degrees(np.arccos(cosines)))
         gains.append([each.gain for each in found])
+    print(f"black: {max(black):.0%} of the object at the most, of {len(black)} photographs")
     for name, doubts in said.items():
         print(f"unit {name}: doubted or refused in {sum(doubts)} of {len(doubts)}")
     print("information / 4, * 4: best light moves by", np.median(moved, axis=0)[[0, 2]].round(1),

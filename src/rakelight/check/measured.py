@@ -29,7 +29,7 @@ class Measured:
         self._values: dict[Callable[[Capture], Any], Any] = {}
 
     def __call__(self, measure: Callable[[Capture], T]) -> T:
-        """What a function says of the capture."""
+        """What `measure` returns of the capture; it is called the first time alone."""
         if measure not in self._values:
             self._values[measure] = measure(self.capture)
         value: T = self._values[measure]

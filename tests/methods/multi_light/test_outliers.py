@@ -52,8 +52,8 @@ def light(level):
 def test_cast_shadows_are_left_out_and_nothing_else(place):
     level, log_depth, lights = make_level(cast_shadows=True, **place)
     plain = light(make_level(**place)[0])
-    cleared, shine = remove_outliers(level, log_depth, lights)
-    assert not shine
+    cleared, highlights = remove_outliers(level, log_depth, lights)
+    assert not highlights
     before, after = light(level), light(cleared)
     shadow = plain - before > 0.1
     assert 0.01 < shadow.mean() < 0.2
@@ -68,7 +68,7 @@ def test_highlights_are_left_out_or_taken_away(place, exponent):
     glossy = {"specular": 0.2, "specular_exponent": exponent, **place}
     level, log_depth, lights = make_level(**glossy)
     plain = light(make_level(**place)[0])
-    cleared, shine = remove_outliers(level, log_depth, lights)
+    cleared, highlights = remove_outliers(level, log_depth, lights)
     added, left = light(level) - plain, light(cleared) - plain
     bright, gone = added > 0.05, np.isnan(left)
     assert bright.mean() > 0.01
@@ -77,7 +77,7 @@ def test_highlights_are_left_out_or_taken_away(place, exponent):
     assert gone[added < 0.01].mean() < 0.1
     assert rms(left) < 0.45 * rms(added)
     # In units of the lights, which shine at 0.6 of white.  Of a narrow one the top is not seen.
-    assert shine.height == pytest.approx(0.18 if exponent < 60 else 0.13, rel=0.06)
+    assert highlights.height == pytest.approx(0.18 if exponent < 60 else 0.13, rel=0.06)
 
 
 def rms(values):
@@ -106,18 +106,18 @@ def test_the_geometry_is_computed_once(monkeypatch):
             return function(*arguments)
 
         monkeypatch.setattr(outliers, name, counted)
-    cleared, shine = remove_outliers(level, log_depth, lights)
+    cleared, highlights = remove_outliers(level, log_depth, lights)
     assert cleared is not level
-    assert shine
+    assert highlights
     assert sorted(called) == ["back_project", "normals_from_gradient"]
 
 
 def test_matte_photographs_without_shadows_stay_as_they_are():
     for paint in ("white", "pattern"):
         level, log_depth, lights = make_level(paint)
-        cleared, shine = remove_outliers(level, log_depth, lights)
+        cleared, highlights = remove_outliers(level, log_depth, lights)
         assert cleared is level
-        assert not shine
+        assert not highlights
 
 
 def test_coloured_lights_have_coloured_highlights():
