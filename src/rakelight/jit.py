@@ -238,6 +238,9 @@ def _numba() -> Any:
             needed=f"{needed / 1e6:,.0f} MB",
             remedy="raise the limit on virtual memory (`ulimit -v unlimited`)",
         )
+    # numba imports scipy.linalg.cython_blas with its first kernel.  Where another thread imports
+    # scipy.linalg at that moment, each waits for the other, and Python ends one with an error.
+    import_module("scipy.linalg")
     numba = import_module("numba")
     threads: int = numba.config.NUMBA_NUM_THREADS
     require_threads(

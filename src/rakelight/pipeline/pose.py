@@ -141,9 +141,9 @@ def rotated(pose: RigidTransform, xi: Floats, middle_m: Floats) -> RigidTransfor
     >>> (found.rotation @ [2.0, 0.0, 2.0] + found.translation_m).round(9).tolist()
     [1.0, 1.0, 2.1]
     """
-    from scipy.spatial.transform import Rotation
+    from scipy.spatial import transform
 
-    rotation = Rotation.from_rotvec(xi[:3]).as_matrix()
+    rotation = transform.Rotation.from_rotvec(xi[:3]).as_matrix()
     there = rotation @ (pose.translation_m - middle_m) + middle_m + xi[3:]
     return RigidTransform(rotation @ pose.rotation, there)
 
