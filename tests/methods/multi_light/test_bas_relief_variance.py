@@ -9,6 +9,7 @@ from rakelight.methods.multi_light.bas_relief import nearest_bas_relief
 from rakelight.methods.multi_light.bas_relief_variance import (
     bas_relief_variance,
     lights_moment,
+    quadratic_form,
     sensor_moment,
 )
 from rakelight.photometry.images import LightParameters
@@ -114,3 +115,23 @@ def test_a_sensor_that_contradicts_the_surface_counts():
         np.trace(sensor_moment(each, log_depth)[1:, 1:]) for each in (flat, level)
     )
     assert contradicted > 20 * agreed
+
+
+def test_no_variance_is_below_zero_where_the_sensor_hardly_determines_the_transform():
+    """On a surface that is nearly a plane, a and g along its normal can hardly be told apart."""
+    level, log_depth, _ = true_level(NOISE)
+    rng = np.random.default_rng(0)
+    level = replace(level, unbiased_prior=log_depth + 0.001 * rng.normal(size=log_depth.shape))
+    moment = sensor_moment(level, np.log(0.5) + 1e-6 * rng.normal(size=log_depth.shape))
+    assert moment.max() > 1e5
+    np.testing.assert_array_equal(moment, moment.T)
+    assert np.linalg.eigvalsh(moment).min() > -1e-12 * moment.max()
+
+
+def test_rounding_leaves_no_variance_below_zero():
+    rng = np.random.default_rng(3)
+    g, derivative = rng.normal(size=(2, 3))
+    derivative -= g * (derivative @ g) / (g @ g)
+    moment = 1e12 * np.outer(g, g)
+    assert derivative @ moment @ derivative < 0
+    assert quadratic_form(derivative[None, None, None], moment).tolist() == [[0.0]]

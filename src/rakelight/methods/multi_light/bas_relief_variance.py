@@ -41,7 +41,21 @@ def bas_relief_variance(
     changes = -np.exp(log_depth)[..., None] * rays_of(level)
     slopes = np.stack([gradient_image(each, grid) for each in np.moveaxis(changes, -1, 0)], axis=-1)
     dn_dtransform = dn_dg @ slopes
-    return np.asarray(np.einsum("hwik,kl,hwil->hw", dn_dtransform, moment, dn_dtransform))
+    return quadratic_form(dn_dtransform, moment)
+
+
+def quadratic_form(derivatives: Floats, moment: Floats) -> Floats:
+    """(h, w) the variance of numbers (h, w, I) whose derivatives are (h, w, I, K), their sum.
+
+    moment : (K, K) second moment of what they depend on
+
+    At least 0: where the moment is large and the derivatives nearly cancel it, rounding is not.
+
+    >>> quadratic_form(np.array([[[[3.0, 4.0]]]]), np.eye(2)).tolist()
+    [[25.0]]
+    """
+    variance = np.einsum("hwik,kl,hwil->hw", derivatives, moment, derivatives)
+    return np.asarray(np.maximum(variance, 0.0))
 
 
 def sensor_moment(level: Level, log_depth: Floats, scale_only: bool = False) -> Floats:
@@ -74,8 +88,10 @@ def sensor_correction(
     correction = inverse @ ((weight * error) @ design)
     scores = design * (weight * (error - design @ correction))[:, None]
     where = level.mask if level.averaging is None else level.averaging.covered
+    # As a square: where the design hardly determines a number, rounding leaves no variance below 0.
+    steps = (np.sqrt(scale) * sums @ inverse for scale, sums in _clustered(scores, where))
     largest = max(
-        (inverse @ (scale * sums.T @ sums) @ inverse for scale, sums in _clustered(scores, where)),
+        (step.T @ step for step in steps),
         key=lambda covariance: float(np.trace(covariance[-3:, -3:])),
         default=np.zeros((len(correction), len(correction))),
     )

@@ -22,6 +22,7 @@ from rakelight.geometry.normals import normal_lengths, squared_normal_derivative
 from rakelight.methods.base import UNDETERMINED_RAD, photometric_confidence
 from rakelight.methods.levels import Level, sensor_error
 from rakelight.methods.multi_light.bas_relief import rays_of
+from rakelight.methods.multi_light.bas_relief_variance import quadratic_form
 from rakelight.methods.multi_light.energy import Fit
 from rakelight.methods.multi_light.noise import block_variances
 from rakelight.model import Floats
@@ -75,7 +76,7 @@ def depth_sigma(
     depth_m = np.exp(fit.log_depth)
     # 1/z' = a/z + g . ray: derivatives of 1/z' with a and g.
     derivatives = np.concatenate([1 / depth_m[..., None], rays_of(level)], axis=-1)
-    whole = depth_m**4 * np.einsum("hwi,ij,hwj->hw", derivatives, moment, derivatives)
+    whole = depth_m**4 * quadratic_form(derivatives[..., None, :], moment)
 
     length_px = sensor_length(level, fit)
     pixel_m = depth_m / level.camera.fx
