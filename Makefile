@@ -29,10 +29,13 @@ pytest: $(VENV)/dev.stamp
 	OMP_WAIT_POLICY=PASSIVE OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile \
 		--no-loadscope-reorder
 
-# Damaged files of every kind: a fixed seed and a fresh one; SEED=7 CASES=20000 chooses.
+# Damaged files of every kind: a fixed seed and a fresh one; SEED=7 CASES=20000 chooses.  Then any
+# arrays as captures, fresh ones at every run.
 CASES ?= 10000
 fuzz: $(VENV)/dev.stamp
 	$(BIN)/python -m tests.faults.fuzz --cases $(CASES) $(if $(SEED),--seed $(SEED))
+	$(BIN)/python -m pytest -q tests/capture/test_capture_arrays.py -k any_ \
+		--hypothesis-profile=default
 
 format: $(VENV)/dev.stamp
 	$(BIN)/ruff check --fix $(SOURCES)

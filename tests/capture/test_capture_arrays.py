@@ -234,6 +234,8 @@ def outcome(capture, method):
     assert (result.albedo >= 0).all()
     assert np.isfinite(result.albedo).all()
     assert ((result.confidence >= 0) & (result.confidence <= 1)).all()
+    for sigma in (result.depth_sigma, result.normal_sigma):
+        assert sigma is None or (sigma[mask] >= 0).all()
     return "result"
 
 
