@@ -15,6 +15,7 @@ The mean gradient does not see a checkerboard; fourth differences do, and see li
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -223,7 +224,8 @@ def light_curvature(
     if not fit.mapped:
         return hessian, both
     jacobian = parameter_map(fit)
-    return jacobian.T @ hessian @ jacobian, both @ jacobian
+    flat = both.reshape(-1, both.shape[-1]) @ jacobian
+    return jacobian.T @ (hessian @ jacobian), flat.reshape(*both.shape[:-1], jacobian.shape[1])
 
 
 def light_slope(level: Level, fit: Fit) -> Floats:
@@ -243,14 +245,16 @@ def light_slope(level: Level, fit: Fit) -> Floats:
     return slope @ parameter_map(fit) if fit.mapped else slope
 
 
-def parameter_map(fit: Fit) -> Floats:
-    """(K, F) derivatives of the lights' K numbers with the F free parameters.
+def parameter_map(fit: Fit) -> Any:
+    """Sparse (K, F): derivatives of the lights' K numbers with the F free parameters.
 
     Where directions are given, an intensity takes the place of each vector.
     """
+    from scipy.sparse import csr_array, eye_array
+
     *shape, numbers = *fit.lights.ambient.shape, 5 if fit.near else 4
     order = np.arange(fit.lights.ambient.size * numbers).reshape(*shape, numbers)
-    jacobian: Floats = np.eye(order.size)
+    jacobian: Any = eye_array(order.size, format="csr")
     if fit.shared_ambient:
         jacobian = shared_ambient_map(fit, order)
         order = np.arange(order[..., :-1].size).reshape(*shape, numbers - 1)
@@ -258,32 +262,33 @@ def parameter_map(fit: Fit) -> Floats:
         return jacobian
     vectors = order[..., :3].reshape(-1, 3)
     others = np.setdiff1d(np.arange(jacobian.shape[1]), vectors)
-    along = np.zeros((jacobian.shape[1], len(vectors) + len(others)))
-    along[vectors, np.arange(len(vectors))[:, None]] = np.broadcast_to(
-        fit.directions, (*shape, 3)
-    ).reshape(-1, 3)
-    along[others, len(vectors) + np.arange(len(others))] = 1
-    return jacobian @ along
+    columns = np.append(np.arange(len(vectors)).repeat(3), len(vectors) + np.arange(len(others)))
+    along = np.append(np.broadcast_to(fit.directions, (*shape, 3)), np.ones(len(others)))
+    return jacobian @ csr_array((along, (np.append(vectors, others), columns)))
 
 
-def shared_ambient_map(fit: Fit, order: Array) -> Floats:
-    """(K, F) derivatives of the lights' K numbers with the vectors and distances, and one ratio.
+def shared_ambient_map(fit: Fit, order: Array) -> Any:
+    """Sparse (K, F): of the lights' K numbers with the vectors and distances, and one ratio.
 
     order : (N, C, 4 or 5) of the numbers of each light
 
     The ambient lights' ratio to the irradiance is shared: on a nearly flat surface all normals see
     the same of a light, and only a shared ratio separates it from ambient light.
     """
+    from scipy.sparse import csr_array
+
     lights = fit.lights
-    vectors, ambient = order[..., :-1].ravel(), order[..., -1]
-    jacobian = np.zeros((order.size, vectors.size + 1))
-    jacobian[vectors, np.arange(vectors.size)] = 1
+    own, ambient = order[..., :-1].ravel(), order[..., -1]
     size = np.maximum(lights.irradiance, np.finfo(float).tiny)
     along = lights.ambient_share * lights.vector / size[..., None]
-    columns = np.arange(vectors.size).reshape(*ambient.shape, -1)[..., :3]
-    jacobian[ambient[..., None], columns] = along
-    jacobian[ambient.ravel(), -1] = size.ravel()
-    return jacobian
+    columns = np.arange(own.size).reshape(*ambient.shape, -1)[..., :3]
+    entries = (
+        (np.ones(own.size), own, np.arange(own.size)),
+        (along.ravel(), ambient.ravel().repeat(3), columns.ravel()),
+        (size.ravel(), ambient.ravel(), np.full(ambient.size, own.size)),
+    )
+    values, rows, columns = (np.concatenate(each) for each in zip(*entries, strict=True))
+    return csr_array((values, (rows, columns)), shape=(order.size, own.size + 1))
 
 
 def lights_after(fit: Fit, step: Floats) -> LightParameters:
