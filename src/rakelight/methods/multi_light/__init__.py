@@ -31,7 +31,7 @@ from rakelight.methods.multi_light.confidence import (
     photometric_variance,
     shared_noise,
 )
-from rakelight.methods.multi_light.energy import Fit, reset_scale
+from rakelight.methods.multi_light.energy import Fit, evaluated, reset_scale
 from rakelight.methods.multi_light.model_selection import select_model
 from rakelight.methods.multi_light.noise import (
     IMAGE_CORRELATION_AREA_PX,
@@ -97,14 +97,21 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     first_weight = weight
     if options.depth_weight is None:
         weight = estimate_depth_weight(descent.fit, prepared)
-    # 5. Lights and depth until the energy has converged, with outliers predicted again and links
-    # cut at jumps that the sensor blurred or its noise hid: they are steep by now.
+    # 5. The lights, the depth moving with them, until the energy has converged.  Outliers are
+    # predicted again, and links cut at jumps that the sensor blurred or its noise hid: they are
+    # steep by now.  One scale for all pixels: the lights do not follow those where the model errs.
     level, fit, highlights = without_outliers(levels[0], descent.fit)
     level = level.weighted(weight / first_weight).cut(fit.log_depth)
     equal_intensity = estimate_equal_intensity_weight(level, fit.log_depth, prepared)
     fit = replace(fit, equal_intensity_weight=equal_intensity)
-    last = descend(level, fit, options, progress, "refine, weighed", noisiest=1.0, thorough=True)
-    descent = replace(last, steps=descent.steps + last.steps)
+    both = descend(
+        level, fit, options, progress, "refine, weighed", 1.0, one_scale=True, thorough=True
+    )
+    # 6. Under these lights the depth, from where it was: one scale has given up some of its pixels.
+    fit = evaluated(level, both.fit, fit.log_depth, both.fit.lights)
+    last = descend(level, fit, options, progress, "refine, depth", 1.0, together=False)
+    steps, converged = descent.steps + both.steps + last.steps, both.converged and last.converged
+    descent = replace(last, steps=steps, converged=converged)
     return finished(prepared, level, descent, weight, highlights)
 
 

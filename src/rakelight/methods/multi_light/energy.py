@@ -119,10 +119,16 @@ def reset_scale(level: Level, fit: Fit, log_depth: Floats | None = None) -> Fit:
     return first_fit(level, log_depth, fit.lights, fit.near, fit.shared_ambient, fit.directions)
 
 
-def update_scale(level: Level, fit: Fit, noisiest: float = LARGEST_NOISE) -> Fit:
-    """The same depth and lights with the robust scale of the present residuals."""
+def update_scale(
+    level: Level, fit: Fit, noisiest: float = LARGEST_NOISE, one_scale: bool = False
+) -> Fit:
+    """The same depth and lights with the robust scale of the present residuals.
+
+    one_scale : whether it is the same for all pixels, and grows with no pixel's own residuals
+    """
     sigma_now = max(fit.linearization.noise_sigma, SMALLEST_NOISE)
-    scales = cauchy_scales(sigma_now, fit.linearization.mean_abs_residual)
+    residual = fit.linearization.mean_abs_residual
+    scales = cauchy_scales(sigma_now, np.zeros_like(residual) if one_scale else residual)
     weight = FOURTH_DIFFERENCE_WEIGHT * np.moveaxis(fit.linearization.jtwj[..., [0, 2]], -1, 0)
     same = replace(
         fit, scales=scales, noise=min(sigma_now, noisiest), fourth_difference_weight=weight
@@ -224,7 +230,8 @@ def light_curvature(
     if not fit.mapped:
         return hessian, both
     jacobian = parameter_map(fit)
-    flat = both.reshape(-1, both.shape[-1]) @ jacobian
+    # What follows reads it row by row; scipy's product is in columns.
+    flat = np.ascontiguousarray(both.reshape(-1, both.shape[-1]) @ jacobian)
     return jacobian.T @ (hessian @ jacobian), flat.reshape(*both.shape[:-1], jacobian.shape[1])
 
 

@@ -64,12 +64,13 @@ def descend(
     stage: str,
     noisiest: float = LARGEST_NOISE,
     together: bool = True,
+    one_scale: bool = False,
     thorough: bool = False,
 ) -> Descent:
     """Gauss-Newton steps at one level until the energy has converged.
 
     noisiest : largest sigma by which the priors are weighted
-    together : whether the lights move with the depth
+    together : whether the lights move with the depth; one_scale : see `update_scale`
     thorough : whether converged also means that no extrapolated step lowers the energy
     """
     fits: list[Fit] = []
@@ -78,7 +79,7 @@ def descend(
         progress(Progress(stage, step + 1, options.max_iterations, fit.energy))
         if not loss_fixed:
             # The scale of the loss falls with the residuals; then it is fixed.
-            noise, fit = fit.noise, update_scale(level, fit, noisiest)
+            noise, fit = fit.noise, update_scale(level, fit, noisiest, one_scale)
             loss_fixed = step > 0 and fit.noise > NOISE_AT_REST * noise
             fits = [fit]
         before = fit
