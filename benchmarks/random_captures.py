@@ -255,11 +255,7 @@ def summary(records: Sequence[Record]) -> Iterator[str]:
                     f"90th percentile {np.quantile(ratios, 0.9):.2f}; ratio of medians "
                     f"{medians:.2f}, of 90th percentiles {ninth:.2f}"
                 )
-    torn_pairs = sum(record["torn"] * record["pixels"] for record in done)
-    yield (
-        f"torn: {torn_pairs / sum(record['pixels'] for record in done):.3%} of neighbours, in "
-        f"{sum(record['torn'] > 0 for record in done)} draws"
-    )
+    yield f"torn: {torn_in(done)}"
     if told := [record for record in done if record.get("within")]:
         pixels = np.array([record["pixels"] for record in told])
         for unit, of in (("deg", "angle"), ("mm", "depth")):
@@ -294,6 +290,13 @@ def worst(records: Sequence[Record], count: int) -> Iterator[str]:
         yield f"      {Draw(**record['draw'])}"
 
 
+def torn_in(records: Sequence[Record]) -> str:
+    """The share of the neighbours of all draws that the results part, and in how many draws."""
+    pixels = [record["pixels"] for record in records]
+    share = np.average([record["torn"] for record in records], weights=pixels)
+    return f"{share:.3%} of neighbours, in {sum(record['torn'] > 0 for record in records)} draws"
+
+
 def compared(before: Sequence[Record], after: Sequence[Record]) -> Iterator[str]:
     """How the draws of two runs differ."""
     firsts = {record["seed"]: record for record in before if "failed" not in record}
@@ -318,9 +321,14 @@ def compared(before: Sequence[Record], after: Sequence[Record]) -> Iterator[str]
             f"{pairs[i][1]['result'][unit]:.2f}"
             for i in np.argsort(-ratios)[:10]
         )
+    lights = np.array([[each["lights_deg"] for each in pair] for pair in pairs], dtype=float)
+    lights = lights[(lights > 0).all(axis=1)]  # nan without true lights
+    if len(lights):
+        change = np.exp(np.log(lights[:, 1] / lights[:, 0]).mean())
+        yield f"lights: geometric mean of ratios {change:.3f}"
+    yield f"torn before: {torn_in([a for a, _ in pairs])}; after: {torn_in([b for _, b in pairs])}"
     for name, test in (
         ("worse than prepared", worse),
-        ("torn", lambda record: record["torn"] > 0),
         ("not converged", lambda record: not record["converged"]),
     ):
         yield f"{name}: {sum(test(a) for a, _ in pairs)} before, {sum(test(b) for _, b in pairs)}"

@@ -3,13 +3,10 @@
 import ast
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
-import rakelight
-
-PACKAGE = Path(rakelight.__file__).resolve().parent
+from tests.test_layers import SOURCES
 
 # The main thread begins to import scipy.linalg.  Before it is in sys.modules, another thread calls
 # its first kernel, and numba imports scipy.linalg.cython_blas: it has that one's lock and waits for
@@ -72,7 +69,7 @@ def test_a_first_kernel_while_another_thread_imports_scipy():
 def parts_imported():
     """The packages of scipy's packages that our files import by their full names."""
     parts = set()
-    for path in PACKAGE.rglob("*.py"):
+    for path in SOURCES:
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("scipy."):
                 parts.add(node.module)

@@ -47,7 +47,7 @@ def check_capture(capture: Capture) -> CheckReport:
     capture = undistorted(checked_capture(capture))
     capture = replace(capture, names=_names(capture))
     measured = Measured(capture)
-    # The checks run no kernel of ours, so they may run beside the method, which does.
+    # Most of the checks runs on one core.
     with ThreadPoolExecutor(1) as beside:
         checked = beside.submit(_checked, measured)
         quick = quickly_refined(capture)

@@ -105,11 +105,13 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     equal_intensity = estimate_equal_intensity_weight(level, fit.log_depth, prepared)
     fit = replace(fit, equal_intensity_weight=equal_intensity)
     both = descend(
-        level, fit, options, progress, "refine, weighed", 1.0, one_scale=True, thorough=True
-    )
-    # 6. Under these lights the depth, from where it was: one scale has given up some of its pixels.
+        level, fit, options, progress, "refine, weighed", noisiest=1.0, one_scale=True,
+        thorough=True,
+    )  # fmt: skip
+    # 6. The depth alone under these lights, from where step 4 left it: the depth of step 5 has
+    # errors of millimetres on steep sides, where one scale takes all of a pixel for outliers.
     fit = evaluated(level, both.fit, fit.log_depth, both.fit.lights)
-    last = descend(level, fit, options, progress, "refine, depth", 1.0, together=False)
+    last = descend(level, fit, options, progress, "refine, depth", noisiest=1.0, together=False)
     steps, converged = descent.steps + both.steps + last.steps, both.converged and last.converged
     descent = replace(last, steps=steps, converged=converged)
     return finished(prepared, level, descent, weight, highlights)

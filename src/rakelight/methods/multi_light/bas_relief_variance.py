@@ -45,11 +45,11 @@ def bas_relief_variance(
 
 
 def quadratic_form(derivatives: Floats, moment: Floats) -> Floats:
-    """(h, w) the variance of numbers (h, w, I) whose derivatives are (h, w, I, K), their sum.
+    """(h, w) the sum over i of  d_i^T moment d_i,  d_i being derivatives (h, w, I, K).
 
-    moment : (K, K) second moment of what they depend on
+    moment : (K, K) second moment of what the I numbers depend on; the sum is of their variances
 
-    At least 0: where the moment is large and the derivatives nearly cancel it, rounding is not.
+    Where the moment is large and the products cancel, rounding may leave less than 0: that is 0.
 
     >>> quadratic_form(np.array([[[[3.0, 4.0]]]]), np.eye(2)).tolist()
     [[25.0]]
@@ -88,7 +88,7 @@ def sensor_correction(
     correction = inverse @ ((weight * error) @ design)
     scores = design * (weight * (error - design @ correction))[:, None]
     where = level.mask if level.averaging is None else level.averaging.covered
-    # As a square: where the design hardly determines a number, rounding leaves no variance below 0.
+    # As step^T step it is symmetric and nowhere negative, also where the inverse is inaccurate.
     steps = (np.sqrt(scale) * sums @ inverse for scale, sums in _clustered(scores, where))
     largest = max(
         (step.T @ step for step in steps),

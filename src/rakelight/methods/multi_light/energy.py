@@ -124,7 +124,7 @@ def update_scale(
 ) -> Fit:
     """The same depth and lights with the robust scale of the present residuals.
 
-    one_scale : whether it is the same for all pixels, and grows with no pixel's own residuals
+    one_scale : whether all pixels have the noise's, and none a larger one for its own residuals
     """
     sigma_now = max(fit.linearization.noise_sigma, SMALLEST_NOISE)
     residual = fit.linearization.mean_abs_residual
@@ -230,7 +230,7 @@ def light_curvature(
     if not fit.mapped:
         return hessian, both
     jacobian = parameter_map(fit)
-    # What follows reads it row by row; scipy's product is in columns.
+    # In rows, as the sums over pixels read it: a product with a sparse matrix comes in columns.
     flat = np.ascontiguousarray(both.reshape(-1, both.shape[-1]) @ jacobian)
     return jacobian.T @ (hessian @ jacobian), flat.reshape(*both.shape[:-1], jacobian.shape[1])
 
@@ -275,7 +275,7 @@ def parameter_map(fit: Fit) -> Any:
 
 
 def shared_ambient_map(fit: Fit, order: Array) -> Any:
-    """Sparse (K, F): of the lights' K numbers with the vectors and distances, and one ratio.
+    """Sparse (K, F): derivatives of the K numbers with the vectors and distances, and one ratio.
 
     order : (N, C, 4 or 5) of the numbers of each light
 
@@ -288,13 +288,13 @@ def shared_ambient_map(fit: Fit, order: Array) -> Any:
     own, ambient = order[..., :-1].ravel(), order[..., -1]
     size = np.maximum(lights.irradiance, np.finfo(float).tiny)
     along = lights.ambient_share * lights.vector / size[..., None]
-    columns = np.arange(own.size).reshape(*ambient.shape, -1)[..., :3]
-    entries = (
+    vectors = np.arange(own.size).reshape(*ambient.shape, -1)[..., :3]
+    parts = (  # values, rows, columns
         (np.ones(own.size), own, np.arange(own.size)),
-        (along.ravel(), ambient.ravel().repeat(3), columns.ravel()),
+        (along.ravel(), ambient.ravel().repeat(3), vectors.ravel()),
         (size.ravel(), ambient.ravel(), np.full(ambient.size, own.size)),
     )
-    values, rows, columns = (np.concatenate(each) for each in zip(*entries, strict=True))
+    values, rows, columns = (np.concatenate(each) for each in zip(*parts, strict=True))
     return csr_array((values, (rows, columns)), shape=(order.size, own.size + 1))
 
 
