@@ -11,7 +11,7 @@ from rakelight.check.next_lights import (
     gains,
     in_words,
     information,
-    light_findings,
+    next_light_findings,
     next_lights,
     one_side,
     reachable,
@@ -95,8 +95,8 @@ def test_one_side():
 
 def test_findings():
     normals = sphere_normals()
-    (found,) = light_findings(ring([60, 90, 120]), next_lights(ring([60, 90, 120]), normals))
+    (found,) = next_light_findings(ring([60, 90, 120]), next_lights(ring([60, 90, 120]), normals))
     assert (found.severity, found.code) == ("warning", "lights-on-one-side")
     assert found.message.startswith("all lights come from the right:")
     around = ring(np.arange(0, 360, 15))
-    assert light_findings(around, next_lights(around, normals)) == ()
+    assert next_light_findings(around, next_lights(around, normals)) == ()

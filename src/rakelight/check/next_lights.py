@@ -179,7 +179,7 @@ def one_side(directions: Floats) -> float | None:
     return float((around[widest] + gaps[widest] / 2 + 180) % 360)
 
 
-def light_findings(directions: Floats, coming: tuple[NextLight, ...]) -> tuple[Finding, ...]:
+def next_light_findings(directions: Floats, coming: tuple[NextLight, ...]) -> tuple[Finding, ...]:
     """A warning where all lights are on one side, a note where the next ones should be.
 
     directions : (N, 3) unit vectors of the photographs' lights

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rakelight.check.depth_quality import some_maps
-from rakelight.check.next_lights import NextLight, light_findings, next_lights, sphere_normals
+from rakelight.check.next_lights import NextLight, next_light_findings, next_lights, sphere_normals
 from rakelight.checkup.report import Accuracy
 from rakelight.checkup.verdict import refused_finding
 from rakelight.errors import InputError, MethodError
@@ -85,7 +85,7 @@ def quickly_refined(capture: Capture) -> Quick:
     findings = [each for each in estimate.findings if each.severity == "warning"]
     findings += few_photographs(len(capture.photographs))
     if len(directions) > 2:
-        findings += light_findings(directions, coming)
+        findings += next_light_findings(directions, coming)
     return Quick(
         findings=tuple(findings),
         lights=dict(zip(lights, directions, strict=True)),
