@@ -22,8 +22,6 @@ import argparse
 import ast
 import importlib
 import json
-import multiprocessing
-import os
 import pickle
 import sys
 import tempfile
@@ -40,7 +38,7 @@ from rakelight import RakelightError, refine
 from rakelight.methods import load_method
 from rakelight.metrics import evaluate_maps
 from rakelight.synthetic import draw, render_draw
-from random_captures import one_thread, seeds
+from random_captures import processes, seeds
 
 SOURCE = Path(__file__).parent.parent / "src" / "rakelight"
 MODULES = {
@@ -238,16 +236,11 @@ def main() -> None:
     if arguments.read:
         print(*table(json.loads(arguments.read.read_text())), sep="\n")
         return
-    for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ[name] = "1"  # for the processes that are started below
     arguments.pictures = [file for file in arguments.pictures if file.exists()]
     wanted = trials(arguments.method, arguments.only)
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
     records = []
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        multiprocessing.get_context("spawn").Pool(arguments.jobs, one_thread) as pool,
-    ):
+    with tempfile.TemporaryDirectory() as folder, processes(arguments.jobs) as pool:
         pool.map(partial(render, arguments=arguments, folder=Path(folder)), arguments.seeds)
         run = partial(refined, method=arguments.method, folder=Path(folder))
         for count, record in enumerate(pool.imap(run, wanted), 1):

@@ -360,11 +360,16 @@ def recorded(arguments: argparse.Namespace) -> Iterator[Record]:
     if arguments.jobs == 1:
         yield from map(job, arguments.seeds)
         return
+    with processes(arguments.jobs) as pool:
+        yield from pool.imap(job, arguments.seeds)
+
+
+def processes(count: int) -> Any:
+    """A pool of so many processes of one thread each."""
     # read when a process starts
     for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ[name] = "1"
-    with multiprocessing.get_context("spawn").Pool(arguments.jobs, one_thread) as pool:
-        yield from pool.imap(job, arguments.seeds)
+    return multiprocessing.get_context("spawn").Pool(count, one_thread)
 
 
 def one_thread() -> None:

@@ -1,0 +1,195 @@
+"""What multi-light chooses at its coarsest level, beside all that it could have chosen.
+
+    python benchmarks/coarse_choices.py --seeds 0:60 --jobs 2 [-o out/choices.json]
+    python benchmarks/coarse_choices.py --read out/choices.json out/others.json
+
+For each draw of `random_captures.py` a descent from each start (the sensor's depth, the
+photographs' factorisation), under each depth weight (the first, a tenth of it, ...), with distant
+lights and, from where that ends, with near ones.  Printed are geometric means of what an error at
+that level is over that of the descent that is chosen now: of normals, of depth, of the lights'
+directions.  The rows choose with the truth in sight (and, in one, begin at it), or by
+
+    N log(sigma^2)  +  n log(1 + mean square of depth errors)  +  (N - 4) log(variance of log |s|)
+
+minus twice the logarithm of a likelihood: each of N photographs counts as one value, the depth as
+n; depth errors are over white noise's deviation.  Draws under lights of several colours are left
+out: only white lights are tried here.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rakelight import Capture, RakelightError, Truth
+from rakelight.methods.levels import Level, finest_level, pyramid
+from rakelight.methods.multi_light import COARSER_WEIGHT, FIRST_DEPTH_WEIGHT, MultiLight
+from rakelight.methods.multi_light.energy import Fit, first_fit, reset_scale
+from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
+from rakelight.methods.multi_light.initial_lights import lights_of_prior
+from rakelight.methods.multi_light.model_selection import (
+    WEIGHT_FACTORS,
+    factored_fit,
+    plausible,
+    select_model,
+    with_near_lights,
+)
+from rakelight.methods.multi_light.noise import IMAGE_CORRELATION_AREA_PX
+from rakelight.methods.multi_light.steps import descend, refine_lights
+from rakelight.model import silent
+from rakelight.prepare import prepare
+from rakelight.synthetic import draw, render_draw
+from random_captures import lights_deg, processes, seeds
+
+ERRORS = ("deg", "mm", "lights_deg")
+SHARES = (0.1, 0.2, 0.3, 0.5, 0.8, 1.0)
+"""n / N, the values for which the depth counts."""
+
+Record = dict[str, Any]
+
+
+def assess(seed: int, scans: Sequence[Path], pictures: Sequence[Path]) -> Record:
+    """All descents of one draw at the coarsest level, and the one that is chosen."""
+    drawn = draw(seed, 1.0, scans, pictures)
+    record: Record = {"seed": seed, "coloured": drawn.colour_spread > 0}
+    try:
+        capture, truth = render_draw(drawn)
+        record |= descents(capture, truth)
+    except RakelightError as error:
+        record["failed"] = str(error)
+    return record
+
+
+def descents(capture: Capture, truth: Truth) -> Record:
+    """The chosen descent and the others: their errors, and what a criterion may use."""
+    prepared, options = prepare(capture), MultiLight()
+    finest = finest_level(prepared, cut=True, unbiased=True)
+    true = truth.depth[prepared.rows, prepared.columns]
+    known = finest.mask & np.isfinite(true)
+    log_true = np.where(known, np.log(np.where(known, true, 1.0)), finest.prior)
+    white, exact = (
+        pyramid(level, options.coarse_pixels) for level in (finest, replace(finest, prior=log_true))
+    )
+    weight = FIRST_DEPTH_WEIGHT * min(prepared.factor**2, IMAGE_CORRELATION_AREA_PX)
+    level = white[-1].weighted(weight * COARSER_WEIGHT ** (len(white) - 1))
+    measured = partial(figures, white[-1], exact[-1], truth)
+
+    chosen = select_model(level, options, silent, "look")[1].fit
+    others: list[Record] = []
+    for name, start in starts(level, exact[-1]):
+        for factor in (1.0, *WEIGHT_FACTORS):
+            weaker = level.weighted(factor)
+            distant = descend(weaker, start, options, silent, "look").fit
+            near = descend(weaker, with_near_lights(weaker, distant), options, silent, "look").fit
+            for fit in (distant, near):
+                others.append({"start": name, "factor": factor, **measured(fit)})
+    return {"photographs": len(level.photographs), "chosen": measured(chosen), "others": others}
+
+
+def starts(level: Level, exact: Level) -> Iterator[tuple[str, Fit]]:
+    """Where descents begin; `exact` has the true depth for a prior."""
+    yield "sensor", first_fit(level, level.prior, lights_of_prior(level), shared_ambient=True)
+    factored = factored_fit(level)
+    if factored is not None:
+        yield "factored", factored
+    fit = first_fit(level, exact.prior, lights_of_prior(exact), shared_ambient=True)
+    for _ in range(6):
+        fit = refine_lights(level, reset_scale(level, fit))
+    yield "truth", reset_scale(level, fit)
+
+
+def figures(white: Level, exact: Level, truth: Truth, fit: Fit) -> Record:
+    """Errors of a state, and the terms of a likelihood; `white` has white noise's depth weight."""
+    (normals, _), (true_normals, _) = (white.normals(each) for each in (fit.log_depth, exact.prior))
+    active = white.photographs.active
+    cosine = np.clip((normals * true_normals).sum(axis=-1)[active], -1, 1)
+    off = (fit.log_depth - exact.prior)[white.mask]
+    misfit = white.sensor_sum_of_squares(fit.log_depth) / len(white.sensor_weight)
+    return {
+        "deg": float(np.degrees(np.arccos(cosine)).mean()),
+        "mm": 1000 * float(white.middle_m[2]) * float(np.std(off)),
+        "lights_deg": lights_deg(fit.lights.as_lights(white.middle_m), truth.lights),
+        "near": fit.near,
+        "plausible": not fit.near or plausible(white, fit.lights),
+        "log_sigma": float(np.log(fit.linearization.noise_sigma)),
+        "log_misfit": float(np.log1p(misfit)),
+        "equal_intensity": equal_intensity_energy(fit.lights.vector),
+    }
+
+
+# ---- what is printed
+
+
+def cost(share: float, record: Record, other: Record) -> float:
+    """Minus twice the logarithm of the likelihood of a descent, n = share N."""
+    photographs = 2 * other["log_sigma"] + share * other["log_misfit"]
+    return float(record["photographs"] * photographs + other["equal_intensity"])
+
+
+def table(records: Sequence[Record]) -> Iterator[str]:
+    """A row for each way to choose."""
+    used = [each for each in records if "failed" not in each and not each["coloured"]]
+    yield f"{len(used)} draws of {len(records)}; error over that of what is chosen now"
+    yield f"{'chosen by':34s} {'normals':>8s} {'depth':>8s} {'lights':>8s}"
+
+    def row(name: str, with_truth: bool, by: Callable[[Record, Record], float]) -> str:
+        ratios: dict[str, list[float]] = {error: [] for error in ERRORS}
+        for record in used:
+            free = [
+                each for each in record["others"]
+                if each["plausible"] and (with_truth or each["start"] != "truth")
+            ]  # fmt: skip
+            best = min(free, key=partial(by, record))
+            for error in ERRORS:
+                before, after = record["chosen"][error], best[error]
+                if before and after:  # no angle where photographs were left out
+                    ratios[error].append(after / before)
+        means = (float(np.exp(np.mean(np.log(each)))) for each in ratios.values())
+        return f"{name:34s} " + " ".join(f"{each:8.3f}" for each in means)
+
+    yield row("the least angle, truth begun at", True, lambda _, other: other["deg"])
+    yield row("the least angle", False, lambda _, other: other["deg"])
+    for share in SHARES:
+        words = f"likelihood, n = {share:g} N"
+        yield row(words, False, partial(cost, share))
+    yield row("the same, 0.3, truth begun at", True, partial(cost, 0.3))
+
+
+def main() -> None:
+    """Run, or read, and print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seeds", type=seeds, default=range(60), help="FIRST:END")
+    parser.add_argument("--jobs", type=int, default=1, help="processes of one thread each")
+    parser.add_argument("--scans", type=Path, default=Path("../shared/shapes"), help="*.npz")
+    parser.add_argument(
+        "--pictures", type=Path, nargs="*", default=[Path("../shared/captures/mitten/rgb/000.png")]
+    )
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/choices.json"))
+    parser.add_argument("--read", type=Path, nargs="+", metavar="JSON", help="runs, to print")
+    arguments = parser.parse_args()
+    if arguments.read:
+        records = [each for file in arguments.read for each in json.loads(file.read_text())]
+    else:
+        pictures = [file for file in arguments.pictures if file.exists()]
+        one = partial(assess, scans=sorted(arguments.scans.glob("*.npz")), pictures=pictures)
+        arguments.output.parent.mkdir(parents=True, exist_ok=True)
+        records = []
+        with processes(arguments.jobs) as pool:
+            for record in pool.imap(one, arguments.seeds):
+                records.append(record)
+                arguments.output.write_text(json.dumps(records, indent=1))
+                print(record["seed"], record.get("failed", ""), flush=True)
+    print(*table(records), sep="\n")
+
+
+if __name__ == "__main__":
+    main()
