@@ -38,7 +38,7 @@ from rakelight import RakelightError, refine
 from rakelight.methods import load_method
 from rakelight.metrics import evaluate_maps
 from rakelight.synthetic import draw, render_draw
-from random_captures import processes, seeds
+from random_captures import add_sources, processes, seeds
 
 SOURCE = Path(__file__).parent.parent / "src" / "rakelight"
 MODULES = {
@@ -184,8 +184,7 @@ def refined(trial: Trial, method: str, folder: Path) -> dict[str, Any]:
 def render(seed: int, arguments: argparse.Namespace, folder: Path) -> None:
     """Render one draw of `random_captures.py`, at another size, to a file."""
     lighting = load_method(arguments.method).lighting
-    scans = sorted(arguments.scans.glob("*.npz"))
-    drawn = draw(seed, arguments.size, scans, arguments.pictures, lighting=lighting)
+    drawn = draw(seed, arguments.size, arguments.scans, arguments.pictures, lighting=lighting)
     (folder / f"{seed:04d}.pickle").write_bytes(pickle.dumps(render_draw(drawn)))
 
 
@@ -225,10 +224,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=seeds, default=range(50), help="FIRST:END")
     parser.add_argument("--size", type=float, default=0.5, help="of the draws' images")
     parser.add_argument("--jobs", type=int, default=2, help="processes of one thread each")
-    parser.add_argument("--scans", type=Path, default=Path("../shared/shapes"), help="*.npz")
-    parser.add_argument(
-        "--pictures", type=Path, nargs="*", default=[Path("../shared/captures/mitten/rgb/000.png")]
-    )
+    add_sources(parser)
     parser.add_argument("--only", nargs="*", default=[], help="MODULE.NAME")
     parser.add_argument("-o", "--output", type=Path, default=Path("out/ablation.json"))
     parser.add_argument("--read", type=Path, metavar="JSON", help="a run, instead of running")
@@ -236,7 +232,6 @@ def main() -> None:
     if arguments.read:
         print(*table(json.loads(arguments.read.read_text())), sep="\n")
         return
-    arguments.pictures = [file for file in arguments.pictures if file.exists()]
     wanted = trials(arguments.method, arguments.only)
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
     records = []

@@ -7,13 +7,14 @@ For each draw of `random_captures.py` a descent from each start (the sensor's de
 photographs' factorisation), under each depth weight (the first, a tenth of it, ...), with distant
 lights and, from where that ends, with near ones.  Printed are geometric means of what an error at
 that level is over that of the descent that is chosen now: of normals, of depth, of the lights'
-directions.  The rows choose with the truth in sight (and, in one, begin at it), or by
+directions.  The rows choose with the truth in sight, or by
 
     N log(sigma^2)  +  n log(1 + mean square of depth errors)  +  (N - 4) log(variance of log |s|)
 
 minus twice the logarithm of a likelihood: each of N photographs counts as one value, the depth as
-n; depth errors are over white noise's deviation.  Draws under lights of several colours are left
-out: only white lights are tried here.
+n; depth errors are over white noise's deviation.  "The truth too": of descents that begin at the
+true depth as well.  Draws under lights of several colours are left out: only white lights are
+tried here.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ from typing import Any
 import numpy as np
 
 from rakelight import Capture, RakelightError, Truth
-from rakelight.methods.levels import Level, finest_level, pyramid
-from rakelight.methods.multi_light import COARSER_WEIGHT, FIRST_DEPTH_WEIGHT, MultiLight
+from rakelight.methods.levels import Level, pyramid
+from rakelight.methods.multi_light import COARSER_WEIGHT, MultiLight, first_levels
 from rakelight.methods.multi_light.energy import Fit, first_fit, reset_scale
 from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.methods.multi_light.initial_lights import lights_of_prior
@@ -41,12 +42,12 @@ from rakelight.methods.multi_light.model_selection import (
     select_model,
     with_near_lights,
 )
-from rakelight.methods.multi_light.noise import IMAGE_CORRELATION_AREA_PX
 from rakelight.methods.multi_light.steps import descend, refine_lights
+from rakelight.metrics import normal_error_map_deg
 from rakelight.model import silent
 from rakelight.prepare import prepare
 from rakelight.synthetic import draw, render_draw
-from random_captures import lights_deg, processes, seeds
+from random_captures import add_sources, lights_deg, processes, seeds
 
 ERRORS = ("deg", "mm", "lights_deg")
 SHARES = (0.1, 0.2, 0.3, 0.5, 0.8, 1.0)
@@ -70,20 +71,18 @@ def assess(seed: int, scans: Sequence[Path], pictures: Sequence[Path]) -> Record
 def descents(capture: Capture, truth: Truth) -> Record:
     """The chosen descent and the others: their errors, and what a criterion may use."""
     prepared, options = prepare(capture), MultiLight()
-    finest = finest_level(prepared, cut=True, unbiased=True)
+    levels, weight = first_levels(prepared, options)
+    finest, level = levels[0], levels[-1]
     true = truth.depth[prepared.rows, prepared.columns]
     known = finest.mask & np.isfinite(true)
     log_true = np.where(known, np.log(np.where(known, true, 1.0)), finest.prior)
-    white, exact = (
-        pyramid(level, options.coarse_pixels) for level in (finest, replace(finest, prior=log_true))
-    )
-    weight = FIRST_DEPTH_WEIGHT * min(prepared.factor**2, IMAGE_CORRELATION_AREA_PX)
-    level = white[-1].weighted(weight * COARSER_WEIGHT ** (len(white) - 1))
-    measured = partial(figures, white[-1], exact[-1], truth)
+    exact = pyramid(replace(finest, prior=log_true), options.coarse_pixels)[-1]
+    white = level.weighted(1 / (weight * COARSER_WEIGHT ** (len(levels) - 1)))
+    measured = partial(figures, white, exact, truth)
 
     chosen = select_model(level, options, silent, "look")[1].fit
     others: list[Record] = []
-    for name, start in starts(level, exact[-1]):
+    for name, start in starts(level, exact):
         for factor in (1.0, *WEIGHT_FACTORS):
             weaker = level.weighted(factor)
             distant = descend(weaker, start, options, silent, "look").fit
@@ -100,20 +99,23 @@ def starts(level: Level, exact: Level) -> Iterator[tuple[str, Fit]]:
     if factored is not None:
         yield "factored", factored
     fit = first_fit(level, exact.prior, lights_of_prior(exact), shared_ambient=True)
-    for _ in range(6):
+    for _ in range(6):  # until lights and robust scale agree
         fit = refine_lights(level, reset_scale(level, fit))
     yield "truth", reset_scale(level, fit)
 
 
 def figures(white: Level, exact: Level, truth: Truth, fit: Fit) -> Record:
-    """Errors of a state, and the terms of a likelihood; `white` has white noise's depth weight."""
+    """Errors of a state, the depth's but for an offset, and the terms of a likelihood.
+
+    white : the level with white noise's depth weight; exact : with the true depth for a prior
+    """
     (normals, _), (true_normals, _) = (white.normals(each) for each in (fit.log_depth, exact.prior))
     active = white.photographs.active
-    cosine = np.clip((normals * true_normals).sum(axis=-1)[active], -1, 1)
+    off_deg = normal_error_map_deg(normals, true_normals, active)
     off = (fit.log_depth - exact.prior)[white.mask]
     misfit = white.sensor_sum_of_squares(fit.log_depth) / len(white.sensor_weight)
     return {
-        "deg": float(np.degrees(np.arccos(cosine)).mean()),
+        "deg": float(off_deg[active].mean()),
         "mm": 1000 * float(white.middle_m[2]) * float(np.std(off)),
         "lights_deg": lights_deg(fit.lights.as_lights(white.middle_m), truth.lights),
         "near": fit.near,
@@ -149,17 +151,17 @@ def table(records: Sequence[Record]) -> Iterator[str]:
             best = min(free, key=partial(by, record))
             for error in ERRORS:
                 before, after = record["chosen"][error], best[error]
-                if before and after:  # no angle where photographs were left out
+                if before and after:  # None where the truth has other lights
                     ratios[error].append(after / before)
         means = (float(np.exp(np.mean(np.log(each)))) for each in ratios.values())
         return f"{name:34s} " + " ".join(f"{each:8.3f}" for each in means)
 
-    yield row("the least angle, truth begun at", True, lambda _, other: other["deg"])
+    yield row("the least angle, the truth too", True, lambda _, other: other["deg"])
     yield row("the least angle", False, lambda _, other: other["deg"])
     for share in SHARES:
         words = f"likelihood, n = {share:g} N"
         yield row(words, False, partial(cost, share))
-    yield row("the same, 0.3, truth begun at", True, partial(cost, 0.3))
+    yield row("likelihood, 0.3 N, the truth too", True, partial(cost, 0.3))
 
 
 def main() -> None:
@@ -169,18 +171,14 @@ def main() -> None:
     )
     parser.add_argument("--seeds", type=seeds, default=range(60), help="FIRST:END")
     parser.add_argument("--jobs", type=int, default=1, help="processes of one thread each")
-    parser.add_argument("--scans", type=Path, default=Path("../shared/shapes"), help="*.npz")
-    parser.add_argument(
-        "--pictures", type=Path, nargs="*", default=[Path("../shared/captures/mitten/rgb/000.png")]
-    )
+    add_sources(parser)
     parser.add_argument("-o", "--output", type=Path, default=Path("out/choices.json"))
     parser.add_argument("--read", type=Path, nargs="+", metavar="JSON", help="runs, to print")
     arguments = parser.parse_args()
     if arguments.read:
         records = [each for file in arguments.read for each in json.loads(file.read_text())]
     else:
-        pictures = [file for file in arguments.pictures if file.exists()]
-        one = partial(assess, scans=sorted(arguments.scans.glob("*.npz")), pictures=pictures)
+        one = partial(assess, scans=arguments.scans, pictures=arguments.pictures)
         arguments.output.parent.mkdir(parents=True, exist_ok=True)
         records = []
         with processes(arguments.jobs) as pool:

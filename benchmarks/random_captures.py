@@ -36,6 +36,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, replace
 from functools import partial
+from multiprocessing.pool import Pool
 from pathlib import Path
 from typing import Any
 
@@ -345,6 +346,20 @@ def seeds(text: str) -> range:
     return range(int(first), int(end) if end else int(first) + 1)
 
 
+def add_sources(parser: argparse.ArgumentParser) -> None:
+    """The options for what draws take shapes and paints from, with those that are there."""
+    picture = Path("../shared/captures/mitten/rgb/000.png")
+    parser.add_argument("--scans", type=scans_in, default="../shared/shapes", help="of *.npz")
+    parser.add_argument(
+        "--pictures", type=Path, nargs="*", default=[picture] if picture.exists() else []
+    )
+
+
+def scans_in(folder: str) -> list[Path]:
+    """The scans of a folder, in order."""
+    return sorted(Path(folder).glob("*.npz"))
+
+
 def setting(text: str) -> tuple[str, Any]:
     """`FIELD=VALUE` of `Draw`."""
     name, _, value = text.partition("=")
@@ -364,7 +379,7 @@ def recorded(arguments: argparse.Namespace) -> Iterator[Record]:
         yield from pool.imap(job, arguments.seeds)
 
 
-def processes(count: int) -> Any:
+def processes(count: int) -> Pool:
     """A pool of so many processes of one thread each."""
     # read when a process starts
     for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -393,10 +408,7 @@ def main() -> None:
     parser.add_argument("--set", type=setting, action="append", default=[], metavar="FIELD=VALUE")
     parser.add_argument("--lights", choices=("found", "start", "fixed"), default="found")
     parser.add_argument("--off", type=float, default=0.0, metavar="DEG", help="of given lights")
-    parser.add_argument("--scans", type=Path, default=Path("../shared/shapes"), help="*.npz")
-    parser.add_argument(
-        "--pictures", type=Path, nargs="*", default=[Path("../shared/captures/mitten/rgb/000.png")]
-    )
+    add_sources(parser)
     parser.add_argument("-o", "--output", type=Path, default=Path("out/random.json"))
     parser.add_argument("--worst", type=int, default=0, metavar="N", help="describe so many")
     parser.add_argument("--read", type=Path, metavar="JSON", help="a run, instead of running")
@@ -408,8 +420,6 @@ def main() -> None:
     if arguments.read:
         records = json.loads(arguments.read.read_text())
     else:
-        arguments.scans = sorted(arguments.scans.glob("*.npz"))
-        arguments.pictures = [file for file in arguments.pictures if file.exists()]
         lighting = {"lighting": load_method(arguments.method).lighting}
         arguments.overrides = lighting | dict(arguments.set)
         arguments.with_oracle = arguments.seeds[: arguments.oracle]

@@ -63,14 +63,7 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     Raises MethodError for fewer than 3 photographs.
     """
     require_photographs(prepared, "multi-light", 3)
-    correlation_area = min(prepared.factor**2, IMAGE_CORRELATION_AREA_PX)
-    weight = options.depth_weight or FIRST_DEPTH_WEIGHT * correlation_area
-    finest = finest_level(prepared, cut=True, unbiased=True)
-    levels = [
-        level.weighted(weight * COARSER_WEIGHT**k)
-        for k, level in enumerate(pyramid(finest, options.coarse_pixels))
-    ]
-
+    levels, weight = first_levels(prepared, options)
     # 1. The coarsest level: the light model, the start, and a first depth weight.
     coarsest = len(levels) - 1
     factor, descent = select_model(levels[-1], options, progress, stage(coarsest), prepared.lights)
@@ -115,6 +108,15 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     steps, converged = descent.steps + both.steps + last.steps, both.converged and last.converged
     descent = replace(last, steps=steps, converged=converged)
     return finished(prepared, level, descent, weight, highlights)
+
+
+def first_levels(prepared: Prepared, options: MultiLight) -> tuple[list[Level], float]:
+    """The levels, finest first, under the first depth weight, and that weight at the finest."""
+    correlation_area = min(prepared.factor**2, IMAGE_CORRELATION_AREA_PX)
+    weight = options.depth_weight or FIRST_DEPTH_WEIGHT * correlation_area
+    finest = finest_level(prepared, cut=True, unbiased=True)
+    levels = pyramid(finest, options.coarse_pixels)
+    return [each.weighted(weight * COARSER_WEIGHT**k) for k, each in enumerate(levels)], weight
 
 
 def without_outliers(level: Level, fit: Fit) -> tuple[Level, Fit, Highlights]:
