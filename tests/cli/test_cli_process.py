@@ -41,6 +41,16 @@ MOMENTS = {
     "  At()\n"
     "  for _ in range(2000): time.sleep(0.01)\n"
     "m.surface = at\n",
+    # What it leaves half built has a finalizer, as llvmlite's strings have.
+    "building an object": "import rakelight.pipeline as m\n"
+    "class At:\n"
+    "  def __init__(self): signal.raise_signal(SIGNAL); self.owned = True\n"
+    "  def __del__(self): self.owned\n"
+    "def at(*_):\n"
+    "  try: At()\n"
+    "  except KeyboardInterrupt: pass\n"
+    "  raise KeyboardInterrupt\n"
+    "m.surface = at\n",
     "a lock that is never free": "import rakelight.export as e, threading\n"
     "def at(*_):\n"
     "  try: signal.raise_signal(SIGNAL)\n"

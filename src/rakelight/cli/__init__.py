@@ -68,6 +68,7 @@ class Interrupt:
         # What was to be ignored, as under nohup or in the background of a script, stays so.
         self._signals = [each for each in SIGNALS if signal.getsignal(each) != signal.SIG_IGN]
         self._last_s = -DEAF_S
+        self._came = False
 
     def listen(self) -> None:
         """From now on signals interrupt."""
@@ -84,15 +85,19 @@ class Interrupt:
         now_s = monotonic()
         if now_s - self._last_s >= DEAF_S:
             self._last_s = now_s
+            self._came = True
             _thread.start_new_thread(_end_at_last, ())
             raise KeyboardInterrupt
 
     def _not_lost(self, caught: sys.UnraisableHookArgs) -> None:
-        """Once more what was raised where nothing can be raised, as in a finalizer."""
+        """Once more what was raised where nothing can be raised, as in a finalizer.
+
+        After a signal, finalizers may fail on objects that it left half built: nothing to tell.
+        """
         if issubclass(caught.exc_type, KeyboardInterrupt):
             self._last_s = -DEAF_S
             _thread.start_new_thread(_interrupt_soon, ())
-        else:
+        elif not self._came:
             sys.__unraisablehook__(caught)
 
 
