@@ -41,6 +41,14 @@ MOMENTS = {
     "  At()\n"
     "  for _ in range(2000): time.sleep(0.01)\n"
     "m.surface = at\n",
+    # As where numba compiles: LLVM cannot pass it on, and the program fails by what is missing.
+    "lost in a library": "import rakelight.pipeline as m\n"
+    "class At:\n"
+    "  def __del__(self): signal.raise_signal(SIGNAL)\n"
+    "def at(*_):\n"
+    "  At()\n"
+    "  raise RuntimeError('no compiled object yet')\n"
+    "m.surface = at\n",
     # What it leaves half built has a finalizer, as llvmlite's strings have.
     "building an object": "import rakelight.pipeline as m\n"
     "class At:\n"

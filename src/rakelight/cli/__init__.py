@@ -41,7 +41,7 @@ def main(arguments: list[str] | None = None) -> None:
         printed = _open_streams()
         from rakelight.cli.commands import run
 
-        code = run(sys.argv[1:])
+        code = run(sys.argv[1:], lambda: interrupt.came)
         interrupt.ignore()
     except KeyboardInterrupt:  # before anything was begun, or after all was done
         interrupt.ignore()
@@ -68,7 +68,7 @@ class Interrupt:
         # What was to be ignored, as under nohup or in the background of a script, stays so.
         self._signals = [each for each in SIGNALS if signal.getsignal(each) != signal.SIG_IGN]
         self._last_s = -DEAF_S
-        self._came = False
+        self.came = False
 
     def listen(self) -> None:
         """From now on signals interrupt."""
@@ -85,7 +85,7 @@ class Interrupt:
         now_s = monotonic()
         if now_s - self._last_s >= DEAF_S:
             self._last_s = now_s
-            self._came = True
+            self.came = True
             _thread.start_new_thread(_end_at_last, ())
             raise KeyboardInterrupt
 
@@ -97,7 +97,7 @@ class Interrupt:
         if issubclass(caught.exc_type, KeyboardInterrupt):
             self._last_s = -DEAF_S
             _thread.start_new_thread(_interrupt_soon, ())
-        elif not self._came:
+        elif not self.came:
             sys.__unraisablehook__(caught)
 
 

@@ -7,7 +7,7 @@ import gc
 import os
 import re
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib import import_module
 from typing import Any
 
@@ -70,8 +70,12 @@ def rakelight() -> None:
     """Depth maps of RGB-D cameras refined by photographs under moving light."""
 
 
-def run(arguments: list[str]) -> int:
-    """Run the command and return its exit code; a failure is one line on stderr."""
+def run(arguments: list[str], interrupted: Callable[[], bool] = lambda: False) -> int:
+    """Run the command and return its exit code; a failure is one line on stderr.
+
+    interrupted : whether a signal has come.  Raises KeyboardInterrupt where the command failed
+        after one: a library may have lost the signal, and failed by it
+    """
     # Threads that wait sleep: a machine busy with other work would else stand still with us.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     # Our dense systems are small; BLAS threads would only wait for each other.
@@ -81,15 +85,13 @@ def run(arguments: list[str]) -> int:
     # Libraries come with more objects than that, and no cycles worth the search.
     gc.set_threshold(100_000)
     keep_freed_memory()
-    return _run(arguments)
+    return _run(arguments, interrupted)
 
 
-def _run(arguments: list[str]) -> int:
+def _run(arguments: list[str], interrupted: Callable[[], bool]) -> int:
     debug = "--debug" in arguments
     try:
         code: Any = rakelight.main(arguments, prog_name="rakelight", standalone_mode=False)
-    except RakelightError as error:
-        return _fail(str(error), error.exit_code, debug)
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message(), err=True)
         return 2
@@ -101,6 +103,10 @@ def _run(arguments: list[str]) -> int:
     except SystemExit:  # click's answer when the reader of our output has gone, as after `| head`
         return 0
     except Exception as error:
+        if interrupted():
+            raise KeyboardInterrupt from error
+        if isinstance(error, RakelightError):
+            return _fail(str(error), error.exit_code, debug)
         return _unexpected(error, debug)
     return code if isinstance(code, int) else 0
 
