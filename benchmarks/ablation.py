@@ -60,7 +60,7 @@ MODULES = {
 NOT_TUNED = ("FOURTH_DIFFERENCE", "MEAN_ABSOLUTE_TO_SIGMA", "TINY")
 """The coefficients of one; the normal distribution's; against division by zero."""
 OFF: dict[str, Any] = {
-    "model_selection.LEAST_ENERGY_GAIN": 0.0,
+    "model_selection.LEAST_GAIN": 0.0,
     "model_selection.MOST_VARIED_DISTANCES": np.inf,
     "energy.FOURTH_DIFFERENCE_WEIGHT": 0.0,
     "levels.FILLED": 1e-9,

@@ -4,17 +4,13 @@
     python benchmarks/coarse_choices.py --read out/choices.json out/others.json
 
 For each draw of `random_captures.py` a descent from each start (the sensor's depth, the
-photographs' factorisation), under each depth weight (the first, a tenth of it, ...), with distant
-lights and, from where that ends, with near ones.  Printed are geometric means of what an error at
-that level is over that of the descent that is chosen now: of normals, of depth, of the lights'
-directions.  The rows choose with the truth in sight, or by
-
-    N log(sigma^2)  +  n log(1 + mean square of depth errors)  +  (N - 4) log(variance of log |s|)
-
-minus twice the logarithm of a likelihood: each of N photographs counts as one value, the depth as
-n; depth errors are over white noise's deviation.  "The truth too": of descents that begin at the
-true depth as well.  Draws under lights of several colours are left out: only white lights are
-tried here.
+photographs' factorisation), under each depth weight, with distant lights and, from where that
+ends, with near ones.  Printed are geometric means of what an error at that level is over that of
+the descent that `select_model` chooses: of normals, of depth, of the lights' directions.  The rows
+choose with the truth in sight, or by the likelihood of `model_selection.cost`, in which the depth
+counts as n values (n = N there) and each of the N photographs as one.  "The truth too": of
+descents that begin at the true depth as well.  Draws under lights of several colours are left out:
+only white lights are tried here.
 """
 
 from __future__ import annotations
@@ -31,14 +27,14 @@ import numpy as np
 
 from rakelight import Capture, RakelightError, Truth
 from rakelight.methods.levels import Level, pyramid
-from rakelight.methods.multi_light import COARSER_WEIGHT, MultiLight, first_levels
+from rakelight.methods.multi_light import MultiLight, coarsest_level, first_levels
 from rakelight.methods.multi_light.energy import Fit, first_fit, reset_scale
 from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.methods.multi_light.model_selection import (
-    WEIGHT_FACTORS,
     factored_fit,
     plausible,
+    radius_over_distance,
     select_model,
     with_near_lights,
 )
@@ -71,24 +67,25 @@ def assess(seed: int, scans: Sequence[Path], pictures: Sequence[Path]) -> Record
 def descents(capture: Capture, truth: Truth) -> Record:
     """The chosen descent and the others: their errors, and what a criterion may use."""
     prepared, options = prepare(capture), MultiLight()
-    levels, weight = first_levels(prepared, options)
-    finest, level = levels[0], levels[-1]
+    levels, weights = first_levels(prepared, options)
+    finest, (level, factor) = levels[0], coarsest_level(levels)
+    weights = [factor * each for each in weights]
     true = truth.depth[prepared.rows, prepared.columns]
     known = finest.mask & np.isfinite(true)
     log_true = np.where(known, np.log(np.where(known, true, 1.0)), finest.prior)
     exact = pyramid(replace(finest, prior=log_true), options.coarse_pixels)[-1]
-    white = level.weighted(1 / (weight * COARSER_WEIGHT ** (len(levels) - 1)))
-    measured = partial(figures, white, exact, truth)
+    measured = partial(figures, level, exact, truth)
 
-    chosen = select_model(level, options, silent, "look")[1].fit
+    chosen = select_model(level, weights, options, silent, "look").fit
     others: list[Record] = []
     for name, start in starts(level, exact):
-        for factor in (1.0, *WEIGHT_FACTORS):
-            weaker = level.weighted(factor)
-            distant = descend(weaker, start, options, silent, "look").fit
-            near = descend(weaker, with_near_lights(weaker, distant), options, silent, "look").fit
+        for weight in weights:
+            weighted = level.weighted(weight)
+            distant = descend(weighted, start, options, silent, "look").fit
+            begun = with_near_lights(weighted, distant)
+            near = descend(weighted, begun, options, silent, "look").fit
             for fit in (distant, near):
-                others.append({"start": name, "factor": factor, **measured(fit)})
+                others.append({"start": name, "weight": weight, **measured(fit)})
     return {"photographs": len(level.photographs), "chosen": measured(chosen), "others": others}
 
 
@@ -104,23 +101,24 @@ def starts(level: Level, exact: Level) -> Iterator[tuple[str, Fit]]:
     yield "truth", reset_scale(level, fit)
 
 
-def figures(white: Level, exact: Level, truth: Truth, fit: Fit) -> Record:
+def figures(level: Level, exact: Level, truth: Truth, fit: Fit) -> Record:
     """Errors of a state, the depth's but for an offset, and the terms of a likelihood.
 
-    white : the level with white noise's depth weight; exact : with the true depth for a prior
+    level : its depth weight is of one sensor pixel's noise; exact : with the true depth for a prior
     """
-    (normals, _), (true_normals, _) = (white.normals(each) for each in (fit.log_depth, exact.prior))
-    active = white.photographs.active
+    (normals, _), (true_normals, _) = (level.normals(each) for each in (fit.log_depth, exact.prior))
+    active = level.photographs.active
     off_deg = normal_error_map_deg(normals, true_normals, active)
-    off = (fit.log_depth - exact.prior)[white.mask]
-    misfit = white.sensor_sum_of_squares(fit.log_depth) / len(white.sensor_weight)
+    off = (fit.log_depth - exact.prior)[level.mask]
+    misfit = level.sensor_sum_of_squares(fit.log_depth) / len(level.sensor_weight)
+    nearness = radius_over_distance(level, fit.lights)
     return {
         "deg": float(off_deg[active].mean()),
-        "mm": 1000 * float(white.middle_m[2]) * float(np.std(off)),
-        "lights_deg": lights_deg(fit.lights.as_lights(white.middle_m), truth.lights),
+        "mm": 1000 * float(level.middle_m[2]) * float(np.std(off)),
+        "lights_deg": lights_deg(fit.lights.as_lights(level.middle_m), truth.lights),
         "near": fit.near,
-        "plausible": not fit.near or plausible(white, fit.lights),
-        "log_sigma": float(np.log(fit.linearization.noise_sigma)),
+        "plausible": not fit.near or plausible(level, fit.lights),
+        "log_sigma": float(np.log(fit.linearization.noise_sigma) + np.log1p(nearness**2)),
         "log_misfit": float(np.log1p(misfit)),
         "equal_intensity": equal_intensity_energy(fit.lights.vector),
     }

@@ -1,5 +1,6 @@
 """The start from the photographs' factors: its cost, its derivative, and what it finds."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -64,6 +65,18 @@ def test_a_flatter_surface_does_not_fit_better_by_being_flat():
     flat = np.diag([0.3, 0.3, 1.0])
     costs = [descended(given, each).cost for each in (A, flat)]
     assert costs[1] == pytest.approx(costs[0], rel=0.02)
+
+
+def test_pixels_that_no_photograph_determines_may_be_the_most():
+    given = problem()
+    determined = given.determined & (np.arange(len(given.determined)) % 3 == 0)
+    mostly_dark = replace(
+        given, determined=determined, directions=given.directions * determined[:, None]
+    )
+    slopes, toward = mostly_dark.slopes(np.eye(3))
+    assert np.isfinite(slopes).all()
+    assert toward.min() > 0
+    np.testing.assert_allclose(toward[determined], given.slopes(np.eye(3))[1][determined])
 
 
 @pytest.mark.parametrize("seed", [5, 6, 7])

@@ -6,17 +6,21 @@ from functools import cache
 import numpy as np
 import pytest
 
-from rakelight.methods.levels import finest_level, pyramid
-from rakelight.methods.multi_light import FIRST_DEPTH_WEIGHT, MultiLight
+from rakelight.methods.multi_light import (
+    FIRST_DEPTH_WEIGHTS,
+    MultiLight,
+    coarsest_level,
+    first_levels,
+)
 from rakelight.methods.multi_light.energy import first_fit, lights_after, parameter_map
+from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.methods.multi_light.model_selection import (
-    penalised_noise,
-    search_depth_weight,
+    cheapest,
+    cost,
     select_model,
-    with_near_lights,
+    with_coloured_lights,
 )
-from rakelight.methods.multi_light.steps import Descent
 from rakelight.metrics import evaluate_maps
 from rakelight.model import silent
 from rakelight.photometry.images import LightParameters
@@ -34,32 +38,107 @@ def scene(noise, name="coin", size=1.0, **settings):
 
 
 @cache
-def coarsest(noise, size=1.0, **settings):
-    captured, _ = scene(noise, size=size, **settings)
-    finest = finest_level(prepare(captured), cut=True, unbiased=True)
-    return pyramid(finest.weighted(FIRST_DEPTH_WEIGHT), 4000)[-1]
+def coarsest(noise, name="coin", size=1.0, **settings):
+    """The coarsest level, and the factor of depth weights there."""
+    captured, _ = scene(noise, name, size, **settings)
+    return coarsest_level(first_levels(prepare(captured), MultiLight())[0])
 
 
 @cache
-def selected(noise, **options):
-    return select_model(coarsest(noise), MultiLight(**options), silent, "look")
+def selected(noise, name="coin", size=1.0, weights=FIRST_DEPTH_WEIGHTS, **options):
+    level, factor = coarsest(noise, name, size)
+    there = [factor * each for each in weights]
+    choice = select_model(level, there, MultiLight(**options), silent, "look")
+    return replace(choice, weight=choice.weight / factor)
+
+
+def test_the_coarsest_level_takes_the_mean_of_errors_for_as_large_as_one():
+    levels, _ = first_levels(prepare(scene(CORRELATED)[0]), MultiLight())
+    level, factor = coarsest_level(levels)
+    weights = [float(np.median(each.sensor_weight)) for each in (level, levels[0], levels[-1])]
+    assert weights[0] == pytest.approx(weights[1])
+    assert factor == pytest.approx(2 ** (len(levels) - 1) * weights[2] / weights[1])
+    assert factor > 100
 
 
 def test_depth_whose_errors_are_correlated_has_less_weight():
-    factors = [selected(noise)[0] for noise in (DepthNoise(rms_mm=2.5), CORRELATED)]
-    assert factors[0] == 1 > 50 * factors[1]
+    white, correlated = (selected(noise).weight for noise in (DepthNoise(rms_mm=2.5), CORRELATED))
+    assert white > 50 * correlated
 
 
 def test_lights_of_equal_intensity_speak_for_less_weight():
     """Of the coin, a flat surface explains photographs half as well; but its lights are unlike."""
-    factor, descent = selected(CORRELATED)
-    _, weighed = selected(CORRELATED, depth_weight=1.0)
-    fits = [found.fit for found in (weighed, descent)]
-    residuals = [fit.linearization.noise_sigma for fit in fits]
-    both = [penalised_noise(coarsest(CORRELATED), fit) for fit in fits]
-    assert factor < 0.02
-    assert residuals[1] > 0.5 * residuals[0]
-    assert both[1] < 0.5 * both[0]
+    flat, relief = (
+        selected(CORRELATED, weights=(weight,), distance="distant").fit for weight in (10.0, 0.01)
+    )
+    assert relief.linearization.noise_sigma > 0.5 * flat.linearization.noise_sigma
+    level = coarsest(CORRELATED)[0]
+    costs = [cost(level, fit) for fit in (flat, relief)]
+    unequal = [equal_intensity_energy(fit.lights.vector) for fit in (flat, relief)]
+    assert costs[1] < costs[0]
+    assert costs[1] - unequal[1] > costs[0] - unequal[0] + 10
+
+
+def test_correlated_errors_of_the_depth_do_not_flatten_a_coin():
+    capture, truth = scene(CORRELATED)
+    result = refine(capture, "multi-light")
+    assert evaluate_maps(result.depth, result.normals, truth).normals.mae_deg < 1.5
+
+
+def test_the_cost_counts_each_photograph_once_and_the_depth_as_all_of_them():
+    level, fit = coarsest(CORRELATED)[0], selected(CORRELATED).fit
+    here, count = cost(level, fit), len(level.photographs)
+    rougher = replace(fit.linearization, noise_sigma=2 * fit.linearization.noise_sigma)
+    more = cost(level, replace(fit, linearization=rougher)) - here
+    assert more == pytest.approx(count * np.log(4))
+    # The sensor's own depth, and one that is three of its noise's deviations off everywhere.
+    exact = level.unbiased_prior
+    off = exact + 3 / np.sqrt(np.median(level.sensor_weight))
+    costs = [cost(level, replace(fit, log_depth=each)) for each in (exact, off)]
+    assert costs[1] - costs[0] == pytest.approx(count * np.log(10), rel=0.05)
+
+
+def test_the_cost_counts_unequal_lights_but_not_given_ones():
+    level, fit = coarsest(CORRELATED)[0], selected(CORRELATED).fit
+    vector = fit.lights.vector
+    dimmed = np.linspace(1, 2, len(vector))[:, None, None] * vector
+    more = equal_intensity_energy(dimmed) - equal_intensity_energy(vector)
+    both = [replace(fit, lights=replace(fit.lights, vector=each)) for each in (vector, dimmed)]
+    found = [cost(level, each) for each in both]
+    assert found[1] - found[0] == pytest.approx(more)
+    assert more > 1
+    directions = vector / np.linalg.norm(vector, axis=-1, keepdims=True)
+    held = [cost(level, replace(each, directions=directions)) for each in both]
+    assert held[0] == held[1]
+
+
+def test_lights_that_would_be_very_near_are_penalised():
+    level, fit = coarsest(CORRELATED)[0], selected(CORRELATED, distance="distant").fit
+    radius_m = np.linalg.norm(level.points[level.mask], axis=-1).max()
+    far, by_it = (
+        cost(
+            level,
+            replace(fit, lights=replace(fit.lights, inverse_distance=each * np.ones((12, 1)))),
+        )
+        for each in (0.0, 1 / radius_m)
+    )
+    assert by_it - far == pytest.approx(12 * np.log(4))
+
+
+def test_the_choice_is_the_least_cost_of_white_and_near_lights():
+    level, free = coarsest(CORRELATED)[0], selected(CORRELATED)
+    choices = [free, *(selected(CORRELATED, distance=each) for each in ("near", "distant"))]
+    assert [each.fit.near for each in choices[1:]] == [True, False]
+    assert cost(level, free.fit) == min(cost(level, each.fit) for each in choices)
+    assert cheapest(level, choices[::-1]).fit.energy == free.fit.energy
+
+
+def test_coloured_lights_are_made_of_white_ones_once():
+    level, _ = coarsest(CORRELATED)
+    white = first_fit(level, level.prior, lights_of_prior(level))
+    coloured = with_coloured_lights(white)
+    assert coloured.lights.vector.shape == (12, 3, 3)
+    assert with_coloured_lights(coloured) is coloured
 
 
 def test_low_relief_under_near_lights_keeps_its_height():
@@ -80,18 +159,6 @@ def test_near_lights_are_found_over_a_coin(seed):
     assert np.median(result.lights.distance_m) == pytest.approx(0.6, rel=0.1)
 
 
-def test_lights_that_would_be_very_near_are_penalised():
-    level = coarsest(CORRELATED)
-    fit = selected(CORRELATED, distance="distant")[1].fit
-    far, by_it = (
-        penalised_noise(
-            level, replace(fit, lights=replace(fit.lights, inverse_distance=np.full((12, 1), each)))
-        )
-        for each in (0.0, 1 / np.linalg.norm(level.points[level.mask], axis=-1).max())
-    )
-    assert by_it == pytest.approx(2 * far)
-
-
 def test_strong_highlights_do_not_bend_the_surface():
     glossy = {"specular": 0.6, "lamp_distance_m": 0.6, "photographs": 16}
     capture, truth = scene(CORRELATED, "sphere", 0.4, **glossy)
@@ -99,30 +166,16 @@ def test_strong_highlights_do_not_bend_the_surface():
     assert evaluate_maps(result.depth, result.normals, truth).normals.mae_deg < 3
 
 
-def test_near_lights_too_begin_where_the_residuals_are_smallest():
-    """One step from the sensor's depth explains less than one from another start, the truth."""
-    near = {"size": 0.4, "name": "vase", "lamp_distance_m": 0.5}
-    level, exact = coarsest(CORRELATED, **near), coarsest(DepthNoise(), **near)
-    there = first_fit(level, exact.prior, lights_of_prior(exact))
-    start = with_near_lights(level, first_fit(level, level.prior, lights_of_prior(level)))
-    descent = Descent((start,), converged=True, steps=0)
-    residuals = [
-        search_depth_weight(level, descent, MultiLight(max_iterations=1), silent, starts)[
-            1
-        ].fit.linearization
-        for starts in ((), (there,))
-    ]
-    assert residuals[1].noise_sigma < 0.95 * residuals[0].noise_sigma
-
-
 def test_a_weight_that_was_asked_for_is_kept():
-    factor, _ = selected(CORRELATED, depth_weight=1.0)
-    assert factor == 1 > selected(CORRELATED)[0]
+    capture, _ = scene(CORRELATED, size=0.25)
+    result = refine(capture, MultiLight(depth_weight=3.0, max_iterations=2))
+    notes = [each.message for each in result.findings if each.code == "depth-weight"]
+    assert notes == ["depth weight 3 times white noise's"]
 
 
 @pytest.mark.parametrize("near", [False, True])
 def test_a_shared_ambient_ratio_is_kept_by_a_step(near):
-    level = coarsest(CORRELATED, 0.25)
+    level = coarsest(CORRELATED, size=0.25)[0]
     vector = lights_of_prior(level).vector
     size = np.linalg.norm(vector, axis=-1)
     lights = LightParameters(vector, 0.2 * size, np.full_like(size, 0.5))

@@ -16,6 +16,7 @@ error models), outliers.py, confidence.py, normals.py.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -32,7 +33,7 @@ from rakelight.methods.multi_light.confidence import (
     shared_noise,
 )
 from rakelight.methods.multi_light.energy import Fit, evaluated, reset_scale
-from rakelight.methods.multi_light.model_selection import select_model
+from rakelight.methods.multi_light.model_selection import cheapest, descents, select_model
 from rakelight.methods.multi_light.noise import (
     IMAGE_CORRELATION_AREA_PX,
     estimate_depth_weight,
@@ -46,10 +47,10 @@ from rakelight.model import Finding, Floats, ProgressCallback
 from rakelight.photometry.specular import Highlights, trim_brightest
 from rakelight.prepare import Prepared
 
-# First depth weight, 1/variance relative to white noise's, times the result's pixels in a depth
-# pixel over which the photographs' errors are correlated (ablation.md: halved 0.94, doubled 1.12):
-# all of them while they are fewer than `IMAGE_CORRELATION_AREA_PX`.
-FIRST_DEPTH_WEIGHT = 10.0
+# Depth weights that the coarsest level chooses from, multiples of white noise's, 1/variance, times
+# the result's pixels in a depth pixel over which the photographs' errors are correlated: all of
+# them while they are fewer than `IMAGE_CORRELATION_AREA_PX`.
+FIRST_DEPTH_WEIGHTS = (0.01, 0.1, 1.0, 10.0)
 # Factor of the depth weight per halving of the resolution: a coarser level explains averaged
 # photographs, and only roughly (ablation.md: halved 1.03; uw-owl then 5.3 degrees instead of 4.7).
 COARSER_WEIGHT = 2.0
@@ -63,19 +64,25 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     Raises MethodError for fewer than 3 photographs.
     """
     require_photographs(prepared, "multi-light", 3)
-    levels, weight = first_levels(prepared, options)
-    # 1. The coarsest level: the light model, the start, and a first depth weight.
+    levels, weights = first_levels(prepared, options)
+    # 1. The coarsest level: the start, the light model, and a first depth weight.
     coarsest = len(levels) - 1
-    factor, descent = select_model(levels[-1], options, progress, stage(coarsest), prepared.lights)
-    weight *= factor
-    levels = [level.weighted(factor) for level in levels]
-    # 2. Without the highlights and cast shadows that this fit predicts.
-    level, fit, highlights = without_outliers(levels[-1], descent.fit)
+    coarse, factor = coarsest_level(levels)
+    weights = [factor * each for each in weights]
+    choice = select_model(coarse, weights, options, progress, stage(coarsest), prepared.lights)
+    # 2. Without the highlights and cast shadows that this fit predicts, the weight is chosen again:
+    # they had been errors of the photographs.
+    level, fit, highlights = without_outliers(coarse.weighted(choice.weight), choice.fit)
     if highlights:
-        fit = refit_without_brightest(levels[-1], fit, options, progress)
-        level, fit, _ = without_outliers(levels[-1], fit)
-    if fit is not descent.fit:
-        descent = descend(level, fit, options, progress, stage(coarsest))
+        least = coarse.weighted(weights[0])
+        fit = refit_without_brightest(least, fit, options, progress)
+        level, fit, _ = without_outliers(least, fit)
+    if fit is not choice.fit:
+        clear = replace(coarse, photographs=level.photographs)
+        again = descents(clear, options, progress, stage(coarsest), weights, fit)
+        choice = cheapest(clear, again)
+    weight, descent = choice.weight / factor, choice.descent
+    levels = [each.weighted(weight * COARSER_WEIGHT**k) for k, each in enumerate(levels)]
 
     # 3. Coarse to fine: lights and depth together.
     for index in reversed(range(coarsest)):
@@ -110,13 +117,26 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     return finished(prepared, level, descent, weight, highlights)
 
 
-def first_levels(prepared: Prepared, options: MultiLight) -> tuple[list[Level], float]:
-    """The levels, finest first, under the first depth weight, and that weight at the finest."""
+def first_levels(prepared: Prepared, options: MultiLight) -> tuple[list[Level], list[float]]:
+    """The levels, finest first, under white noise's depth weight, and the first depth weights.
+
+    Those are multiples of white noise's at the finest level, the least first.
+    """
+    levels = pyramid(finest_level(prepared, cut=True, unbiased=True), options.coarse_pixels)
     correlation_area = min(prepared.factor**2, IMAGE_CORRELATION_AREA_PX)
-    weight = options.depth_weight or FIRST_DEPTH_WEIGHT * correlation_area
-    finest = finest_level(prepared, cut=True, unbiased=True)
-    levels = pyramid(finest, options.coarse_pixels)
-    return [each.weighted(weight * COARSER_WEIGHT**k) for k, each in enumerate(levels)], weight
+    weights = [each * correlation_area for each in FIRST_DEPTH_WEIGHTS]
+    return levels, weights if options.depth_weight is None else [options.depth_weight]
+
+
+def coarsest_level(levels: Sequence[Level]) -> tuple[Level, float]:
+    """The coarsest level, and the factor of depth weights there.
+
+    Its depth weight is of one sensor pixel's noise: errors of neighbours are correlated, and their
+    mean over a pixel of the level is not that much smaller.
+    """
+    coarse, finest = (levels[k].sensor_weight for k in (-1, 0))
+    averaged = float(np.median(coarse) / np.median(finest)) if finest.size and coarse.size else 1.0
+    return levels[-1].weighted(1 / averaged), averaged * COARSER_WEIGHT ** (len(levels) - 1)
 
 
 def without_outliers(level: Level, fit: Fit) -> tuple[Level, Fit, Highlights]:

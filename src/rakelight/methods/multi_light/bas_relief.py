@@ -48,7 +48,9 @@ def nearest_bas_relief(
 
         as_it_is = size[determined] * (axes[determined] @ ([1.0, 0.0, 0.0, 0.0] - nearest))
         starts = (np.zeros(len(basis.T)), as_it_is)
-        offset = min((minimize(cost, start) for start in starts), key=lambda found: found.fun).x
+        # Not SciPy's "BFGS": see factored_start.py.
+        both = (minimize(cost, start, method="L-BFGS-B") for start in starts)
+        offset = min(both, key=lambda found: found.fun).x
         transform = nearest + basis @ offset
     return _transformed(level, log_depth, rays, transform)
 

@@ -104,7 +104,8 @@ class Problem:
         """(P, 2) gradients g of log depth under A, and c (P,)."""
         normals = self.directions @ A.T
         toward = -np.sum(normals * self.rays, axis=1)
-        toward = np.maximum(toward, LEAST_TOWARD * float(np.median(np.abs(toward))))
+        typical = float(np.median(np.abs(toward[self.determined])))
+        toward = np.maximum(toward, LEAST_TOWARD * typical)
         return normals[:, :2] / self.focal / toward[:, None], toward
 
 
@@ -237,9 +238,11 @@ def descended(problem: Problem, A: Floats) -> Candidate:
         sensor / (FIRST_SENSOR**2 * len(problem.target)),
     )  # fmt: skip
     for _ in range(ROUNDS):
+        # SciPy's "BFGS" changes the filter of warnings, which other threads share, while it runs.
         A = minimize(
-            weighted.cost, A.ravel(), jac=True, method="BFGS", options={"maxiter": BFGS_STEPS}
-        ).x.reshape(3, 3)
+            weighted.cost, A.ravel(), jac=True, method="L-BFGS-B",
+            options={"maxiter": BFGS_STEPS, "maxcor": A.size},
+        ).x.reshape(3, 3)  # fmt: skip
         A /= np.cbrt(abs(np.linalg.det(A)))
         weighted = reweighted(weighted, A)
     log_depth, residual = weighted.surface(problem.slopes(A)[0])

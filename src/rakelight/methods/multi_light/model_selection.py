@@ -1,14 +1,18 @@
-"""What is chosen at the coarsest level: the start, the light model, the depth weight."""
+"""What is chosen at the coarsest level: the start, the light model, the depth weight.
+
+Each is tried by a descent of its own, and the one of the least `cost` is taken.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from rakelight.methods.levels import Level
-from rakelight.methods.multi_light.energy import Fit, evaluated, first_fit, reset_scale
+from rakelight.methods.multi_light.energy import SMALLEST_NOISE, Fit, first_fit
 from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.methods.multi_light.factored_start import factored_start
 from rakelight.methods.multi_light.initial_lights import lights_of_given, lights_of_prior
@@ -17,116 +21,148 @@ from rakelight.methods.multi_light.steps import Descent, descend, refine_lights
 from rakelight.model import GivenLights, ProgressCallback
 from rakelight.photometry.images import LightParameters
 
-# Factors of the first depth weight that are tried at the coarsest level.  The sensor's errors are
-# correlated over an unknown area, and count that many times less (ablation.md: 1.07 either way).
-WEIGHT_FACTORS = (1e-3, 1e-2, 1e-1)
-# A factor is taken where it multiplies `penalised_noise` by less than its power of this exponent: a
-# thousandth where it halves it (ablation.md: halved 0.84, doubled 1.07, one draw of 12 each).
-FACTOR_EXPONENT = np.log(2) / np.log(1e3)
+# Coloured lights are taken where they lower the residuals' sigma by more than this fraction.
+LEAST_GAIN = 0.05
 # Pixels of the object above which a level is halved for the factorisation, which is as good there
 # and faster (ablation.md: halved 0.98, doubled 1.12).
 FACTORED_PIXELS = 2000
-# Near or coloured lights are taken where they lower the energy by more than this fraction, divided
-# by the number of photographs: of few, more parameters explain more of anything (ablation.md: off
-# 1.07, halved 0.98, doubled 1.00).
-LEAST_ENERGY_GAIN = 0.5
 # The object's radius over the distance at which all near lights start (ablation.md: halved 1.01,
-# doubled 1.00).
-FIRST_RADIUS_OVER_DISTANCE = 0.15
+# doubled 1.00), and the least at which they are near: descents are slower than with distant ones.
+FIRST_RADIUS_OVER_DISTANCE, LEAST_RADIUS_OVER_DISTANCE = 0.15, 0.03
 # Largest interquartile range of the lights' inverse distances, over their median, that is plausible
 # of a lamp in a hand (ablation.md: off 1.07, halved and doubled 1.00).
 MOST_VARIED_DISTANCES = 0.5
 
 
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A descent, and its depth weight, a multiple of white noise's."""
+
+    weight: float
+    descent: Descent
+
+    @property
+    def fit(self) -> Fit:
+        """The descent's last state."""
+        return self.descent.fit
+
+
 def select_model(
     level: Level,
+    weights: Sequence[float],
     options: MultiLight,
     progress: ProgressCallback,
     stage: str,
     given: GivenLights | None = None,
-) -> tuple[float, Descent]:
-    """The factor of the level's depth weight that is chosen, and the descent with it.
+) -> Choice:
+    """The choice of the least cost.
 
-    From distant white lights with a shared ambient ratio; near and coloured ones where they explain
-    much more.  Where near lights come out implausible, all is chosen again with distant ones.
-
+    level : the coarsest; its depth weight is of one sensor pixel's noise
+    weights : the depth weights to choose from, multiples of that, the least first
     given : lights that are one more start or, fixed, the only one
     """
-    if given is not None and given.fixed:
-        fit = given_fit(level, given)
-        simple = descend(level, fit, options, progress, stage)
-        starts: tuple[Fit, ...] = ()
-    else:
-        fit = first_fit(level, level.prior, lights_of_prior(level), shared_ambient=True)
-        simple = descend(level, fit, options, progress, stage)
-        found = (factored_fit(level), None if given is None else given_fit(level, given))
-        starts = tuple(each for each in found if each is not None)
-        simple = multi_start(level, simple, starts, options, progress)
-    for distance in (options.distance, "distant"):
-        these = replace(options, distance=distance)
-        descent = select_lights(level, simple, these, progress)
-        factor, descent = search_depth_weight(level, descent, these, progress, starts)
-        if factor < 1:
-            descent = select_lights(level.weighted(factor), descent, these, progress)
-        if acceptable(level, descent.fit, options):
-            break
-    fit = replace(descent.fit, shared_ambient=False)
-    return factor, replace(descent, fits=(*descent.fits[:-1], fit))
+    along = partial(descents, level, options, progress)
+    begins = list(starts(level, given))
+    # Under the least weight correlated errors of the sensor's depth bend the lights least.
+    least, larger = weights[:1], weights[1:]
+    best = cheapest(level, [each for fit in begins for each in along(stage, least, fit)])
+    if options.lights != "white":
+        coloured = along("try coloured lights", least, with_coloured_lights(best.fit))[0]
+        if options.lights == "coloured" or explains_more(coloured.fit, best.fit):
+            best, begins = coloured, [with_coloured_lights(fit) for fit in begins]
+    choices = [best, *along("try a larger depth weight", larger, best.fit)]
+    if options.distance != "distant" and best.fit.directions is None:
+        near = near_choices(level, weights, begins, options, progress)
+        if options.distance == "near":
+            choices = near
+        else:
+            choices += [each for each in near if plausible(level, each.fit.lights)]
+    best = cheapest(level, choices)
+    fit = replace(best.fit, shared_ambient=False)
+    return Choice(best.weight, replace(best.descent, fits=(*best.descent.fits[:-1], fit)))
 
 
-def search_depth_weight(
+def descents(
     level: Level,
-    descent: Descent,
     options: MultiLight,
     progress: ProgressCallback,
-    starts: Sequence[Fit] = (),
-) -> tuple[float, Descent]:
-    """The factor of the level's depth weight with the least penalised noise, and its descent.
+    stage: str,
+    weights: Sequence[float],
+    fit: Fit,
+) -> list[Choice]:
+    """A descent under each of these depth weights, begun where the one before has ended."""
+    found = []
+    for weight in weights:
+        found.append(Choice(weight, descend(level.weighted(weight), fit, options, progress, stage)))
+        fit = found[-1].fit
+    return found
 
-    starts : other states to start from, where their residuals are smaller: under the whole weight
-        the descent may have bent the lights to the sensor's noise
 
-    Correlated errors of the depth count less than their number.  The area over which they are
-    correlated shows only from a surface that follows the photographs, which too large a weight
-    prevents.
+def near_choices(
+    level: Level,
+    weights: Sequence[float],
+    begins: Sequence[Fit],
+    options: MultiLight,
+    progress: ProgressCallback,
+) -> list[Choice]:
+    """Descents with near lights, from the largest depth weight to the least, and there anew.
+
+    Their fall-off determines the relief, and finds it from a surface that is near the sensor's;
+    but if that surface has no relief, the lights come out so near that all shading is fall-off.
+    Where they come out far away, they are.
     """
-    chosen, fit = (1.0, descent), descent.fit
-    if options.depth_weight is not None:
-        return chosen
-    least = penalised_noise(level, fit) if acceptable(level, fit, options) else np.inf
-    floor = 0.0
-    if fit.near:
-        fit, *starts = (with_near_lights(level, each) for each in (fit, *starts))
-    for factor in WEIGHT_FACTORS:
-        penalty = factor**-FACTOR_EXPONENT
-        if floor * penalty >= least:
-            continue  # residuals under a smaller weight are too large already
-        weaker = level.weighted(factor)
-        words = "try a smaller depth weight"
-        start = min(
-            (reset_scale(weaker, each) for each in (fit, *starts)),
-            key=lambda each: each.linearization.noise_sigma,
-        )
-        trial = descend(weaker, start, options, progress, words)
-        penalised = penalised_noise(level, trial.fit)
-        floor = max(floor, penalised)
-        if penalised * penalty < least and acceptable(level, trial.fit, options):
-            chosen, least = (factor, trial), penalised * penalty
-    return chosen
+    along = partial(descents, level, options, progress, "try near lights")
+    most, least = (level.weighted(each) for each in (weights[-1], weights[0]))
+    begun = [with_near_lights(most, fit) for fit in begins]
+    best = cheapest(level, [each for fit in begun for each in along(weights[-1:], fit)])
+    if radius_over_distance(level, best.fit.lights) < LEAST_RADIUS_OVER_DISTANCE:
+        return [best]
+    smaller = along(weights[:-1][::-1], best.fit)
+    anew = min(
+        (with_near_lights(least, fit) for fit in (best.fit, *begins)),
+        key=lambda fit: fit.linearization.noise_sigma,
+    )
+    return [best, *smaller, *along(weights[:1], anew)]
 
 
-def penalised_noise(level: Level, fit: Fit) -> float:
-    """The residuals' sigma, times penalties for lights of unequal intensity and for near ones.
+def cheapest(level: Level, choices: Sequence[Choice]) -> Choice:
+    """The choice of the least cost; the level's depth weight is of one sensor pixel's noise."""
+    return min(choices, key=lambda each: cost(level, each.fit))
 
-    On low relief a flat surface explains photographs nearly as well as the right one, under lights
-    of very different intensity, or so near that their fall-off makes the shading.  Under lights in
-    given directions it does not.
+
+def cost(level: Level, fit: Fit) -> float:
+    """Minus twice the logarithm of the likelihood of photographs, depth and lights.
+
+        N log(sigma^2 (1 + R^2/D^2)^2)  +  N log(1 + mean w (K (p - p_0))^2)
+            +  (N - 4) log(variance of log |s_i|)
+
+    each with the variance that makes it most likely.  Errors are correlated within a photograph and
+    within the depth map, over areas that are not known: each photograph counts as one value, the
+    depth map as many as all photographs, and its variance is at least that of one pixel's noise.
+    Lights at a distance D about the object's radius R would let fall-off make all shading.  Lights
+    in given directions have neither that penalty nor the third term.
+
+    level : its depth weight w is of one sensor pixel's noise
     """
-    if fit.directions is not None:
-        return fit.linearization.noise_sigma
-    equal_intensity = equal_intensity_energy(fit.lights.vector) / (4 * len(fit.lights.vector))
-    near = 1 + radius_over_distance(level, fit.lights) ** 2
-    return float(fit.linearization.noise_sigma * np.exp(equal_intensity) * near)
+    count = len(level.photographs)
+    sigma = max(fit.linearization.noise_sigma, SMALLEST_NOISE)
+    misfit = level.sensor_sum_of_squares(fit.log_depth) / max(len(level.sensor_weight), 1)
+    total = count * (2 * np.log(sigma) + np.log1p(misfit))
+    if fit.directions is None:
+        total += 2 * count * np.log1p(radius_over_distance(level, fit.lights) ** 2)
+        total += equal_intensity_energy(fit.lights.vector)
+    return float(total)
+
+
+def starts(level: Level, given: GivenLights | None) -> Iterator[Fit]:
+    """The states to begin with: distant lights, white unless given otherwise, one ambient ratio."""
+    if given is None or not given.fixed:
+        yield first_fit(level, level.prior, lights_of_prior(level), shared_ambient=True)
+        factored = factored_fit(level)
+        if factored is not None:
+            yield factored
+    if given is not None:
+        yield given_fit(level, given)
 
 
 def factored_fit(level: Level) -> Fit | None:
@@ -155,57 +191,19 @@ def given_fit(level: Level, given: GivenLights) -> Fit:
     return replace(refine_lights(level, fit), directions=directions if given.fixed else None)
 
 
-def multi_start(
-    level: Level,
-    descent: Descent,
-    starts: Sequence[Fit],
-    options: MultiLight,
-    progress: ProgressCallback,
-) -> Descent:
-    """The descent, or one from another start, if that ends at a lower energy."""
-    for start in starts:
-        trial = descend(level, start, options, progress, "try another start")
-        before = evaluated(level, trial.fit, descent.fit.log_depth, descent.fit.lights)
-        descent = trial if trial.fit.energy < before.energy else descent
-    return descent
-
-
-def select_lights(
-    level: Level, descent: Descent, options: MultiLight, progress: ProgressCallback
-) -> Descent:
-    """The descent with near or coloured lights, where these explain the photographs much better."""
-    for wanted, free, already in (
-        (options.distance, "near", descent.fit.near),
-        (options.lights, "coloured", descent.fit.lights.ambient.shape[1] > 1),
-    ):
-        before = descent.fit
-        held = free == "near" and before.directions is not None
-        if wanted not in ("auto", free) or already or held:
-            continue
-        freer = with_near_lights(level, before) if free == "near" else with_coloured_lights(before)
-        # Both under the loss of the simpler lights.
-        simpler = replace(before, near=freer.near)
-        enough = LEAST_ENERGY_GAIN / len(level.photographs) * before.energy
-        trial = descend(level, freer, options, progress, f"try {free} lights")
-        after = evaluated(level, simpler, trial.fit.log_depth, trial.fit.lights)
-        gain = before.energy - after.energy
-        if wanted == free or (gain > enough and distances_alike(after.lights)):
-            descent = trial
-    return descent
-
-
-def acceptable(level: Level, fit: Fit, options: MultiLight) -> bool:
-    """Whether near lights are asked for, given or, if there are any, plausible."""
-    stated = options.distance == "near" or fit.directions is not None
-    return stated or plausible(level, fit.lights)
+def explains_more(freer: Fit, simpler: Fit) -> bool:
+    """Whether residuals under freer lights are smaller by more than `LEAST_GAIN`."""
+    return freer.linearization.noise_sigma < (1 - LEAST_GAIN) * simpler.linearization.noise_sigma
 
 
 def plausible(level: Level, lights: LightParameters) -> bool:
-    """Whether distances, if any, are a lamp's in a hand: about equal, and outside the object.
+    """Whether distances of near lights are a lamp's in a hand: about equal, and within reach.
 
-    Where they only make up for another error of the model, they are random or tiny.
+    Where they only make up for another error of the model, they are random, tiny or huge.
     """
-    return distances_alike(lights) and radius_over_distance(level, lights) <= 1
+    low, middle, high = np.quantile(lights.inverse_distance, [0.25, 0.5, 0.75])
+    near = LEAST_RADIUS_OVER_DISTANCE <= radius_over_distance(level, lights) <= 1
+    return bool(near and high - low <= MOST_VARIED_DISTANCES * middle)
 
 
 def radius_over_distance(level: Level, lights: LightParameters) -> float:
@@ -216,12 +214,6 @@ def radius_over_distance(level: Level, lights: LightParameters) -> float:
 def object_radius(level: Level) -> float:
     """The object's radius about its middle, metres."""
     return float(np.linalg.norm(level.points[level.mask], axis=-1).max())
-
-
-def distances_alike(lights: LightParameters) -> bool:
-    """Whether the inverse distances have a small interquartile range over their median."""
-    low, middle, high = np.quantile(lights.inverse_distance, [0.25, 0.5, 0.75])
-    return bool(high - low <= MOST_VARIED_DISTANCES * middle)
 
 
 def with_near_lights(level: Level, fit: Fit) -> Fit:
@@ -240,6 +232,8 @@ def with_near_lights(level: Level, fit: Fit) -> Fit:
 def with_coloured_lights(fit: Fit) -> Fit:
     """The state with a light of its own for each channel."""
     lights = fit.lights
+    if lights.ambient.shape[1] > 1:
+        return fit
     each = (
         np.repeat(part, 3, axis=1)
         for part in (lights.vector, lights.ambient, lights.inverse_distance)
