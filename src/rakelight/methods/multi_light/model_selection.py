@@ -36,7 +36,7 @@ MOST_VARIED_DISTANCES = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A descent, and its depth weight, a multiple of white noise's."""
+    """A descent, and its depth weight, a multiple of the level's."""
 
     weight: float
     descent: Descent
@@ -109,13 +109,14 @@ def near_choices(
 
     Their fall-off determines the relief, and finds it from a surface that is near the sensor's;
     but if that surface has no relief, the lights come out so near that all shading is fall-off.
-    Where they come out far away, they are.
+    Where they come out far away, they are taken for that, unless near ones are asked for.
     """
     along = partial(descents, level, options, progress, "try near lights")
     most, least = (level.weighted(each) for each in (weights[-1], weights[0]))
     begun = [with_near_lights(most, fit) for fit in begins]
     best = cheapest(level, [each for fit in begun for each in along(weights[-1:], fit)])
-    if radius_over_distance(level, best.fit.lights) < LEAST_RADIUS_OVER_DISTANCE:
+    nearness = radius_over_distance(level, best.fit.lights)
+    if nearness < LEAST_RADIUS_OVER_DISTANCE and options.distance != "near":
         return [best]
     smaller = along(weights[:-1][::-1], best.fit)
     anew = min(
