@@ -49,7 +49,8 @@ from rakelight.prepare import Prepared
 
 # Depth weights that the coarsest level chooses from, multiples of white noise's, 1/variance, times
 # the result's pixels in a depth pixel over which the photographs' errors are correlated: all of
-# them while they are fewer than `IMAGE_CORRELATION_AREA_PX`.
+# them while they are fewer than `IMAGE_CORRELATION_AREA_PX` (ablation.md: halved 0.94, doubled
+# 1.01).
 FIRST_DEPTH_WEIGHTS = (0.01, 0.1, 1.0, 10.0)
 # Factor of the depth weight per halving of the resolution: a coarser level explains averaged
 # photographs, and only roughly (ablation.md: halved 1.03; uw-owl then 5.3 degrees instead of 4.7).

@@ -21,13 +21,15 @@ from rakelight.methods.multi_light.steps import Descent, descend, refine_lights
 from rakelight.model import GivenLights, ProgressCallback
 from rakelight.photometry.images import LightParameters
 
-# Coloured lights are taken where they lower the residuals' sigma by more than this fraction.
+# Coloured lights are taken where they lower the residuals' sigma by more than this fraction
+# (ablation.md: off 0.98, halved 0.99, doubled 1.00).
 LEAST_GAIN = 0.05
 # Pixels of the object above which a level is halved for the factorisation, which is as good there
 # and faster (ablation.md: halved 0.98, doubled 1.12).
 FACTORED_PIXELS = 2000
 # The object's radius over the distance at which all near lights start (ablation.md: halved 1.01,
-# doubled 1.00), and the least at which they are near: descents are slower than with distant ones.
+# doubled 1.00), and the least at which they are near: descents are slower than with distant ones
+# (halved 0.87, one draw of 12; doubled 1.00).
 FIRST_RADIUS_OVER_DISTANCE, LEAST_RADIUS_OVER_DISTANCE = 0.15, 0.03
 # Largest interquartile range of the lights' inverse distances, over their median, that is plausible
 # of a lamp in a hand (ablation.md: off 1.07, halved and doubled 1.00).
