@@ -32,10 +32,10 @@ from rakelight.methods.multi_light.energy import Fit, first_fit, reset_scale
 from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.methods.multi_light.model_selection import (
-    factored_fit,
     plausible,
     radius_over_distance,
     select_model,
+    starts,
     with_near_lights,
 )
 from rakelight.methods.multi_light.steps import descend, refine_lights
@@ -78,7 +78,7 @@ def descents(capture: Capture, truth: Truth) -> Record:
 
     chosen = select_model(level, weights, options, silent, "look").fit
     others: list[Record] = []
-    for name, start in starts(level, exact):
+    for name, start in named_starts(level, exact):
         for weight in weights:
             weighted = level.weighted(weight)
             distant = descend(weighted, start, options, silent, "look").fit
@@ -89,12 +89,9 @@ def descents(capture: Capture, truth: Truth) -> Record:
     return {"photographs": len(level.photographs), "chosen": measured(chosen), "others": others}
 
 
-def starts(level: Level, exact: Level) -> Iterator[tuple[str, Fit]]:
+def named_starts(level: Level, exact: Level) -> Iterator[tuple[str, Fit]]:
     """Where descents begin; `exact` has the true depth for a prior."""
-    yield "sensor", first_fit(level, level.prior, lights_of_prior(level), shared_ambient=True)
-    factored = factored_fit(level)
-    if factored is not None:
-        yield "factored", factored
+    yield from zip(("sensor", "factored"), starts(level, None), strict=False)
     fit = first_fit(level, exact.prior, lights_of_prior(exact), shared_ambient=True)
     for _ in range(6):  # until lights and robust scale agree
         fit = refine_lights(level, reset_scale(level, fit))

@@ -18,9 +18,11 @@ from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.methods.multi_light.model_selection import (
     cheapest,
     cost,
+    near_choices,
     select_model,
     with_coloured_lights,
 )
+from rakelight.methods.multi_light.steps import Descent
 from rakelight.metrics import evaluate_maps
 from rakelight.model import silent
 from rakelight.photometry.images import LightParameters
@@ -63,7 +65,7 @@ def test_the_coarsest_level_takes_the_mean_of_errors_for_as_large_as_one():
 
 def test_depth_whose_errors_are_correlated_has_less_weight():
     white, correlated = (selected(noise).weight for noise in (DepthNoise(rms_mm=2.5), CORRELATED))
-    assert white > 50 * correlated
+    assert white >= 1 > 50 * correlated
 
 
 def test_lights_of_equal_intensity_speak_for_less_weight():
@@ -164,6 +166,26 @@ def test_strong_highlights_do_not_bend_the_surface():
     capture, truth = scene(CORRELATED, "sphere", 0.4, **glossy)
     result = refine(capture, "multi-light")
     assert evaluate_maps(result.depth, result.normals, truth).normals.mae_deg < 3
+
+
+def test_near_lights_too_begin_where_the_residuals_are_smallest(monkeypatch):
+    """The sensor's depth explains less than another start, the truth: the last descent's."""
+    near = {"size": 0.4, "name": "vase", "lamp_distance_m": 0.5}
+    (level, factor), (exact, _) = (coarsest(noise, **near) for noise in (CORRELATED, DepthNoise()))
+    here, there = (first_fit(level, each.prior, lights_of_prior(each)) for each in (level, exact))
+    begun = []
+
+    def at_once(level, fit, *_):
+        begun.append(fit)
+        return Descent((fit,), converged=True, steps=0)
+
+    monkeypatch.setattr("rakelight.methods.multi_light.model_selection.descend", at_once)
+    weights = [factor * each for each in FIRST_DEPTH_WEIGHTS]
+    found = near_choices(level, weights, (here, there), MultiLight(), silent)
+    first, last = begun[0].linearization.noise_sigma, begun[-1].linearization.noise_sigma
+    assert last < 0.95 * first
+    assert found[-1].weight == weights[0]
+    np.testing.assert_array_equal(begun[-1].log_depth, there.log_depth)
 
 
 def test_a_weight_that_was_asked_for_is_kept():

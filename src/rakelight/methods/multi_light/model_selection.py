@@ -107,11 +107,13 @@ def near_choices(
     options: MultiLight,
     progress: ProgressCallback,
 ) -> list[Choice]:
-    """Descents with near lights, from the largest depth weight to the least, and there anew.
+    """Descents with near lights, from the largest depth weight to the least.
 
-    Their fall-off determines the relief, and finds it from a surface that is near the sensor's;
-    but if that surface has no relief, the lights come out so near that all shading is fall-off.
-    Where they come out far away, they are taken for that, unless near ones are asked for.
+    Their fall-off determines the relief, and finds it from a surface that is near the sensor's.
+    If that surface has no relief, the lights come out so near that all shading is fall-off;
+    therefore the last descent begins at the start with the smallest residuals, under the least
+    weight.  If the lights come out far away, no smaller weight is tried, unless `options` ask for
+    near ones.
     """
     along = partial(descents, level, options, progress, "try near lights")
     most, least = (level.weighted(each) for each in (weights[-1], weights[0]))
@@ -121,11 +123,11 @@ def near_choices(
     if nearness < LEAST_RADIUS_OVER_DISTANCE and options.distance != "near":
         return [best]
     smaller = along(weights[:-1][::-1], best.fit)
-    anew = min(
+    start = min(
         (with_near_lights(least, fit) for fit in (best.fit, *begins)),
         key=lambda fit: fit.linearization.noise_sigma,
     )
-    return [best, *smaller, *along(weights[:1], anew)]
+    return [best, *smaller, *along(weights[:1], start)]
 
 
 def cheapest(level: Level, choices: Sequence[Choice]) -> Choice:
