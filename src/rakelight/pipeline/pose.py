@@ -32,6 +32,7 @@ from rakelight.model import (
     Capture,
     Finding,
     Floats,
+    Lights,
     Mask,
     Progress,
     ProgressCallback,
@@ -106,8 +107,10 @@ def registered(
         progress(Progress("register", step + 1, ROUNDS))
         placed = replace(capture, depth_camera=own, depth_to_color=pose)
         prepared = prepare(placed, scale) if step else first
-        log_depth = multi_light(prepared, options, silent).log_depth
+        estimate = multi_light(prepared, options, silent)
+        log_depth = estimate.log_depth
         if step == 0:
+            options = of_kind(options, estimate.lights)
             middle = back_project(np.exp(log_depth), prepared.camera)[prepared.mask].mean(axis=0)
             shift_m = SHIFT_PX * middle[2] / own.fx
             unit = np.array([*[ROTATION_RAD] * 3, shift_m, shift_m, FORWARD * middle[2]])
@@ -128,6 +131,15 @@ def registered(
     if off_px < CONVERGED_PX:
         return replace(capture, findings=findings)
     return replace(capture, depth_camera=own, depth_to_color=pose, findings=findings)
+
+
+def of_kind(options: MultiLight, lights: Lights) -> MultiLight:
+    """The options with the kind of these lights, so that no other kind is tried again."""
+    return replace(
+        options,
+        lights="white" if lights.ambient.shape[1] == 1 else "coloured",
+        distance="distant" if lights.position_m is None else "near",
+    )
 
 
 def rotated(pose: RigidTransform, xi: Floats, middle_m: Floats) -> RigidTransform:
