@@ -136,14 +136,14 @@ def side_by_side(
     >>> list(side_by_side(lambda item, check: item + 1, [1, 2, 3], workers=2))
     [2, 3, 4]
     """
-    stop, cores = Event(), max(1, _cores() // workers)
+    stop, share = Event(), max(1, cores() // workers)
 
     def check() -> None:
         if stop.is_set():
             raise StoppedError
 
     def alone(item: S) -> T:
-        with limited_threads(cores):
+        with limited_threads(share):
             return work(item, check)
 
     waiting: deque[Future[T]] = deque()
@@ -166,18 +166,18 @@ def worth_side_by_side() -> int:
 
     More than two would wait for the interpreter.
     """
-    return min(_cores(), 2)
+    return min(cores(), 2)
 
 
 def _threads(pixels: int) -> int:
     """How many cores work of that size is worth."""
-    return 1 if pixels < WORTH_SHARING else min(_cores(), _most_threads.get())
+    return 1 if pixels < WORTH_SHARING else min(cores(), _most_threads.get())
 
 
-def _cores() -> int:
+def cores() -> int:
     """How many cores this process may use, or fewer, as NUMBA_NUM_THREADS says."""
-    cores: int = _numba().config.NUMBA_NUM_THREADS
-    return cores
+    threads: int = _numba().config.NUMBA_NUM_THREADS
+    return threads
 
 
 @cache
@@ -200,7 +200,7 @@ def _tasks() -> SimpleQueue[Any]:
                 ended.put(None)
             del function, ended  # arrays must not live until the next task
 
-    for _ in range(_cores() - 1):
+    for _ in range(cores() - 1):
         Thread(target=work, name="rakelight", daemon=True).start()
     return tasks
 
@@ -223,6 +223,11 @@ def compiled() -> bool:
     False means that the next call takes seconds: worth announcing to a person.
     """
     return any(each.signatures or _on_disk(each) for each in _kernels)
+
+
+def to_be_cached(kernel: Any) -> bool:
+    """Whether a kernel was never compiled, and will be cached on disk for other processes."""
+    return kernel.stats.cache_path is not None and not (kernel.signatures or _on_disk(kernel))
 
 
 @cache

@@ -34,13 +34,15 @@ def command(
     """
     from rakelight.capture import load_capture
     from rakelight.checkup import check_capture
+    from rakelight.cli.first_run import compiling_beside
     from rakelight.report.check_page import check_html, require_free_page, write_page
 
     if html is not None:
         refuse_input_as_output(capture, html)
         require_free_page(html, overwrite=overwrite)
-    loaded = load_capture(capture)
-    report = check_capture(loaded)
+    with compiling_beside():
+        loaded = load_capture(capture)
+        report = check_capture(loaded)
     if html is not None:
         write_page(html, check_html(report, loaded), overwrite=overwrite)
     if as_json:

@@ -33,6 +33,7 @@ def command(output: Path, as_json: bool, quiet: bool, debug: bool) -> None:
     steps of 1 mm and holes.
     """
     from rakelight.capture import SYNTHETIC, load_capture, write_capture
+    from rakelight.cli.first_run import compiling_beside
     from rakelight.export import RESULT
     from rakelight.export.mesh_formats import DEFAULT_MESH, mesh_file
     from rakelight.folders import require_free
@@ -44,7 +45,7 @@ def command(output: Path, as_json: bool, quiet: bool, debug: bool) -> None:
     folder, result_folder = output / "capture", output / "result"
     require_free(folder, manifest=SYNTHETIC, overwrite=True)  # never somebody's own capture
     require_free(result_folder, manifest=RESULT, overwrite=True)
-    with shown_progress(quiet or as_json) as progress:
+    with compiling_beside(), shown_progress(quiet or as_json) as progress:
         progress(Progress("render"))
         scene, truth = demo_scene()
         kept = write_capture(scene, folder, truth=truth, overwrite=True)

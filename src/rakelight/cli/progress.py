@@ -24,7 +24,7 @@ def shown_progress(quiet: bool = False) -> Iterator[ProgressCallback]:
 
     with _bars(TextColumn("left"), TimeRemainingColumn()) as bars:
         if not _compiled():
-            bars.console.print("first run: compiling takes 20 seconds or so, later runs need none")
+            bars.console.print("first run: compiling takes 15 seconds or so, later runs need none")
         tasks: dict[str, TaskID] = {}
 
         def show(now: Progress) -> None:

@@ -134,6 +134,7 @@ def command(
 
     CAPTURE is a capture folder or whatever else `rakelight import --list` names.
     """
+    from rakelight.cli.first_run import compiling_beside
     from rakelight.export import RESULT
     from rakelight.folders import require_free
     from rakelight.memory import limited_memory
@@ -143,7 +144,8 @@ def command(
     recipe = recipe_of(**options)
     refuse_input_as_output(capture, output)
     require_free(output, manifest=RESULT, overwrite=overwrite)
-    with limited_memory(limit), shown_progress(quiet or as_json) as progress:
+    progress_shown = shown_progress(quiet or as_json)
+    with limited_memory(limit), compiling_beside(), progress_shown as progress:
         result = refine_source(capture, output, recipe, overwrite=overwrite, progress=progress)
     if as_json or not quiet:
         report_result(result, output, as_json)
