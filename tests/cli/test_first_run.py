@@ -9,6 +9,7 @@ import pytest
 
 from rakelight.cli import first_run
 from rakelight.cli.first_run import compiling_beside, kernels_to_compile
+from rakelight.errors import MachineError
 from rakelight.photometry import compiling
 
 from .cli_process import SOURCES
@@ -63,9 +64,12 @@ def test_a_small_machine_does_it_alone(monkeypatch, name, value):
     assert not kernels_to_compile()
 
 
-def test_a_system_that_starts_no_process_loses_time_alone(monkeypatch):
+@pytest.mark.parametrize(
+    "error", [BlockingIOError(EAGAIN, "Resource temporarily unavailable"), MachineError("too few")]
+)
+def test_a_system_that_starts_no_process_loses_time_alone(monkeypatch, error):
     def refused(*_, **__):
-        raise BlockingIOError(EAGAIN, "Resource temporarily unavailable")
+        raise error
 
     never_compiled(monkeypatch)
     monkeypatch.setattr(first_run, "Popen", refused)

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from subprocess import DEVNULL, Popen
 
 from rakelight import jit
+from rakelight.errors import MachineError
 from rakelight.memory import available_memory
 
 # Free memory, bytes, with which other processes are started: two of them take 0.4e9 together.
@@ -27,7 +28,7 @@ def compiling_beside() -> Iterator[None]:
             # "-P": what lies in the current folder is no library.
             command = [sys.executable, "-P", "-m", "rakelight.photometry.compiling", name]
             processes.append(Popen(command, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL))
-    except OSError:  # the system starts no more: nothing is lost but time
+    except (OSError, MachineError):  # too few processes or too little memory: only time is lost
         pass
     try:
         yield
