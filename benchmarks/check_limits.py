@@ -4,10 +4,11 @@
     python benchmarks/check_limits.py --seeds 200:250 --geometry
 
 Each draw is refined as it is, then spoiled up to a limit: so much of the object saturated or black,
-so dark, with so many holes.  Printed are the ratios of the errors to those of the draw as it is.
-"next light": one photograph is left out; its gain as `next_lights` predicts it, and what it really
-is.  With --geometry, which refines nothing: how black the photographs are, what is said of the unit
-as it is and ten times wrong, and how the best next light moves with the information of the depth.
+so dark, so blurred, with so many holes.  Printed are the ratios of the errors to those of the draw
+as it is.  "next light": one photograph is left out; its gain as `next_lights` predicts it, and what
+it really is.  With --geometry, which refines nothing: how black the photographs are, which draws
+are said to be out of focus, what is said of the unit as it is and ten times wrong, and how the best
+next light moves with the information of the depth.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from rakelight.check import next_lights as design
 from rakelight.check.depth_quality import depth_findings
 from rakelight.check.exposure import BRIGHT_PART, exposure
 from rakelight.check.measured import Measured
+from rakelight.check.sharpness import sharpness_findings
 from rakelight.errors import RakelightError
 from rakelight.model import Capture, Floats, Truth
 from rakelight.prepare.linear import srgb, to_linear
@@ -69,6 +71,12 @@ def blackened(capture: Capture, share: float) -> Capture:
     return replace(capture, photographs=photographs)
 
 
+def blurred(capture: Capture, sigma_px: float) -> Capture:
+    """Every photograph blurred by a Gaussian, as out of focus."""
+    soft = [cv2.GaussianBlur(each, (0, 0), sigma_px) for each in capture.photographs]
+    return replace(capture, photographs=np.stack(soft))
+
+
 def holed(capture: Capture, share: float) -> Capture:
     """That share of the depth pixels lost, in patches of about 6 pixels."""
     field = np.random.default_rng(0).standard_normal(capture.depth_m.shape[1:])
@@ -84,6 +92,8 @@ SPOILED: dict[str, Callable[[Capture], Capture]] = {
     "bright 0.02": lambda capture: dark(capture, 0.02),
     "black 0.4": lambda capture: blackened(capture, 0.4),
     "black 0.6": lambda capture: blackened(capture, 0.6),
+    "blurred 2 px": lambda capture: blurred(capture, 2.0),
+    "blurred 3 px": lambda capture: blurred(capture, 3.0),
     "holes 0.1": lambda capture: holed(capture, 0.1),
     "holes 0.3": lambda capture: holed(capture, 0.3),
 }
@@ -159,12 +169,17 @@ def summary(names: list[str], rows: Floats, lights: Floats) -> None:
 
 
 def show_geometry(arguments: argparse.Namespace) -> None:
-    """Black photographs, units, and the information of the depth."""
+    """Black photographs, focus, units, and the information of the depth."""
     said: dict[str, list[bool]] = {}
+    soft: dict[float, list[bool]] = {}
     black: list[float] = []
     moved, gains = [], []
     for _, capture, truth in draws(arguments):
         black += exposure(capture).black.tolist()
+        for sigma_px in (0.0, 2.0, 3.0, 4.0):
+            spoiled = blurred(capture, sigma_px) if sigma_px else capture
+            codes = {each.code for each in sharpness_findings(Measured(spoiled))}
+            soft.setdefault(sigma_px, []).append("out-of-focus" in codes)
         for name, factor in (("as it is", 1), ("10 times", 10.0), ("a tenth", 0.1),
                              ("25.4 times", 25.4), ("a thousandth", 1e-3)):  # fmt: skip
             said.setdefault(name, []).append(doubted(capture, factor))
@@ -180,6 +195,8 @@ def show_geometry(arguments: argparse.Namespace) -> None:
         moved.append(np.degrees(np.arccos(cosines)))
         gains.append([each.gain for each in found])
     print(f"black: {max(black):.0%} of the object at the most, of {len(black)} photographs")
+    for sigma_px, found_soft in soft.items():
+        print(f"blurred by {sigma_px:g} px: out of focus in {sum(found_soft)} of {len(found_soft)}")
     for name, doubts in said.items():
         print(f"unit {name}: doubted or refused in {sum(doubts)} of {len(doubts)}")
     print("information / 4, * 4: best light moves by", np.median(moved, axis=0)[[0, 2]].round(1),

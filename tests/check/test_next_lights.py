@@ -11,6 +11,7 @@ from rakelight.check.next_lights import (
     gains,
     in_words,
     information,
+    low_light_findings,
     next_light_findings,
     next_lights,
     one_side,
@@ -91,6 +92,26 @@ def test_one_side():
     assert one_side(ring([300, 340, 20, 60])) == pytest.approx(0, abs=1e-6)
     assert one_side(ring([0, 90, 180, 270])) is None
     assert one_side(ring([80, 90, 100], tilt=3)) is None  # no side: all from the camera
+
+
+@pytest.mark.parametrize(("tilt", "said"), [(45, False), (55, False), (70, True), (80, True)])
+def test_low_lights_leave_a_sphere_in_shadow(tilt, said):
+    # Of the half of a sphere that is seen a share of (1 - cos tilt) / 2 is turned away: 0.15, 0.21,
+    # 0.33, 0.41.  Normals are spread evenly over its picture.
+    x, y = (each.ravel() for each in np.meshgrid(*[np.linspace(-1, 1, 101)] * 2))
+    inside = x**2 + y**2 < 1
+    x, y = x[inside], y[inside]
+    normals = np.stack([x, y, -np.sqrt(1 - x**2 - y**2)], axis=-1)
+    findings = low_light_findings(ring(np.arange(0, 360, 30), tilt=tilt), normals)
+    assert [each.code for each in findings] == ["lights-low"] * said
+    assert not said or f"{(1 - np.cos(np.radians(tilt))) / 2:.0%}" in findings[0].message
+
+
+def test_low_lights_over_a_nearly_flat_surface_are_welcome():
+    slopes = np.random.default_rng(0).normal(0, 0.05, (500, 2))
+    normals = np.column_stack([slopes, np.full(500, -1.0)])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    assert low_light_findings(ring(np.arange(0, 360, 30), tilt=78), normals) == ()
 
 
 def test_findings():

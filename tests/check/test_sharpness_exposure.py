@@ -6,7 +6,14 @@ import pytest
 
 from rakelight.check.exposure import exposure, exposure_findings
 from rakelight.check.measured import Measured
-from rakelight.check.sharpness import blurred_ones, edge_width, edge_widths, sharpness_findings
+from rakelight.check.sharpness import (
+    OUT_OF_FOCUS_PX,
+    blurred_ones,
+    edge_width,
+    edge_widths,
+    outline_widths,
+    sharpness_findings,
+)
 from tests.check.wrong_captures import sound, with_photograph
 
 
@@ -29,11 +36,25 @@ def test_soft_photographs_are_not_compared():
     assert not blurred_ones(np.array([0.4, 3.0])).any()
 
 
-def test_all_out_of_focus_is_said():
+@pytest.mark.parametrize("sigma_px", [3, 6])
+def test_all_out_of_focus_is_said(sigma_px):
     capture = sound("vase")[0]
-    soft = np.stack([cv2.GaussianBlur(each, (0, 0), 6) for each in capture.photographs])
+    soft = np.stack([cv2.GaussianBlur(each, (0, 0), sigma_px) for each in capture.photographs])
     (found,) = sharpness_findings(Measured(replace(capture, photographs=soft)))
-    assert (found.severity, found.code) == ("note", "out-of-focus")
+    assert (found.severity, found.code) == ("warning", "out-of-focus")
+
+
+def test_soft_shading_with_a_sharp_outline_is_in_focus():
+    capture = sound("vase")[0]
+    inside = cv2.erode(capture.mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    photographs = capture.photographs.copy()
+    for each in photographs:
+        soft = cv2.GaussianBlur(each, (0, 0), 8)
+        each[inside] = soft[inside]
+    smooth = replace(capture, photographs=photographs)
+    assert np.median(edge_widths(smooth)) > 2 * OUT_OF_FOCUS_PX
+    assert np.median(outline_widths(smooth)) < 1
+    assert not sharpness_findings(Measured(smooth))
 
 
 def test_the_blurred_one_of_a_capture():

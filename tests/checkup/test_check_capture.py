@@ -123,6 +123,13 @@ def test_lights_from_one_side_are_told_with_the_other_side():
     assert "left" in report.findings[0].remedy
 
 
+def test_low_lights_are_told():
+    capture = relit(np.arange(0, 360, 30), np.full(12, 78))
+    warned = [each for each in check_capture(capture).findings if each.severity == "warning"]
+    assert warned[0].code == "lights-low"
+    assert "15 to 60 degrees" in warned[0].remedy
+
+
 def test_two_lights_are_too_few(head):
     report = check_capture(head.select([0, 4]))
     assert report.findings[0].code == "too-few-photographs"

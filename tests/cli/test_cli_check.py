@@ -23,7 +23,7 @@ def test_the_first_line_is_the_verdict_and_each_photograph_has_one(run, lit):
     assert re.match("good$|usable, with ", lines[0])
     assert sum(re.match(r"\s+\d{3}\.png\s", line) is not None for line in lines) == 8
     assert "the next light: from" in ran.out
-    assert "expect: depth to" in ran.out
+    assert "expect: two thirds of the object within" in ran.out
 
 
 def test_json_and_quiet(run, lit):

@@ -42,9 +42,9 @@ class PhotographCheck:
 
 @dataclass(frozen=True, slots=True)
 class Accuracy:
-    """What to expect of the result, as ranges that held about two of three random captures.
+    """What to expect of the result, as ranges that held about three of four random captures.
 
-    depth_mm : root mean square error of the depth; normals_deg : mean error of the normals
+    depth_mm, normals_deg : the errors that two thirds of the object's pixels are within
     """
 
     depth_mm: tuple[float, float]

@@ -116,8 +116,8 @@ def facts(report: CheckReport) -> list[str]:
     if (expected := report.accuracy) is not None:
         (low, high), (least, most) = expected.depth_mm, expected.normals_deg
         lines.append(
-            f"expect: depth to {low:.2g} - {high:.2g} mm, normals to {least:.2g} - {most:.2g} "
-            "degrees (roughly: 2 of 3 captures)"
+            f"expect: two thirds of the object within {low:.2g} - {high:.2g} mm and "
+            f"{least:.2g} - {most:.2g} degrees (3 of 4 captures)"
         )
     for i, light in enumerate(report.next_lights):
         start = "the next light: " if i == 0 else "then: "
