@@ -44,6 +44,6 @@ def kernels_to_compile() -> tuple[str, ...]:
     from rakelight.photometry import _kernels
     from rakelight.photometry.compiling import CALLS
 
-    if jit.cores() < 2 or available_memory() < ENOUGH_MEMORY:
+    if not sys.executable or jit.cores() < 2 or available_memory() < ENOUGH_MEMORY:
         return ()
     return tuple(name for name in CALLS if jit.to_be_cached(getattr(_kernels, name)))
