@@ -52,9 +52,39 @@ def test_soft_shading_with_a_sharp_outline_is_in_focus():
         soft = cv2.GaussianBlur(each, (0, 0), 8)
         each[inside] = soft[inside]
     smooth = replace(capture, photographs=photographs)
-    assert np.median(edge_widths(smooth)) > 2 * OUT_OF_FOCUS_PX
+    assert np.median(edge_widths(smooth)) > OUT_OF_FOCUS_PX
     assert np.median(outline_widths(smooth)) < 1
     assert not sharpness_findings(Measured(smooth))
+
+
+def disc(radius, mask_radius):
+    """Photographs of a disc with soft shading, sharp at its rim, and a mask of another radius."""
+    side = 2 * (radius + 40)
+    y, x = np.mgrid[:side, :side] - side / 2
+    far = np.hypot(x, y)
+    lit = np.stack([9000 * np.exp(-((x - u) ** 2 + y**2) / radius**2) for u in (-radius, radius)])
+    photographs = np.where(far < radius, lit, 0)[..., None].repeat(3, axis=-1).astype(np.uint16)
+    return replace(sound("vase")[0], photographs=photographs, mask=far < mask_radius)
+
+
+@pytest.mark.parametrize(("radius", "mask_radius"), [(60, 60), (60, 48), (300, 300), (300, 288)])
+def test_the_outline_tells_focus_whatever_the_size_and_the_mask(radius, mask_radius):
+    capture = disc(radius, mask_radius)
+    assert np.median(edge_widths(capture)) > OUT_OF_FOCUS_PX
+    assert not sharpness_findings(Measured(capture))
+    soft = np.stack([cv2.GaussianBlur(each, (0, 0), 4) for each in capture.photographs])
+    (found,) = sharpness_findings(Measured(replace(capture, photographs=soft)))
+    assert found.code == "out-of-focus"
+
+
+def test_without_an_outline_soft_shading_says_nothing_of_focus():
+    capture = disc(60, 60)
+    middle = np.s_[60:140, 60:140]
+    filled = replace(
+        capture, photographs=capture.photographs[:, *middle], mask=np.ones((80, 80), bool)
+    )
+    assert np.median(edge_widths(filled)) > OUT_OF_FOCUS_PX
+    assert not sharpness_findings(Measured(filled))
 
 
 def test_the_blurred_one_of_a_capture():

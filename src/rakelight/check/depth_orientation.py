@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rakelight.check.depth_shift import Displacement, outline_shift
 from rakelight.check.evidence import LIKELY, SURELY, log_likelihood_ratio
 from rakelight.check.measured import Measured
 from rakelight.check.shading import RelativeShading, relative_shading
@@ -81,7 +82,7 @@ def depth_orientation(measured: Measured) -> tuple[Finding, ...]:
     if best is None or best.turned < EXPLAINED:
         return ()
     evidence = best.evidence - float(np.log(len(fits)))  # the best of so many
-    if evidence < LIKELY:
+    if evidence < LIKELY or fits_moved_back(capture, measured(outline_shift)[0], best):
         return ()
     what = "the depth does not lie on the photographs the way it is turned"
     seen = (
@@ -117,6 +118,19 @@ def orientation_fits(capture: Capture) -> list[Fit]:
             )
             fits.append(Fit(name, before, after, evidence(squares[0], squares[1], both)))
     return fits
+
+
+def fits_moved_back(capture: Capture, shift: Displacement | None, turned: Fit) -> bool:
+    """Whether the depth fits better where its outline lies on the mask's: it is only shifted."""
+    shading = relative_shading(capture)
+    if shift is None or not shift.plain or shading is None:
+        return False
+    depth_m, _ = sensed(replace(capture, depth_m=capture.depth_m[:1]))
+    right, down = np.rint(shift.shift).astype(int)
+    moved = slopes(np.roll(depth_m, (-down, -right), axis=(0, 1)), shading, capture)
+    both = shading.seen & np.isfinite(moved).all(axis=-1)
+    left = unexplained(moved[both], shading.components[:, both])
+    return 1 - float(left.sum()) / total(moved[both]) > turned.turned
 
 
 def evidence(as_it_is: Floats, turned: Floats, both: Mask) -> float:

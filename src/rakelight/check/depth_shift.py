@@ -76,21 +76,30 @@ def depth_shift(measured: Measured) -> tuple[Finding, ...]:
     Raises CaptureError where that is beyond doubt and more than a tenth of the object's width.
     """
     capture = measured.capture
-    seen, factor = seen_by_sensor(capture)
-    size = seen.shape[::-1]
-    share = cv2.resize(capture.mask.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    found = displacement(share >= 0.5, seen)
+    found, factor, width_px = measured(outline_shift)
     if found is None or not found.plain:
         return ()
     what = "the depth map is not registered to the photographs"
     shift = f"shifted by about {in_words(factor * found.shift, 0)}"
-    limit_px = max(FARTHEST_PX, FARTHEST * float(np.sqrt(share.sum())))
-    if found.length > limit_px and found.explained > SURELY_EXPLAINED:
-        limit = f"less than {int(factor * limit_px)} pixels"
-        raise CaptureError(what, source=capture.source, seen=shift, needed=limit, remedy=REMEDY)
     can_register = len(capture.photographs) > 1 and not capture.register
     remedy = f"register = true in capture.toml, or {REMEDY}" if can_register else REMEDY
+    limit_px = max(FARTHEST_PX, FARTHEST * width_px)
+    if found.length > limit_px and found.explained > SURELY_EXPLAINED:
+        limit = f"less than {int(factor * limit_px)} pixels"
+        raise CaptureError(what, source=capture.source, seen=shift, needed=limit, remedy=remedy)
     return (Finding("warning", "depth-shifted", f"{what}: {shift}", remedy),)
+
+
+def outline_shift(capture: Capture) -> tuple[Displacement | None, float, float]:
+    """How the object's outline in the depth lies on the mask's; None where none is to compare.
+
+    And photograph pixels per depth pixel, and the object's width, the root of its area, in depth
+    pixels.
+    """
+    seen, factor = seen_by_sensor(capture)
+    size = seen.shape[::-1]
+    share = cv2.resize(capture.mask.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    return displacement(share >= 0.5, seen), factor, float(np.sqrt(share.sum()))
 
 
 def seen_by_sensor(capture: Capture) -> tuple[Mask, float]:

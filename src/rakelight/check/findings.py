@@ -45,6 +45,7 @@ FINDINGS = (
     Row(("depth-turned",), depth_orientation, in_refine=True),
     Row(("depth-inside-out",), inside_out, in_refine=True),
     Row(("depth-shifted",), depth_shift, in_refine=True),
+    Row(("registration-doubtful", "not-registered", "registered")),
     Row(("no-depth",), depth_findings),
     Row(("too-few-photographs", "no-surface")),
     Row(("few-lights", "one-lamp-position"), nothing_gained=True),

@@ -11,6 +11,8 @@ height of edges, not their width; edges of shadows are soft, so the sharpest one
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 
@@ -41,10 +43,11 @@ SHARP_PX = 1.6
 # of focus.  On 60 random captures (830 to 889, blurred by up to 1.5 pixels) it is 1.6 at most;
 # blurred by 3 pixels more, it is larger than this on 58, by 4 on all.  Of 58 others (890 to 949,
 # benchmarks/check_limits.py --seeds 890:950 --size 1.7 --geometry) none is said to be out of focus,
-# 53 are when blurred by 3 pixels more, all by 4.
+# 54 are when blurred by 3 pixels more, all by 4.
 OUT_OF_FOCUS_PX = 2.0
-# Half the width, pixels, of the band along the mask's border that holds the outline.
-OUTLINE_PX = 5
+# Pixels from the mask's border, inwards and outwards, within which the object's outline is looked
+# for: masks may be a dozen pixels too small.
+INWARDS_PX, OUTWARDS_PX = 4, 16
 
 
 def edge_widths(capture: Capture) -> Floats:
@@ -52,35 +55,52 @@ def edge_widths(capture: Capture) -> Floats:
 
     NaN where the object shows no edges.
     """
-    return _widths(capture, _inside(capture.mask))
+    inside = _inside(capture.mask)
+    if not inside.any():
+        return np.full(len(capture.photographs), np.nan)
+    middle = tuple(_part((part.start + part.stop) // 2) for part in bounding_window(inside))
+    return _widths(capture, inside, [middle])
 
 
 def outline_widths(capture: Capture) -> Floats:
     """(N,) the same of the object's outline, which is sharp in focus whatever lies within.
 
-    NaN where it does not stand out.
+    NaN where it does not stand out, or is not in the picture.
     """
-    size = 2 * OUTLINE_PX + 1
+    size = 2 * OUTWARDS_PX + 1
     grown = cv2.dilate(capture.mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
-    return _widths(capture, grown & ~_inside(capture.mask))
+    band = grown & ~_inside(capture.mask)
+    places = np.argwhere(band)
+    if not len(places):
+        return np.full(len(capture.photographs), np.nan)
+    box = bounding_window(band)
+    if max(part.stop - part.start for part in box) <= SIDE_PX:
+        return _widths(capture, band, [box])
+    # Of a larger object its outermost parts on all four sides.
+    ends = [places[each.argmin()] for each in (*places.T, *-places.T)]
+    return _widths(capture, band, [(_part(row, 2), _part(column, 2)) for row, column in ends])
+
+
+def _part(middle: int, parts: int = 1) -> slice:
+    """The rows or columns of a window of `SIDE_PX` over that number of parts."""
+    half = SIDE_PX // (2 * parts)
+    return slice(max(int(middle) - half, 0), int(middle) + half)
 
 
 def _inside(mask: Mask) -> Mask:
     """The mask (h, w) without a band along its border."""
-    size = 2 * OUTLINE_PX - 1
+    size = 2 * INWARDS_PX + 1
     return np.asarray(cv2.erode(mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0)
 
 
-def _widths(capture: Capture, where: Mask) -> Floats:
-    """(N,) `edge_width` of each photograph at these pixels (h, w), those about their middle."""
-    if not where.any():
-        return np.full(len(capture.photographs), np.nan)
-    parts = []
-    for part in bounding_window(where):
-        middle = (part.start + part.stop) // 2
-        parts.append(slice(max(part.start, middle - SIDE_PX // 2), middle + SIDE_PX // 2))
-    window = tuple(parts)
-    return np.array([edge_width(each[window], where[window]) for each in capture.photographs])
+def _widths(capture: Capture, where: Mask, windows: Sequence[tuple[slice, ...]]) -> Floats:
+    """(N,) width of each photograph's edges at the pixels `where` (h, w) in these windows."""
+    widths = []
+    for photograph in capture.photographs:
+        parts = [_gradients_at(photograph[window], where[window]) for window in windows]
+        brightest = max(float(photograph[window].max(initial=0)) for window in windows)
+        widths.append(_width(np.concatenate(parts, axis=1), brightest))
+    return np.array(widths)
 
 
 def edge_width(photograph: Array, mask: Mask) -> float:
@@ -94,16 +114,29 @@ def edge_width(photograph: Array, mask: Mask) -> float:
     >>> round(edge_width(step, everywhere)), round(edge_width(blurred, everywhere))
     (1, 3)
     """
+    return _width(_gradients_at(photograph, mask), float(photograph.max(initial=0)))
+
+
+def _gradients_at(photograph: Array, mask: Mask) -> Floats:
+    """(2, P) gradients after both blurs at the mask's pixels."""
     grey = cv2.cvtColor(photograph, cv2.COLOR_RGB2GRAY).astype(np.float32)
-    fine, coarse = (_gradients(cv2.GaussianBlur(grey, (0, 0), s)) for s in (FINE_PX, COARSE_PX))
-    inside = fine[mask]
-    count = int(EDGES * inside.size)
+    blurred = (cv2.GaussianBlur(grey, (0, 0), sigma) for sigma in (FINE_PX, COARSE_PX))
+    return np.stack([_gradients(each)[mask] for each in blurred])
+
+
+def _width(gradients: Floats, brightest: float) -> float:
+    """The width of edges of which these (2, P) are the gradients after both blurs.
+
+    brightest : the largest value of the photograph
+    """
+    fine, coarse = gradients
+    count = int(EDGES * fine.size)
     if count < FEWEST:
         return float("nan")
-    largest = np.argpartition(inside, -count)[-count:]
-    if inside[largest].min() <= ROUNDING * float(grey.max()):
+    largest = np.argpartition(fine, -count)[-count:]
+    if fine[largest].min() <= ROUNDING * brightest:
         return float("nan")
-    square = np.maximum((inside[largest] / np.maximum(coarse[mask][largest], 1e-9)) ** 2, 1 + 1e-6)
+    square = np.maximum((fine[largest] / np.maximum(coarse[largest], 1e-9)) ** 2, 1 + 1e-6)
     widths = np.sqrt(
         np.clip((COARSE_PX**2 - square * FINE_PX**2) / (square - 1), 0.0, WIDEST_PX**2)
     )
@@ -143,9 +176,11 @@ def sharpness_findings(measured: Measured) -> tuple[Finding, ...]:
         )
         remedy = "take these again with the camera fixed and the focus locked"
         findings.append(Finding("warning", "blurred", message, remedy))
-    # Soft shading has no sharp edges inside; at the outline there is one, unless it is in the dark.
-    sharpest = _median(np.fmin(widths, measured(outline_widths)))
-    if sharpest > OUT_OF_FOCUS_PX:
+    # Soft shading has no sharp edge inside, but the outline is one.  Where none is seen nothing is
+    # said: what fills the picture may be smooth.
+    outlines = measured(outline_widths)
+    sharpest = _median(np.fmin(widths, outlines))
+    if sharpest > OUT_OF_FOCUS_PX and np.isfinite(outlines).any():
         message = f"out of focus: the object's edges are {sharpest:.1f} pixels wide"
         remedy = "focus on the object and lock the focus, or use the photographs at half the size"
         findings.append(Finding("warning", "out-of-focus", message, remedy))

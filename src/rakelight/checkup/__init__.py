@@ -19,13 +19,18 @@ from rakelight.check.exposure import exposure
 from rakelight.check.findings import checks, ordered
 from rakelight.check.measured import Measured
 from rakelight.check.sharpness import blurred_ones, edge_widths
-from rakelight.checkup.quick import Quick, any_lights, quickly_refined
+from rakelight.checkup.quick import Quick, any_lights, quick_options, quickly_refined
 from rakelight.checkup.report import CheckReport, PhotographCheck
 from rakelight.checkup.verdict import judged, refused_finding
 from rakelight.errors import CaptureError, InputError
-from rakelight.methods import choose_method
+from rakelight.jit import one_blas_thread
+from rakelight.methods import choose_method, load_method
 from rakelight.model import Capture, Finding
+from rakelight.pipeline import pose_corrected
 from rakelight.prepare.undistort import undistorted
+
+# Findings beside which no accuracy is foretold: the method's expected errors know nothing of them.
+UNFORETOLD = {"depth-turned", "depth-inside-out", "depth-shifted", "out-of-focus"}
 
 
 def check_capture(capture: Capture) -> CheckReport:
@@ -45,7 +50,7 @@ def check_capture(capture: Capture) -> CheckReport:
     """
     began = perf_counter()
     capture = undistorted(checked_capture(capture))
-    capture = replace(capture, names=_names(capture))
+    capture = _posed(replace(capture, names=_names(capture)))
     measured = Measured(capture)
     # Most of the checks runs on one core.
     with ThreadPoolExecutor(1) as beside:
@@ -56,6 +61,7 @@ def check_capture(capture: Capture) -> CheckReport:
         refusal, found = quick.refusal, (*found, *quick.findings)
     findings = ordered((*capture.findings, *found))
     verdict, headline, why = judged(findings, refusal)
+    foretold = refusal is None and not any(each.code in UNFORETOLD for each in findings)
     return CheckReport(
         verdict=verdict,
         headline=headline,
@@ -63,12 +69,24 @@ def check_capture(capture: Capture) -> CheckReport:
         photographs=_photographs(measured, quick),
         method=choose_method(capture),
         depth=measured(depth_quality)[0],
-        accuracy=None if refusal is not None else quick.accuracy,
+        accuracy=quick.accuracy if foretold else None,
         next_lights=quick.next_lights if refusal is None else any_lights(),
         refusal=why,
         source=capture.source,
         timings_s={"check": perf_counter() - began},
     )
+
+
+def _posed(capture: Capture) -> Capture:
+    """The capture with its depth camera's pose corrected, where `refine` does that first."""
+    if not capture.register:
+        return capture
+    try:
+        method = load_method(choose_method(capture))
+        with one_blas_thread():
+            return pose_corrected(capture, method, quick_options(method))
+    except InputError:  # the checks say why it cannot be refined
+        return capture
 
 
 def _checked(measured: Measured) -> tuple[tuple[Finding, ...], InputError | None]:

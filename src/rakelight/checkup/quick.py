@@ -19,7 +19,7 @@ from rakelight.check.next_lights import (
 from rakelight.checkup.report import Accuracy
 from rakelight.checkup.verdict import refused_finding
 from rakelight.errors import InputError, MethodError
-from rakelight.methods import choose_method, load_method
+from rakelight.methods import Method, choose_method, load_method
 from rakelight.methods.base import UNDETERMINED_RAD, Estimate
 from rakelight.methods.multi_light import MultiLight
 from rakelight.model import Capture, Finding, Floats
@@ -66,10 +66,15 @@ class Quick:
     refusal: InputError | None = None
 
 
+def quick_options(method: Method) -> Any:
+    """The options to refine with quickly."""
+    return BRIEF if method.options is MultiLight else method.options()
+
+
 def quickly_refined(capture: Capture) -> Quick:
     """Refine a capture, whose photographs have names of their own, at low resolution."""
     method = load_method(choose_method(capture))
-    options: Any = BRIEF if method.options is MultiLight else method.options()
+    options = quick_options(method)
     try:
         prepared = prepare(reduced(some_maps(capture), MOST_PIXELS))
         with solving(capture):

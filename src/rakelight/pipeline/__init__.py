@@ -173,7 +173,7 @@ def _refined(
     undistorted_at = perf_counter()
     if capture.register:
         with one_blas_thread():
-            capture = _registered(capture, chosen, options, progress)
+            capture = pose_corrected(capture, chosen, options, progress)
     registered_at = perf_counter()
     progress(Progress("prepare"))
     with checks_beside(capture) as checked:
@@ -267,8 +267,8 @@ def _embedded(prepared: Prepared, sigma: Floats | None) -> Floats | None:
     return None if sigma is None else prepared.embed(sigma, np.nan)
 
 
-def _registered(
-    capture: Capture, method: Method, options: Any, progress: ProgressCallback
+def pose_corrected(
+    capture: Capture, method: Method, options: Any, progress: ProgressCallback = silent
 ) -> Capture:
     """The capture with its depth camera's pose corrected, where the method is the one for that."""
     if not method.corrects_pose:
