@@ -173,23 +173,22 @@ def test_shifted_depth_is_not_taken_for_turned():
     # A vase moved down looks nearly as it does upside down.
     shape = make_shape("vase")
     options = SceneOptions(
-        camera=shape.camera.scaled(0.5), depth_factor=2, depth_noise=DepthNoise(rms_mm=1.0)
+        camera=shape.camera.scaled(0.4), depth_factor=2, depth_noise=DepthNoise(rms_mm=1.0)
     )
     capture = render_scene(shape, make_albedo("pattern"), options)[0]
-    for down, verdict in ((3, "usable"), (6, "not usable")):
-        report = check_capture(with_depth_moved(capture, 0, down))
-        warned = [each for each in report.findings if each.severity == "warning"]
-        assert warned[0].code == "depth-shifted"
-        assert "register = true" in warned[0].remedy
-        assert "depth-turned" not in [each.code for each in warned]
-        assert (report.verdict, report.accuracy) == (verdict, None)
+    report = check_capture(with_depth_moved(capture, 0, 5))
+    warned = [each for each in report.findings if each.severity == "warning"]
+    assert warned[0].code == "depth-shifted"
+    assert "register = true" in warned[0].remedy
+    assert "depth-turned" not in [each.code for each in warned]
+    assert report.accuracy is None
     # `refine` corrects the pose, so the check looks at the capture with the right one.
-    moved = replace(with_depth_moved(capture, 0, 6), register=True)
+    moved = replace(with_depth_moved(capture, 0, 5), register=True)
     report = check_capture(moved)
     assert report.verdict == "good"
     registered = next(each.message for each in report.findings if each.code == "registered")
     found_px = float(registered.removeprefix("depth camera moved by ").split()[0])
-    assert found_px == pytest.approx(6, abs=0.2)
+    assert found_px == pytest.approx(5, abs=0.2)
     assert report.accuracy is not None
 
 

