@@ -1,6 +1,6 @@
 """How well `rakelight check` predicts the accuracy of a refinement, on captures drawn at random.
 
-    python benchmarks/check_accuracy.py --seeds 0:22 [--size 1.7]
+    python benchmarks/check_accuracy.py --seeds 790:840 [--size 1.7]
 
 Of every draw: the range that the check states, and the error against the truth that two thirds of
 the refined pixels are within, of depth (mm) and normals (degrees); at the end how many of these

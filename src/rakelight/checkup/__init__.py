@@ -23,7 +23,6 @@ from rakelight.checkup.quick import Quick, any_lights, quick_options, quickly_re
 from rakelight.checkup.report import CheckReport, PhotographCheck
 from rakelight.checkup.verdict import judged, refused_finding
 from rakelight.errors import CaptureError, InputError
-from rakelight.jit import one_blas_thread
 from rakelight.methods import choose_method, load_method
 from rakelight.model import Capture, Finding
 from rakelight.pipeline import pose_corrected
@@ -79,12 +78,9 @@ def check_capture(capture: Capture) -> CheckReport:
 
 def _posed(capture: Capture) -> Capture:
     """The capture with its depth camera's pose corrected, where `refine` does that first."""
-    if not capture.register:
-        return capture
+    method = load_method(choose_method(capture))
     try:
-        method = load_method(choose_method(capture))
-        with one_blas_thread():
-            return pose_corrected(capture, method, quick_options(method))
+        return pose_corrected(capture, method, quick_options(method))
     except InputError:  # the checks say why it cannot be refined
         return capture
 

@@ -171,9 +171,7 @@ def _refined(
     began = perf_counter()
     as_read, capture = capture, undistorted(capture)
     undistorted_at = perf_counter()
-    if capture.register:
-        with one_blas_thread():
-            capture = pose_corrected(capture, chosen, options, progress)
+    capture = pose_corrected(capture, chosen, options, progress)
     registered_at = perf_counter()
     progress(Progress("prepare"))
     with checks_beside(capture) as checked:
@@ -270,14 +268,20 @@ def _embedded(prepared: Prepared, sigma: Floats | None) -> Floats | None:
 def pose_corrected(
     capture: Capture, method: Method, options: Any, progress: ProgressCallback = silent
 ) -> Capture:
-    """The capture with its depth camera's pose corrected, where the method is the one for that."""
+    """The capture with its depth camera's pose corrected, where it asks for that.
+
+    With a finding in place of the correction where the method cannot do it.
+    """
+    if not capture.register:
+        return capture
     if not method.corrects_pose:
         message = f"depth not registered: {method.name} does not correct the depth camera's pose"
         note = Finding("warning", "not-registered", message, "use --method multi-light")
         return replace(capture, findings=(*capture.findings, note), register=False)
     from rakelight.pipeline.pose import registered
 
-    return registered(capture, options, progress)
+    with one_blas_thread():
+        return registered(capture, options, progress)
 
 
 def _figures(capture: Capture, depth_to_color: RigidTransform | None) -> dict[str, Any]:
