@@ -20,7 +20,11 @@ _FOCAL_PER_SIDE = (0.2, 50.0)  # over the longer side: 136 and 1 degrees
 _UNITS_MM = {2: 25.4, 3: 10.0, 4: 1.0}  # FocalPlaneResolutionUnit: inch, centimetre, millimetre
 _SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 7: 1, 9: 4, 10: 8}  # bytes of each type of value
 _MAKE, _ORIENTATION, _EXIF = 271, 274, 34665
-_FOCAL_MM, _FOCAL_35MM, _PLANE_X, _PLANE_UNIT, _WIDTH = 37386, 41989, 41486, 41488, 40962
+_FOCAL_MM, _FOCAL_35MM, _PLANE_X, _PLANE_UNIT = 37386, 41989, 41486, 41488
+_WIDTH, _HEIGHT = 40962, 40963  # of the image that the resolution is of
+_READ = {
+    _ORIENTATION, _EXIF, _FOCAL_MM, _FOCAL_35MM, _PLANE_X, _PLANE_UNIT, _WIDTH, _HEIGHT,
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,14 +33,14 @@ class Exif:
 
     orientation : 1 = as stored
     focal_mm, focal_35mm : of the lens, and of the lens for 35 mm film with this field of view
-    pixels_per_mm : on the sensor, of an image `width` wide (0: of this one)
+    pixels_per_mm : on the sensor, of an image whose longer side is `longer` (0: of this one)
     """
 
     orientation: int = 1
     focal_mm: float = 0.0
     focal_35mm: float = 0.0
     pixels_per_mm: float = 0.0
-    width: int = 0
+    longer: int = 0
 
 
 def exif_of(data: bytes) -> Exif:
@@ -60,7 +64,7 @@ def parse_exif(block: bytes) -> Exif:
     """Of an EXIF block, which is a small TIFF; empty where it cannot be read.
 
     >>> parse_exif(b"no such thing")
-    Exif(orientation=1, focal_mm=0.0, focal_35mm=0.0, pixels_per_mm=0.0, width=0)
+    Exif(orientation=1, focal_mm=0.0, focal_35mm=0.0, pixels_per_mm=0.0, longer=0)
     """
     if block.startswith(b"Exif\0\0"):  # as HEIC keeps it
         block = block[6:]
@@ -80,7 +84,7 @@ def parse_exif(block: bytes) -> Exif:
         focal_mm=tags.get(_FOCAL_MM, 0.0),
         focal_35mm=tags.get(_FOCAL_35MM, 0.0),
         pixels_per_mm=tags.get(_PLANE_X, 0.0) / unit_mm,
-        width=int(tags.get(_WIDTH, 0)),
+        longer=int(max(tags.get(_WIDTH, 0), tags.get(_HEIGHT, 0))),
     )
 
 
@@ -90,7 +94,7 @@ def _tags(block: bytes, order: str, start: int) -> dict[int, float]:
     found: dict[int, float] = {}
     for entry in range(start + 2, start + 2 + 12 * count, 12):
         tag, kind, values = struct.unpack_from(order + "HHI", block, entry)
-        if tag not in (_ORIENTATION, _EXIF, _FOCAL_MM, _FOCAL_35MM, _PLANE_X, _PLANE_UNIT, _WIDTH):
+        if tag not in _READ:
             continue
         at = entry + 8
         if _SIZES.get(kind, 1) * values > 4:
@@ -113,7 +117,7 @@ def camera_of(exif: Exif, width: int, height: int) -> tuple[Camera, str] | None:
     """
     longer = max(width, height)
     by_film = exif.focal_35mm * math.hypot(width, height) / _FILM_DIAGONAL_MM
-    by_plane = exif.focal_mm * exif.pixels_per_mm * longer / (exif.width or longer)
+    by_plane = exif.focal_mm * exif.pixels_per_mm * longer / (exif.longer or longer)
     why = f"its 35 mm equivalent, {exif.focal_35mm:g} mm"
     focal = by_film
     if by_plane and (not by_film or abs(by_plane / by_film - 1) < _AGREEING):

@@ -1,15 +1,18 @@
-"""Intrinsics in the files of other programs: OpenCV, ROS, Open3D, COLMAP, a 3 x 3 matrix.
+"""Intrinsics in the files of other programs.
 
-Looked for in their text.  Nothing is evaluated; no tag, anchor or entity of YAML or XML is
-followed.
+OpenCV, ROS, Kalibr, ORB-SLAM, RealSense, Open3D, COLMAP, nerfstudio, and plain numbers.  YAML, JSON
+and XML become tables, in which matrices and numbers are looked for by their names.  Nothing is
+evaluated; no anchor or entity of YAML or XML is followed.
 """
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
+from collections import ChainMap
+from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -17,15 +20,27 @@ import numpy as np
 from rakelight.errors import CaptureError, parsing, stated_in
 from rakelight.model import Camera, Distortion, Floats
 
-MAX_BYTES = 100_000
-"""Of a file with intrinsics: they take some thousand."""
+MAX_BYTES = 5_000_000
+"""Of a file with intrinsics: they take some thousand, the poses beside them megabytes."""
+_MAX_YAML_BYTES = 100_000  # its parser is slow: a second for as many
 
 SUFFIXES = (".yaml", ".yml", ".xml", ".json", ".txt", ".csv")
 
 _NUMBER = r"[-+]?(?:[0-9]{1,30}\.?[0-9]{0,30}|\.[0-9]{1,30})(?:[eE][-+]?[0-9]{1,3})?"
 _MATRIX_KEYS = ("cameramatrix", "intrinsicmatrix", "intrinsics", "k", "mtx", "cameramatrix1")
-_DISTORTION_KEYS = re.compile(r"dist.*|d")
+_DISTORTION_KEYS = re.compile(r"dist(ortion)?(coef\w*|param\w*)?|d|coeffs")
+_MODEL_KEYS = ("distortionmodel", "distmodel", "cameramodel", "cameratype", "model")
 _WIDTH_KEYS, _HEIGHT_KEYS = ("imagewidth", "width", "w"), ("imageheight", "height", "h")
+_SIZE_KEYS = ("resolution", "imagesize", "size")
+_NESTED = 3  # tables within tables that are looked into
+
+# Models of distortion by the words of their names, OpenCV's coefficients in OpenCV's order.
+_BROWN_CONRADY = re.compile("|".join((
+    "", "plumbbob", "radtan", "radialtangential", "rationalpolynomial", "(simple)?pinhole",
+    "perspective",
+    "(simple)?radial", "(full)?opencv", "(distortion)?(none|brownconrady)",
+)))  # fmt: skip
+_KANNALA_BRANDT = re.compile("equidistant|(opencv)?fisheye|(distortion)?kannalabrandt[0-9]?")
 
 # Of COLMAP's models: how many focal lengths, and the names of what follows the principal point.
 _COLMAP = {
@@ -42,9 +57,26 @@ _COLMAP = {
 _OPENCV_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _FISHEYE_ORDER = ("k1", "k2", "k3", "k4")
 
+Table = dict[str, Any]
+"""Names, small and without signs, and what is under them."""
 
-def parse_intrinsics(data: bytes, source: str = "") -> Camera | None:
+
+def named_intrinsics(stem: str) -> bool:
+    """Whether a file's name, without ending, says that it holds intrinsics.
+
+    >>> [named_intrinsics(stem) for stem in ("K", "color_intrinsics", "calib-2", "poses")]
+    [True, True, True, False]
+    """
+    name = stem.lower()
+    return name == "k" or any(word in name for word in ("intrinsic", "calib", "camera"))
+
+
+def parse_intrinsics(data: bytes, source: str = "", named: bool = False) -> Camera | None:
     """The intrinsics that a file states; None where it is no such file.
+
+    named : whether its name says so, see `named_intrinsics`: then four numbers are fx fy cx cy, and
+        more than four end with k1 k2 p1 p2 [k3]
+    The size is 0 x 0 where the file does not state it.
 
     Raises CaptureError where it states some that are none: several cameras, another model, numbers
     that are not finite, a matrix with skew.
@@ -53,6 +85,8 @@ def parse_intrinsics(data: bytes, source: str = "") -> Camera | None:
     500.0
     >>> parse_intrinsics(b"1 SIMPLE_RADIAL 640 480 500 320 240 0.01").cx
     319.5
+    >>> parse_intrinsics(b"intrinsics: [500, 500, 319.5, 239.5]").cy
+    239.5
     >>> parse_intrinsics(b"a shopping list") is None
     True
     """
@@ -63,41 +97,54 @@ def parse_intrinsics(data: bytes, source: str = "") -> Camera | None:
     except UnicodeDecodeError:
         return None
     start = text.lstrip()[:1]
-    parsers: tuple[Callable[[str, str], Camera | None], ...] = (_colmap, _plain, _yaml)
-    if start in ("{", "<"):
-        parsers = (_json,) if start == "{" else (_xml,)
-    for parse in parsers:
-        found = parse(text, source)
-        if found is not None:
-            return found
-    return None
+    if start == "{":
+        return _of_tables(_json(text, source), source)
+    if start == "<":
+        return _of_tables(_xml(text), source)
+    found = _colmap(text, source) or _plain(text, source, named)
+    return found or _of_tables(_yaml(text), source)
 
 
-def _made(K: Any, sizes: tuple[float, float], distortion: Any, model: str, source: str) -> Camera:
+def _made(
+    K: Any, sizes: tuple[float, float], distortion: Any, source: str, fisheye: bool = False
+) -> Camera:
     """The camera of a matrix (3, 3) and coefficients in OpenCV's order, checked."""
     width, height = (int(side) if 0 < side < 1e6 else 0 for side in sizes)
     lens: Any = tuple(float(value) for value in np.ravel(distortion))
     with stated_in(source):
         if not any(lens):
             lens = None
-        elif model == "kannala-brandt":
+        elif fisheye:
             lens = Distortion("kannala-brandt", lens)
         camera = Camera.from_matrix(np.asarray(K, np.float64), (height or 1, width or 1), lens)
     return replace(camera, width=width, height=height)
 
 
-def _floats(text: str) -> list[float]:
-    return [float(number) for number in re.findall(_NUMBER, text)]
+def _pinhole(fx: float, fy: float, cx: float, cy: float) -> Floats:
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
 
 
-def _plain(text: str, source: str) -> Camera | None:
-    """Nine numbers, rows first, and nothing else."""
+def _plain(text: str, source: str, named: bool) -> Camera | None:
+    """A matrix, 3 x 3 or 4 x 4, and nothing else; in a file named so also fx fy cx cy [...]."""
     lines = (line.split("#")[0] for line in text.splitlines())
     words = re.sub(r"[\s,;\[\]]+", " ", " ".join(lines)).split()
-    if len(words) != 9 or not all(re.fullmatch(_NUMBER, word) for word in words):
+    if len(words) not in (4, 8, 9, 16) or not all(re.fullmatch(_NUMBER, word) for word in words):
         return None
-    K = np.array(words, np.float64).reshape(3, 3)
-    return _made(K, (0, 0), (), "brown-conrady", source) if K[2, 2] == 1 else None
+    numbers = np.array(words, np.float64)
+    if len(numbers) in (9, 16):
+        K = _square(numbers)
+        if K[1, 0] == 0 and K[2].tolist() == [0, 0, 1]:
+            return _made(K, (0, 0), (), source)
+    if not named or len(numbers) == 16:
+        return None
+    return _made(_pinhole(*numbers[:4]), (0, 0), numbers[4:], source)
+
+
+def _square(numbers: Floats) -> Floats:
+    """(3, 3) of nine numbers or of sixteen, by rows or by columns: the zeros tell which."""
+    side = round(numbers.size**0.5)
+    K = numbers.reshape(side, side)[:3, :3]
+    return K.T if K[0, 2] == 0 and K[1, 2] == 0 else K
 
 
 def _colmap(text: str, source: str) -> Camera | None:
@@ -139,64 +186,166 @@ def _colmap(text: str, source: str) -> Camera | None:
     cx, cy = (value - 0.5 for value in values[lengths : lengths + 2])
     fisheye = "FISHEYE" in model
     stated = dict(zip(given, values[lengths + 2 :], strict=True))
+    distortion = _in_order(stated, fisheye)
+    return _made(_pinhole(fx, fy, cx, cy), (width, height), distortion, source, fisheye)
+
+
+def _in_order(stated: dict[str, float], fisheye: bool) -> list[float]:
+    """Coefficients by their names in OpenCV's order; none where none is stated."""
     order = _FISHEYE_ORDER if fisheye else _OPENCV_ORDER
-    distortion = [stated.get(name, 0.0) for name in order] if stated else []
-    K = [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]
-    kind = "kannala-brandt" if fisheye else "brown-conrady"
-    return _made(K, (width, height), distortion, kind, source)
+    return [stated.get(name, 0.0) for name in order] if stated else []
 
 
-def _plain_key(key: str) -> str:
-    return re.sub("[^a-z0-9]", "", key.lower())
+# ---- tables
 
 
-def _yaml(text: str, source: str) -> Camera | None:
-    """cv::FileStorage's YAML and ROS's camera_info: matrices with rows, cols and data."""
-    matrix = re.compile(
-        r"^[ \t]*(\w{1,60}):[^\n]{0,60}\n\s*rows:\s*(\d{1,3})\s*\n\s*cols:\s*(\d{1,3})\s*\n"
-        r"(?:\s*dt:[^\n]{0,9}\n)?\s*data:\s*\[([^\]]*)\]",
-        re.MULTILINE,
+def _plain_key(key: object) -> str:
+    return re.sub("[^a-z0-9]", "", str(key).lower())
+
+
+def _named(content: Any) -> Table:
+    return {_plain_key(key): value for key, value in content.items()}
+
+
+def _json(text: str, source: str) -> Any:
+    with parsing(source, "not valid JSON", CaptureError):
+        return json.loads(text)
+
+
+@cache
+def _yaml_loader() -> type[Any]:
+    import yaml
+
+    class Loader(yaml.SafeLoader):  # type: ignore[misc, name-defined, unused-ignore]
+        """Of plain values; cv::FileStorage's matrices are tables."""
+
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            if self.check_event(yaml.AliasEvent):
+                raise yaml.YAMLError("an alias")
+            return super().compose_node(parent, index)
+
+    Loader.add_multi_constructor(
+        "tag:yaml.org,2002:opencv-",
+        lambda loader, _, node: loader.construct_mapping(node, deep=True),
     )
-    found = [(m[1], int(m[2]), int(m[3]), m[4]) for m in matrix.finditer(text)]
-    scalars = re.findall(rf"^[ \t]*(\w{{1,60}}):\s*({_NUMBER})\s*$", text, re.MULTILINE)
-    words = re.search(r"^[ \t]*distortion_model:\s*\"?(\w{1,40})", text, re.MULTILINE)
-    return _of_matrices(found, scalars, words[1] if words else "", source)
+    return Loader
 
 
-def _xml(text: str, source: str) -> Camera | None:
-    """cv::FileStorage's XML."""
+def _yaml(text: str) -> Any:
+    """The first document; None where it is none, as any text may be."""
+    import yaml
+
+    if len(text) > _MAX_YAML_BYTES:
+        return None
+    # cv::FileStorage writes "%YAML:1.0", which is no directive.
+    text = re.sub(r"\A\s*%YAML[: ].*\n", "", text)
+    try:
+        return next(yaml.load_all(text, _yaml_loader()), None)
+    except Exception:
+        return None
+
+
+def _xml(text: str) -> Any:
+    """The matrices and numbers of cv::FileStorage's XML."""
     matrix = re.compile(
         r"<(\w{1,60}) type_id=\"opencv-matrix\">\s*<rows>(\d{1,3})</rows>\s*"
         r"<cols>(\d{1,3})</cols>\s*<dt>\w{1,3}</dt>\s*<data>([^<]*)</data>"
     )
-    found = [(m[1], int(m[2]), int(m[3]), m[4]) for m in matrix.finditer(text)]
     scalars = re.findall(rf"<(\w{{1,60}})>\s*({_NUMBER})\s*</", text)
-    return _of_matrices(found, scalars, "", source)
+    matrices = {
+        m[1]: {"rows": int(m[2]), "cols": int(m[3]), "data": re.findall(_NUMBER, m[4])}
+        for m in matrix.finditer(text)
+    }
+    return {**dict(scalars), **matrices}
 
 
-def _of_matrices(
-    found: list[tuple[str, int, int, str]],
-    scalars: list[tuple[str, str]],
-    model: str,
-    source: str,
-) -> Camera | None:
-    """Intrinsics among named matrices (name, rows, columns, text of the numbers)."""
-    matrices: dict[str, Floats] = {}
-    for name, rows, columns, numbers in found:
-        values = _floats(numbers)
-        if len(values) != rows * columns:
-            raise CaptureError(
-                f"matrix {name!r} is damaged",
-                source=source,
-                seen=f"{len(values)} numbers",
-                needed=f"{rows} x {columns}",
-                remedy="copy or export the file again",
-            )
-        matrices[_plain_key(name)] = np.array(values).reshape(rows, columns)
-    named = [m for key, m in matrices.items() if key in _MATRIX_KEYS and m.shape == (3, 3)]
-    square = named or [m for m in matrices.values() if m.shape == (3, 3) and m[2, 2] == 1]
-    if not square:
-        return None
+def _of_tables(content: Any, source: str) -> Camera | None:
+    """The camera of a table, or of the tables in it but those of the depth."""
+    found = {camera for table in _tables(content) if (camera := _of_table(table, source))}
+    if len(found) > 1:
+        raise CaptureError(
+            "several camera matrices",
+            source=source,
+            seen=f"{len(found)} of them",
+            needed="that of the photographs' camera as camera_matrix",
+            remedy="keep that one",
+        )
+    return next(iter(found), None)
+
+
+def _tables(content: Any, nested: int = 0) -> Iterator[Table]:
+    if isinstance(content, dict):
+        table = _named(content)
+        yield table
+        if nested < _NESTED:
+            for key, value in table.items():
+                if not any(word in key for word in ("depth", "infra")):
+                    yield from _tables(value, nested + 1)
+
+
+def _of_table(table: Table, source: str) -> Camera | None:
+    with parsing(source, "no camera matrix", CaptureError):
+        K = _matrix(table, source)
+        if K is None:
+            return None
+        prefix = "camera1?" if "camerafx" in table or "camera1fx" in table else ""
+        coefficients = [v for k, v in table.items() if _DISTORTION_KEYS.fullmatch(k)]
+        tables = (_named(each) for each in coefficients if isinstance(each, dict))
+        scalars = {
+            re.sub(f"^{prefix}", "", key): value
+            for key, value in ChainMap(table, *tables).items()
+            if _number(value) is not None
+        }
+        sizes = tuple(
+            next((_number(scalars[key]) or 0.0 for key in keys if key in scalars), 0.0)
+            for keys in (_WIDTH_KEYS, _HEIGHT_KEYS)
+        )
+        pairs = (_numbers(table.get(key)) for key in _SIZE_KEYS)
+        both = next((each for each in pairs if each is not None and each.size == 2), None)
+        if not all(sizes) and both is not None:
+            sizes = float(both[0]), float(both[1])
+        model = next((table[key] for key in _MODEL_KEYS if isinstance(table.get(key), str)), "")
+        fisheye = bool(_KANNALA_BRANDT.fullmatch(_plain_key(model)))
+        lists = (_numbers(each) for each in coefficients)
+        distortion: Any = next((each for each in lists if each is not None), None)
+        if distortion is None:
+            order = _FISHEYE_ORDER if fisheye else _OPENCV_ORDER
+            stated = {key: float(scalars[key]) for key in order if key in scalars}
+            distortion = _in_order(stated, fisheye)
+    if np.any(distortion) and not fisheye and not _BROWN_CONRADY.fullmatch(_plain_key(model)):
+        raise CaptureError(
+            "this model of distortion is not read",
+            source=source,
+            seen=model[:60],
+            needed="OpenCV's, its fisheye model, or none",
+            remedy="calibrate with one of these",
+        )
+    return _made(K, (sizes[0], sizes[1]), distortion, source, fisheye)
+
+
+def _matrix(table: Table, source: str) -> Floats | None:
+    """(3, 3) by its name, or of focal lengths and centre; else the only one that looks like one."""
+    for key in _MATRIX_KEYS:
+        numbers = _numbers(table.get(key), source, key)
+        if numbers is None:
+            continue
+        if numbers.size in (9, 16):
+            return _square(numbers)
+        if numbers.size == 4 and key != "k":  # Kalibr's
+            return _pinhole(*numbers.ravel())
+    for fx, fy, cx, cy, first_pixel in (
+        ("fx", "fy", "cx", "cy", 0.0),
+        ("fx", "fy", "ppx", "ppy", 0.0),
+        ("camerafx", "camerafy", "cameracx", "cameracy", 0.0),
+        ("camera1fx", "camera1fy", "camera1cx", "camera1cy", 0.0),
+        ("flx", "fly", "cx", "cy", 0.5),  # nerfstudio's, which are COLMAP's
+    ):
+        stated = [_number(table.get(key)) for key in (fx, cx, cy)]
+        if None not in stated:
+            f, x, y = (float(each) for each in stated if each is not None)
+            return _pinhole(f, _number(table.get(fy)) or f, x - first_pixel, y - first_pixel)
+    matrices = (_numbers(v, source, k) for k, v in table.items() if isinstance(v, dict))
+    square = [m for m in matrices if m is not None and m.shape == (3, 3) and m[2, 2] == 1]
     if len(square) > 1:
         raise CaptureError(
             "several camera matrices",
@@ -205,43 +354,37 @@ def _of_matrices(
             needed="that of the photographs' camera as camera_matrix",
             remedy="keep that one",
         )
-    numbers_of = {_plain_key(name): float(value) for name, value in scalars}
-    sizes = tuple(
-        next((numbers_of[key] for key in keys if key in numbers_of), 0.0)
-        for keys in (_WIDTH_KEYS, _HEIGHT_KEYS)
-    )
-    distortion = [m for key, m in matrices.items() if _DISTORTION_KEYS.fullmatch(key)]
-    fisheye = model in ("equidistant", "fisheye")
-    return _made(
-        square[0],
-        (sizes[0], sizes[1]),
-        distortion[0] if distortion else (),
-        "kannala-brandt" if fisheye else "brown-conrady",
-        source,
-    )
+    return square[0] if square else None
 
 
-def _json(text: str, source: str) -> Camera | None:
-    """Open3D's (its matrix goes column by column), cv::FileStorage's, or a matrix by name."""
-    with parsing(source, "not valid JSON", CaptureError):
-        content = json.loads(text)
-        named = {_plain_key(key): value for key, value in content.items()}
-    keys = [key for key in _MATRIX_KEYS if isinstance(named.get(key), list | dict)]
-    if not keys:
+def _number(value: Any) -> float | None:
+    """Of a number, or of text that is one: PyYAML takes 1e3 for text."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
         return None
-    with parsing(source, "no camera matrix", CaptureError):
-        stated = named[keys[0]]
-        values = stated["data"] if isinstance(stated, dict) else stated
-        flat = isinstance(values[0], int | float)
-        K = np.array(values, np.float64).reshape(3, 3)
-        if flat and not isinstance(stated, dict):  # Open3D's
-            K = K.T
-        sizes = tuple(
-            next((float(named[key]) for key in keys if key in named), 0.0)
-            for keys in (_WIDTH_KEYS, _HEIGHT_KEYS)
+    return float(value) if re.fullmatch(_NUMBER, str(value)) else None
+
+
+def _numbers(value: Any, source: str = "", name: str = "") -> Floats | None:
+    """A list of numbers, of rows, or a matrix with rows, cols and data; None for anything else."""
+    shape: Any = None
+    if isinstance(value, dict):
+        inner = _named(value)
+        shape, value = (inner.get("rows"), inner.get("cols")), inner.get("data")
+    if not isinstance(value, list) or not value:
+        return None
+    rows = value if isinstance(value[0], list) else [value]
+    read = [[_number(each) for each in row] for row in rows if isinstance(row, list)]
+    if len({len(row) for row in read}) != 1 or any(None in row for row in read):
+        return None
+    numbers = np.array(read, np.float64)
+    if shape is None or None in shape:
+        return numbers if len(rows) > 1 else numbers[0]
+    if numbers.size != shape[0] * shape[1]:
+        raise CaptureError(
+            f"matrix {name!r} is damaged",
+            source=source,
+            seen=f"{numbers.size} numbers",
+            needed=f"{shape[0]} x {shape[1]}",
+            remedy="copy or export the file again",
         )
-        others = [v for k, v in named.items() if _DISTORTION_KEYS.fullmatch(k)]
-        distortion = others[0] if others else []
-        distortion = distortion["data"] if isinstance(distortion, dict) else distortion
-        coefficients = np.array(distortion, np.float64).ravel()
-    return _made(K, (sizes[0], sizes[1]), coefficients, "brown-conrady", source)
+    return numbers.reshape(shape)

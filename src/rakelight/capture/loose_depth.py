@@ -19,6 +19,8 @@ from rakelight.errors import CaptureError
 from rakelight.files import read_bytes
 from rakelight.model import Array, Capture, Finding, Floats
 
+SCALE = "depth_scale.txt"
+
 MILLIMETRES = 1000.0
 """Depth values per metre of 16-bit depth that does not say: what nearly all programs write."""
 
@@ -34,7 +36,7 @@ def read_loose_depth(
     first, *others = files.depth
     raw = _pixels(first, decoder)
     maps = allocate((len(files.depth), *raw.shape), "float32", first.source)
-    stated = None if files.depth_scale is None else _scale(files.depth_scale)
+    stated = None if files.depth_scale is None else depth_scale(files.depth_scale)
     scale, findings = _unit(raw, stated, first)
     maps[0] = _metres(raw, scale)
     for into, file in zip(maps[1:], others, strict=True):
@@ -83,8 +85,8 @@ def _pixels(file: LooseFile, decoder: DecoderProcess) -> Array:
     return arrays["depth"] if "depth" in arrays else arrays["color"][..., 0]
 
 
-def _scale(path: Path) -> float:
-    """Depth values per metre, a number in a text file."""
+def depth_scale(path: Path) -> float:
+    """Depth values per metre, a number in a text file such as `SCALE`; raises CaptureError."""
     source = str(path)
     text = read_bytes(path, source=source, max_bytes=1000).decode("latin-1").strip()
     number = float(text) if re.fullmatch(r"[0-9]{1,9}(\.[0-9]{1,9})?", text) else 0.0
@@ -110,12 +112,12 @@ def _unit(raw: Array, stated: float | None, file: LooseFile) -> tuple[float, tup
             source=file.source,
             seen=f"median value {median:g}, which is no distance {at}",
             needed="depth values per metre",
-            remedy="write the number into depth_scale.txt beside it; " + plausible_scales(median),
+            remedy=f"write the number into {SCALE} beside it; " + plausible_scales(median),
         )
     if stated is not None:
         return stated, ()
     message = "16-bit depth taken for millimetres: median {median_m:.3g} m"
-    remedy = "where that is wrong, write the depth values per metre into depth_scale.txt"
+    remedy = f"where that is wrong, write the depth values per metre into {SCALE}"
     return MILLIMETRES, (Finding("note", "depth-unit-assumed", message, remedy),)
 
 

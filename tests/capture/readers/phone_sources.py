@@ -119,10 +119,14 @@ def write_r3d(path, members=None):
 
 def write_video(
     path, images, *, codec="libx264", matrix=BT709, limits=LIMITED, transfer=1, primaries=1,
-    pixels="yuv420p", crf=4, key_every=250, fps=30,
+    pixels="yuv420p", crf=4, key_every=250, fps=30, first=0,
 ):  # fmt: skip
-    """An mp4 of (N, H, W, 3) images."""
-    with av.open(str(path), "w", format="mp4") as container:
+    """An mp4 of (N, H, W, 3) images; an edit list hides those before the time 0.
+
+    first : number of the first frame's time
+    """
+    muxer = {"avoid_negative_ts": "disabled"} if first else {}
+    with av.open(str(path), "w", format="mp4", options=muxer) as container:
         # x264's macroblock tree reads memory that it has not written, where frames are tiny.
         options = {"crf": str(crf), "mbtree": "0"}
         stream = container.add_stream(codec, rate=fps, options=options)
@@ -130,6 +134,8 @@ def write_video(
             stream.options = {"x265-params": f"log-level=none:crf={crf}:pools=1"}
         stream.width, stream.height, stream.pix_fmt = images[0].shape[1], images[0].shape[0], pixels
         context = stream.codec_context
+        if first:
+            context.max_b_frames = 0
         context.gop_size = key_every
         context.colorspace, context.color_range = matrix, limits
         context.color_trc, context.color_primaries = transfer, primaries
@@ -140,7 +146,7 @@ def write_video(
                 src_color_range=ColorRange.JPEG,
                 dst_color_range=limits,
             )
-            frame.pts, frame.time_base = i, Fraction(1, fps)
+            frame.pts, frame.time_base = first + i, Fraction(1, fps)
             container.mux(stream.encode(frame))
         container.mux(stream.encode())
     return path
@@ -183,7 +189,10 @@ def grown(depth_m):
     return depth_m[:, rows][:, :, columns]
 
 
-def write_open3d(path, images=None, depth_m=None, camera=CAMERA, by_rows=False, suffix="png"):
+def write_open3d(
+    path, images=None, depth_m=None, camera=CAMERA, by_rows=False, suffix="png", per_metre=1000,
+    **facts,
+):  # fmt: skip
     """A folder of Open3D's recorders; returns it."""
     images = frames() if images is None else images
     depth_m = grown(depth_maps()) if depth_m is None else depth_m
@@ -192,16 +201,16 @@ def write_open3d(path, images=None, depth_m=None, camera=CAMERA, by_rows=False, 
     for i, (image, metres) in enumerate(zip(images, depth_m, strict=True)):
         data = png(image) if suffix == "png" else jpeg(image)
         (path / f"color/{i:06d}.{suffix}").write_bytes(data)
-        values = np.rint(np.nan_to_num(metres) * 1000).astype(np.uint16)
+        values = np.rint(np.nan_to_num(metres) * per_metre).astype(np.uint16)
         (path / f"depth/{i:06d}.png").write_bytes(png(values))
     matrix = camera.matrix if by_rows else camera.matrix.T
-    facts = {"width": camera.width, "height": camera.height}
+    facts |= {"width": camera.width, "height": camera.height}
     facts["intrinsic_matrix"] = matrix.ravel().tolist()
     (path / "camera_intrinsic.json").write_text(json.dumps(facts, indent=4))
     return path
 
 
-def write_tum(path, images=None, depth_m=None, intrinsics=None):
+def write_tum(path, images=None, depth_m=None, intrinsics=None, per_metre=5000):
     """A folder as of the TUM benchmark; depth is taken 10 ms after colour.  Returns it."""
     images = frames() if images is None else images
     depth_m = grown(depth_maps()) if depth_m is None else depth_m
@@ -209,7 +218,7 @@ def write_tum(path, images=None, depth_m=None, intrinsics=None):
         (path / name).mkdir(parents=True)
     lists = {"rgb": ["# color images", "# timestamp filename"], "depth": ["# depth maps"]}
     for i, (image, metres) in enumerate(zip(images, depth_m, strict=True)):
-        values = np.rint(np.nan_to_num(metres) * 5000).astype(np.uint16)
+        values = np.rint(np.nan_to_num(metres) * per_metre).astype(np.uint16)
         for name, pixels, later in (("rgb", image, 0.0), ("depth", values, 0.01)):
             time = f"{1305031102.175304 + i / FPS + later:.6f}"
             (path / name / f"{time}.png").write_bytes(png(pixels))

@@ -8,8 +8,10 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
 
 from rakelight import evaluate, load_capture, refine
+from rakelight.capture.exif import camera_of, exif_of
 from rakelight.capture.images import encode_jpeg, encode_png, encode_tiff
 from rakelight.capture.readers import find_reader
 from rakelight.errors import CaptureError, InputError
@@ -177,7 +179,7 @@ def test_no_image_is_left_out_without_a_word(tmp_path):
     refusal(tmp_path, "img13.png: a link to nothing")
 
 
-@pytest.mark.parametrize("text", ["40 40.5 15.25 11.75", "", "fx=40"])
+@pytest.mark.parametrize("text", ["40 40.5 15.25", "", "fx=40"])
 def test_a_file_of_intrinsics_that_states_none(tmp_path, text):
     fill(tmp_path)
     (tmp_path / "intrinsics.txt").write_text(text)
@@ -245,6 +247,26 @@ def test_intrinsics_by_exif_say_how_rough_they_are(tmp_path):
     warning = next(f for f in capture.findings if f.code == "intrinsics-from-exif")
     assert "5% uncertain" in warning.message
     assert "jpeg" in codes(capture)
+
+
+def test_exif_of_a_photograph_that_was_turned_by_software():
+    """The resolution of the sensor is that of the longer side, width or height."""
+    # 8 mm, 3000 pixels on 6.4 mm
+    figures = {"t37386": IFDRational(8), "t41486": IFDRational(30000, 64), "t41488": 4}
+    for width, height in ((3000, 2000), (2000, 3000)):
+        data = jpeg(np.zeros((8, 8, 3), np.uint8), t40962=width, t40963=height, **figures)
+        camera, _ = camera_of(exif_of(data), width, height)
+        assert camera.fx == pytest.approx(8 / 6.4 * 3000)
+
+
+def test_a_calibration_that_is_not_understood_is_named_beside_exif(tmp_path):
+    made = fill(tmp_path, texts=False)
+    for i, pixels in enumerate(made.photographs):
+        (tmp_path / f"img{9 + i}.png").unlink()
+        (tmp_path / f"img{9 + i}.jpg").write_bytes(jpeg(pixels, t41989=43))
+    (tmp_path / "camera_settings.yaml").write_text("aperture: 8\n")
+    warning = next(f for f in load_capture(tmp_path).findings if f.code == "intrinsics-from-exif")
+    assert warning.message.endswith("; no intrinsics were found in camera_settings.yaml")
 
 
 def test_depth_whose_sides_divide_the_photographs_by_no_integer(tmp_path):

@@ -4,11 +4,13 @@ import json
 import shutil
 import zipfile
 
+import av
 import lzfse
 import numpy as np
 import pytest
 
 from rakelight.capture import load_capture
+from rakelight.capture.images import decode_image
 from rakelight.capture.readers import find_reader, open3d_recorder, record3d, stray_scanner
 from rakelight.capture.readers import tum_rgbd as tum
 from rakelight.capture.recording import Recording
@@ -290,6 +292,31 @@ def test_stray_video_of_one_frame_less(tmp_path):
     assert (len(recording.color), len(recording.depth)) == (COUNT, COUNT)
 
 
+def test_stray_first_frame_that_players_do_not_show(tmp_path):
+    """The app writes it before the time 0, and counts it in odometry.csv and depth/."""
+    path = write_stray(tmp_path / "scan", first=-1)
+    with av.open(str(path / "rgb.mp4")) as container:
+        assert len(list(container.decode(video=0))) == COUNT - 1
+    recording, _ = stray_scanner.recording(path)
+    off = images_of(recording).astype(float) - frames()
+    assert np.sqrt((off**2).mean(axis=(1, 2, 3))).max() < 9
+    assert np.allclose(recording.color.times_s, recording.depth.times_s)
+
+
+def test_stray_depth_of_2021(tmp_path):
+    path = write_stray(tmp_path / "scan")
+    before, _ = stray_scanner.recording(path)
+    want = depth_of(before)
+    for file in (path / "depth").iterdir():
+        np.save(file.with_suffix(".npy"), decode_image(file.read_bytes()))
+        file.unlink()
+    recording, _ = stray_scanner.recording(path)
+    assert np.array_equal(depth_of(recording), want, equal_nan=True)
+    np.save(path / "depth/000000.npy", np.ones((DEPTH_HEIGHT, DEPTH_WIDTH)))
+    with pytest.raises(CaptureError, match=r"000000\.npy: this is no depth map.*array float64"):
+        stray_scanner.recording(path)
+
+
 @pytest.mark.parametrize(
     ("file", "text", "said"),
     [
@@ -326,6 +353,16 @@ def test_open3d_folder_is_read_exactly(tmp_path, by_rows):
     want = np.where(want == 0, np.nan, want).astype(np.float32)
     assert np.array_equal(depth_of(recording), want[:-1], equal_nan=True)
     assert np.allclose(recording.color.times_s, np.array(kept) / 30)
+
+
+def test_open3d_states_the_unit_of_the_depth_and_the_rate(tmp_path):
+    """As RGBDVideoMetadata.cpp does: 4000 values per metre of an L515."""
+    path = write_open3d(tmp_path / "scan", per_metre=4000, depth_scale=4000.0, fps=15.0)
+    recording, _ = open3d_recorder.recording(path)
+    want = np.rint(np.nan_to_num(grown(depth_maps())) * 4000) / 4000
+    want = np.where(want == 0, np.nan, want).astype(np.float32)
+    assert np.array_equal(depth_of(recording), want, equal_nan=True)
+    assert np.allclose(recording.color.times_s, np.arange(COUNT) / 15)
 
 
 def test_open3d_intrinsics_of_another_size_are_refused(tmp_path):
@@ -366,6 +403,37 @@ def test_tum_intrinsics_beside_the_lists(tmp_path, text, camera):
     assert (seen.fx, seen.fy, seen.cx, seen.cy) == camera
     lens = Distortion("brown-conrady", (0.26, -0.95, 0, 0, 1.16)) if "0.26" in text else None
     assert (seen.distortion, recording.findings) == (lens, ())
+
+
+ORB_SLAM = f"""%YAML:1.0
+
+Camera.fx: {CAMERA.fx}
+Camera.fy: {CAMERA.fy}
+Camera.cx: {CAMERA.cx}
+Camera.cy: {CAMERA.cy}
+DepthMapFactor: 1000.0
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "text"), [("camera.yaml", ORB_SLAM), ("depth_scale.txt", "1000\n")]
+)
+def test_tum_depth_of_another_scale(tmp_path, name, text):
+    path = write_tum(tmp_path / "scan", intrinsics="" if text == ORB_SLAM else None, per_metre=1000)
+    (path / name).write_text(text)
+    recording, _ = tum.recording(path)
+    assert recording.camera == CAMERA
+    want = np.rint(np.nan_to_num(grown(depth_maps())) * 1000) / 1000
+    want = np.where(want == 0, np.nan, want).astype(np.float32)
+    assert np.array_equal(depth_of(recording), want, equal_nan=True)
+
+
+def test_tum_depth_of_two_scales_is_refused(tmp_path):
+    path = write_tum(tmp_path / "scan", frames()[:1], grown(depth_maps())[:1])
+    for factor in (1000, 5000):
+        (path / f"orb-{factor}.yaml").write_text(f"DepthMapFactor: {factor}\n")
+    with pytest.raises(CaptureError, match=r"several scales of the depth \(seen 1000, 5000"):
+        tum.recording(path)
 
 
 def test_tum_without_intrinsics_takes_the_benchmarks_with_a_warning(tmp_path):

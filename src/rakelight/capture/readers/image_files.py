@@ -11,11 +11,13 @@ import numpy as np
 from rakelight.capture.headers import Header, read_header
 from rakelight.capture.images import as_rgb, decode_image
 from rakelight.capture.listing import SUFFIXES
+from rakelight.capture.npy import decode_npy
 from rakelight.capture.recording import Stream
 from rakelight.errors import CaptureError
 from rakelight.files import MAX_BYTES, clear_errors, read_bytes
 from rakelight.model import Array, Finding, Floats
 
+NPY = ".npy"
 # What a sensor writes into 16 bit that is too far.
 _TOO_FAR = 65535
 JPEG_FINDING = Finding("note", "compressed", "frames are JPEG; its compression looks like relief")
@@ -48,7 +50,7 @@ def inside(root: Path, name: str) -> Path:
     return path
 
 
-def numbered_files(root: Path, folder: str) -> dict[int, str]:
+def numbered_files(root: Path, folder: str, suffixes: Sequence[str] = SUFFIXES) -> dict[int, str]:
     """Names of the images in a subfolder by the number in them; empty files are left out.
 
     Raises CaptureError where two have the same number, or there are none.
@@ -60,7 +62,7 @@ def numbered_files(root: Path, folder: str) -> dict[int, str]:
             remedy="copy it again with all its folders",
         )  # fmt: skip
     with clear_errors(source, "cannot be read"):
-        paths = sorted(p for p in (root / folder).iterdir() if p.suffix.lower() in SUFFIXES)
+        paths = sorted(p for p in (root / folder).iterdir() if p.suffix.lower() in suffixes)
         # A recording that was broken off ends with files that nothing was written into.
         paths = [p for p in paths if p.name[0] != "." and (p.is_symlink() or p.stat().st_size)]
     for path in paths:
@@ -113,26 +115,16 @@ def depth_stream(
     scale: float,
     confidence: Mapping[int, str] | None = None,
 ) -> Stream:
-    """The stream of 16-bit depth images of `scale` values per metre, 0 = no measurement.
+    """The stream of 16-bit depth images, or arrays, of `scale` values per metre, 0 = nothing.
 
     confidence : by the numbers of the stream, images of the same size where 0 is no measurement
     """
-    first = _header(root, names[0])
-    if first.format != "PNG" or first.dtype != "uint16" or first.channels != 1:
-        raise CaptureError(
-            "this is no depth map",
-            source=f"{root}/{names[0]}",
-            seen=f"{first.format} {first}",
-            needed="16-bit grey PNG",
-            remedy="export the depth as 16-bit grey PNG, as the recorder does",
-        )
-    shape = first.height, first.width
+    shape = _depth_shape(root, names[0])
 
     def walk(wanted: Sequence[int]) -> Iterator[tuple[int, Array]]:
         for number in wanted:
-            source = f"{root}/{names[number]}"
-            values = decode_image(read_within(root, names[number]), source)
-            check_same(values, shape, "uint16", source)
+            values = _depth_values(root, names[number])
+            check_same(values, shape, "uint16", f"{root}/{names[number]}")
             hole = (values == 0) | (values == _TOO_FAR)
             if confidence is not None and number in confidence:
                 source = f"{root}/{confidence[number]}"
@@ -142,6 +134,32 @@ def depth_stream(
             yield number, np.where(hole, np.nan, values / scale).astype(np.float32)
 
     return Stream(times_s, shape, walk)
+
+
+def _depth_shape(root: Path, name: str) -> tuple[int, int]:
+    """(height, width) of a depth map; raises CaptureError where it is none."""
+    if name.lower().endswith(NPY):
+        values = _depth_values(root, name)
+        what, (height, width) = f"array {values.dtype}", values.shape
+        is_depth = values.dtype == np.uint16
+    else:
+        header = _header(root, name)
+        what, height, width = f"{header.format} {header}", header.height, header.width
+        is_depth = (header.format, header.dtype, header.channels) == ("PNG", "uint16", 1)
+    if not is_depth:
+        raise CaptureError(
+            "this is no depth map",
+            source=f"{root}/{name}",
+            seen=what,
+            needed="16-bit grey PNG",
+            remedy="export the depth as 16-bit grey PNG, as the recorder does",
+        )
+    return height, width
+
+
+def _depth_values(root: Path, name: str) -> Array:
+    data, source = read_within(root, name), f"{root}/{name}"
+    return decode_npy(data, source) if name.lower().endswith(NPY) else decode_image(data, source)
 
 
 def check_same(pixels: Array, shape: tuple[int, ...], dtype: str, source: str) -> None:

@@ -1,12 +1,14 @@
 """The folder of Open3D's recorders: color/, depth/ and camera_intrinsic.json.
 
 Facts: Open3D, examples/python/reconstruction_system/sensors, realsense_recorder.py (numbers of six
-digits, depth aligned to colour) and azure_kinect_mkv_reader.py (five digits, intrinsic.json).
+digits, depth aligned to colour) and azure_kinect_mkv_reader.py (five digits, intrinsic.json); and
+cpp/open3d/t/io/sensor/RGBDVideoMetadata.cpp, which adds depth_scale (values per metre) and fps.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,9 +29,8 @@ from rakelight.files import MAX_TEXT_BYTES
 from rakelight.model import Camera
 
 INTRINSICS = ("camera_intrinsic.json", "intrinsic.json")
-_PER_METRE = 1000.0
-# Frames per second: both recorders' default, and no times are stored.
-_FPS = 30.0
+# Depth values per metre, and frames per second, where the file does not say: the recorders' own.
+_PER_METRE, _FPS = 1000.0, 30.0
 
 
 def sniff(path: Path) -> bool:
@@ -42,11 +43,14 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
     """The recording in a folder."""
     color_names, depth_names = numbered_files(path, "color"), numbered_files(path, "depth")
     names = list(color_names.values())
-    color = color_stream(path, names, np.array(list(color_names)) / _FPS)
-    times_s = np.array(list(depth_names)) / _FPS
-    depth = depth_stream(path, list(depth_names.values()), times_s, _PER_METRE)
     name = next(name for name in INTRINSICS if (path / name).is_file())
-    camera = open3d_camera(path, name, color.shape)
+    facts = json_table(read_within(path, name, MAX_TEXT_BYTES), f"{path}/{name}")
+    fps = number_in(facts.get("fps"), 1, 1000) or _FPS
+    per_metre = number_in(facts.get("depth_scale"), 10, 1e7) or _PER_METRE
+    color = color_stream(path, names, np.array(list(color_names)) / fps)
+    times_s = np.array(list(depth_names)) / fps
+    depth = depth_stream(path, list(depth_names.values()), times_s, per_metre)
+    camera = open3d_camera(facts, color.shape, f"{path}/{name}")
     made = recording_of_one_view(
         path,
         camera,
@@ -59,10 +63,8 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
     return made, None
 
 
-def open3d_camera(root: Path, name: str, shape: tuple[int, int]) -> Camera:
-    """The camera of a JSON file of Open3D's for images (height, width) = `shape`."""
-    source = f"{root}/{name}"
-    facts = json_table(read_within(root, name, MAX_TEXT_BYTES), source)
+def open3d_camera(facts: dict[str, Any], shape: tuple[int, int], source: str) -> Camera:
+    """The camera of what a JSON file of Open3D's says, for images (height, width) = `shape`."""
     stated = tuple(number_in(facts.get(key), 1, 1e5) for key in ("height", "width"))
     if stated != shape:
         seen = "x".join("?" if side is None else f"{side:g}" for side in stated[::-1])

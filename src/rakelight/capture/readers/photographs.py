@@ -11,7 +11,12 @@ from rakelight.capture.config import CONFIG
 from rakelight.capture.decoder_process import DecoderProcess
 from rakelight.capture.exif import ROUGHNESS, camera_of
 from rakelight.capture.from_arrays import capture_from_arrays
-from rakelight.capture.intrinsics import MAX_BYTES, SUFFIXES, parse_intrinsics
+from rakelight.capture.intrinsics import (
+    MAX_BYTES,
+    SUFFIXES,
+    named_intrinsics,
+    parse_intrinsics,
+)
 from rakelight.capture.listing import check_numbers, read_mask, unread_finding
 from rakelight.capture.loose_depth import depth_noted, read_loose_depth
 from rakelight.capture.loose_files import (
@@ -37,7 +42,7 @@ EXIF_FOCAL = "intrinsics-from-exif"
 
 # Names, without ending, of files that hold intrinsics or are a mistake.
 _SURELY_INTRINSICS = ("intrinsics", "intrinsic", "calibration", "calib", "camera", "cameras", "k")
-_FORMATS = "OpenCV YAML or XML, Open3D JSON, COLMAP cameras.txt, or a 3 x 3 matrix"
+_FORMATS = "OpenCV, ROS or Kalibr YAML, Open3D JSON, COLMAP cameras.txt, or a 3 x 3 matrix"
 _MATRIX = "fx 0 cx / 0 fy cy / 0 0 1 (pixels, three lines)"
 
 
@@ -75,7 +80,7 @@ def reading_of(
 ) -> Reading:
     """The capture of a folder whose files are known.
 
-    lights : of all its photographs; encoding : where neither the format nor the bits are to say it
+    lights : of all its photographs; encoding : where the files are not to say it
     """
     if wanted.photographs is not None:
         check_numbers(wanted.photographs, len(files.photographs))
@@ -96,7 +101,7 @@ def reading_of(
             depth_m,
             camera,
             mask=mask,
-            encoding=photos.encoding or encoding,
+            encoding=encoding or photos.encoding,
             names=tuple(printable(Path(file.name).name) for file in files.photographs),
             depth_camera=depth_camera,
             ambient=photos.ambient,
@@ -144,6 +149,8 @@ def _camera(folder: Path, files: LooseFiles, photos: Photos) -> tuple[Camera, tu
         f"middle: about {ROUGHNESS:.0%} uncertain; depth stays metric, but widths across the image "
         "and slopes are wrong by as much, and so are normals and the relief"
     )
+    if misread := [path.name for path in files.texts if named_intrinsics(path.stem)]:
+        message += f"; no intrinsics were found in {listed(misread)}"
     remedy = "calibrate the camera and put its intrinsics beside the photographs"
     return camera.resized(width, height), (Finding("warning", EXIF_FOCAL, message, remedy),)
 
@@ -157,7 +164,7 @@ def _stated(folder: Path, files: LooseFiles) -> tuple[str, Camera] | None:
             continue
         source = f"{folder}/{name}"
         data = read_bytes(path, source=source)
-        camera = parse_intrinsics(data, source)
+        camera = parse_intrinsics(data, source, named=named_intrinsics(path.stem))
         if camera is not None:
             found[name] = camera
         elif path.stem.lower() in _SURELY_INTRINSICS:  # EXIF, or another file, is not what is meant

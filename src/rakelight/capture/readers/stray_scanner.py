@@ -1,7 +1,9 @@
 """Stray Scanner's folder: rgb.mp4, depth/, confidence/, camera_matrix.csv, odometry.csv.
 
 Facts: github.com/strayrobots/scanner, docs/format.md and the encoders in StrayScanner/Helpers.  All
-is stored as the sensor sees it; the video's note of how the phone was held is left alone.
+is stored as the sensor sees it; the video's note of how the phone was held is left alone.  The
+first frame lies before the time 0 of the video, whose edit list hides it: odometry.csv and depth/
+count it.  Depth of recordings of 2021 is .npy, in millimetres too.
 """
 
 from __future__ import annotations
@@ -11,9 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
+from rakelight.capture.listing import SUFFIXES
 from rakelight.capture.readers.base import Reader
 from rakelight.capture.readers.depth_place import recording_of_one_view
 from rakelight.capture.readers.image_files import (
+    NPY,
     depth_stream,
     inside,
     numbered_files,
@@ -55,7 +59,7 @@ def sniff(path: Path) -> bool:
 
 def recording(path: Path) -> tuple[Recording, Poses | None]:
     """The recording in a folder."""
-    color = video_stream(inside(path, VIDEO), f"{path}/{VIDEO}")
+    color = video_stream(inside(path, VIDEO), f"{path}/{VIDEO}", hidden=True)
     odometry = _odometry(path)
     camera = _camera(path, odometry, color.shape)
     color, depth, poses = _streams(path, color, odometry)
@@ -131,7 +135,7 @@ def _streams(
 
     Row n of odometry.csv is of frame n of the video, and names the depth map of that moment.
     """
-    names = numbered_files(path, "depth")
+    names = numbered_files(path, "depth", (*SUFFIXES, NPY))
     start = min(names)
     times = {start + i: time for i, time in enumerate(color.times_s.tolist())}
     poses = None

@@ -1,7 +1,8 @@
 """The folder of the TUM RGB-D benchmark, and all in its format: rgb.txt, depth.txt.
 
 Facts: cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats and /intrinsic_calibration.  Depth is
-registered to colour, 5000 values per metre.
+registered to colour, 5000 values per metre.  Recordings of others in this format often have another
+scale, which ORB-SLAM's settings beside them state as DepthMapFactor.
 """
 
 from __future__ import annotations
@@ -14,26 +15,30 @@ from pathlib import Path
 import numpy as np
 
 from rakelight.capture import validate
+from rakelight.capture.intrinsics import SUFFIXES, named_intrinsics, parse_intrinsics
+from rakelight.capture.loose_depth import SCALE, depth_scale
 from rakelight.capture.readers.base import Reader
 from rakelight.capture.readers.depth_place import recording_of_one_view
 from rakelight.capture.readers.image_files import (
     color_stream,
     compressed_finding,
     depth_stream,
+    inside,
     read_within,
 )
-from rakelight.capture.readers.numbers import camera_of
+from rakelight.capture.readers.numbers import json_table
 from rakelight.capture.readers.open3d_recorder import open3d_camera
 from rakelight.capture.readers.tracking import Poses, reading_by
 from rakelight.capture.recording import Recording
 from rakelight.errors import CaptureError
-from rakelight.files import MAX_TEXT_BYTES
-from rakelight.model import Camera, Distortion, Finding, Floats
+from rakelight.files import MAX_TEXT_BYTES, clear_errors
+from rakelight.model import Camera, Finding, Floats
 
 COLOR, DEPTH = "rgb.txt", "depth.txt"
 _PER_METRE = 5000.0
-# Files beside the lists that may hold the intrinsics.
-_TEXTS = ("intrinsics.txt", "intrinsic.txt", "calibration.txt", "calib.txt", "camera.txt", "K.txt")
+_FACTOR = re.compile(
+    rb"^\s*DepthMapFactor\s*:\s*([1-9][0-9]{0,6}(?:\.[0-9]{0,9})?)\s*$", re.MULTILINE
+)
 _TABLES = ("camera_intrinsic.json", "intrinsic.json")
 # The benchmark's recommended intrinsics, of 640x480: fx, fy, cx, cy.
 _DEFAULT, _DEFAULT_SHAPE = (525.0, 525.0, 319.5, 239.5), (480, 640)
@@ -49,7 +54,7 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
     color_times, names = _listed(path, COLOR)
     depth_times, depth_names = _listed(path, DEPTH)
     color = color_stream(path, names, color_times)
-    depth = depth_stream(path, depth_names, depth_times, _PER_METRE)
+    depth = depth_stream(path, depth_names, depth_times, _per_metre(path))
     camera, findings = _camera(path, color.shape)
     made = recording_of_one_view(
         path,
@@ -109,14 +114,36 @@ def _is_there(path: Path) -> bool:
     return os.path.isfile(path)  # noqa: PTH113 - False for impossible names, where Path raises
 
 
+def _per_metre(path: Path) -> float:
+    """Depth values per metre: of depth_scale.txt, of ORB-SLAM's settings, else the benchmark's."""
+    if (path / SCALE).is_file():
+        return depth_scale(inside(path, SCALE))
+    factors = {
+        float(factor)
+        for file in _texts(path)
+        for factor in _FACTOR.findall(read_within(path, file.name, MAX_TEXT_BYTES))
+    }
+    if len(factors) > 1:
+        raise CaptureError(
+            "several scales of the depth",
+            source=str(path),
+            seen=", ".join(f"{factor:g}" for factor in sorted(factors)),
+            needed="one DepthMapFactor",
+            remedy=f"write the depth values per metre into {SCALE}",
+        )
+    return factors.pop() if factors else _PER_METRE
+
+
 def _camera(path: Path, shape: tuple[int, int]) -> tuple[Camera, tuple[Finding, ...]]:
     """From a file beside the lists, else the benchmark's recommended one, with a warning."""
     for name in _TABLES:
         if (path / name).is_file():
-            return open3d_camera(path, name, shape), ()
-    for name in _TEXTS:
-        if (path / name).is_file():
-            return _camera_of_text(path, name, shape), ()
+            source = f"{path}/{name}"
+            facts = json_table(read_within(path, name, MAX_TEXT_BYTES), source)
+            return open3d_camera(facts, shape, source), ()
+    for file in _texts(path):
+        if named_intrinsics(file.stem) and "depth" not in file.stem.lower():
+            return _camera_of(path, file.name, shape), ()
     if shape != _DEFAULT_SHAPE:
         raise CaptureError(
             "the intrinsics of the colour camera are not known",
@@ -134,30 +161,28 @@ def _camera(path: Path, shape: tuple[int, int]) -> tuple[Camera, tuple[Finding, 
     return Camera(640, 480, *_DEFAULT), (finding,)
 
 
-def _camera_of_text(path: Path, name: str, shape: tuple[int, int]) -> Camera:
-    """Of fx fy cx cy [k1 k2 p1 p2 [k3]], or of a 3x3 matrix."""
+def _texts(path: Path) -> list[Path]:
+    """The texts beside the lists."""
+    with clear_errors(str(path), "cannot be read"):
+        files = sorted(path.iterdir())
+    return [file for file in files if file.suffix.lower() in SUFFIXES and file.is_file()]
+
+
+def _camera_of(path: Path, name: str, shape: tuple[int, int]) -> Camera:
+    """Of fx fy cx cy [k1 k2 p1 p2 [k3]], a 3x3 matrix, or another program's file."""
     source = f"{path}/{name}"
-    text = read_within(path, name, MAX_TEXT_BYTES).decode("utf-8", "replace")
-    fields = " ".join(line.split("#")[0] for line in text.splitlines())
-    words = re.split(r"[\s,;\[\]]+", fields.strip())[:100]
-    try:
-        numbers = [float(word) for word in words if word]
-    except ValueError:
-        numbers = []
-    matrix, distortion = numbers, list[float]()
-    if not (len(numbers) == 9 and numbers[8] == 1 and numbers[1] == 0):
-        if len(numbers) not in (4, 8, 9):
-            raise CaptureError(
-                "no intrinsics", source=source, seen=fields.strip()[:80] or "nothing",
-                needed="fx fy cx cy, or the nine numbers of a matrix",
-                remedy="write fx fy cx cy, in pixels of the frames",
-            )  # fmt: skip
-        fx, fy, cx, cy, *distortion = numbers
-        matrix = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
-    camera = camera_of(matrix, shape, source, "the matrix")
-    if any(distortion):
-        camera = replace(camera, distortion=Distortion("brown-conrady", tuple(distortion)))
-        validate.check_distortion(camera, source, "the distortion")
+    data = read_within(path, name, MAX_TEXT_BYTES)
+    camera = parse_intrinsics(data, source, named=True)
+    if camera is None:
+        seen = " ".join(data.decode("utf-8", "replace").split())
+        raise CaptureError(
+            "no intrinsics", source=source, seen=seen[:80] or "nothing",
+            needed="fx fy cx cy, or the nine numbers of a matrix",
+            remedy="write fx fy cx cy, in pixels of the frames",
+        )  # fmt: skip
+    if not camera.width:
+        camera = replace(camera, width=shape[1], height=shape[0])
+    validate.check_camera(camera, shape, source, "intrinsics")
     return camera
 
 

@@ -53,9 +53,10 @@ class _Index:
     shape: tuple[int, int]
 
 
-def video_stream(path: Path, source: str) -> Stream:
+def video_stream(path: Path, source: str, hidden: bool = False) -> Stream:
     """The frames of a video, (H, W, 3) RGB, uint8, or uint16 where it has more than 8 bit.
 
+    hidden : whether frames that the file's edit list hides from players count, too
     Colours are converted by the matrix and range that the video names.  Frames are decoded one
     after the other; where some are left out, from the key frame before the next.
 
@@ -64,11 +65,11 @@ def video_stream(path: Path, source: str) -> Stream:
     is not installed.
     """
     av = needs("av", "recordings", source)
-    with _opened(path, source) as (container, stream):
+    with _opened(path, source, hidden) as (container, stream):
         index = _indexed(container, stream, source)
 
     def walk(wanted: Sequence[int]) -> Iterator[tuple[int, Array]]:
-        with _opened(path, source) as (container, stream):
+        with _opened(path, source, hidden) as (container, stream):
             yield from _decoded(av, container, stream, index, wanted, source)
 
     times_s = (np.array(index.pts) - index.pts[0]) * index.unit_s
@@ -76,9 +77,10 @@ def video_stream(path: Path, source: str) -> Stream:
 
 
 @contextmanager
-def _opened(path: Path, source: str) -> Iterator[tuple[Any, Any]]:
+def _opened(path: Path, source: str, hidden: bool) -> Iterator[tuple[Any, Any]]:
     """The container and its video."""
-    with opened_container(path, source, "mov", {"enable_drefs": "0"}) as container:
+    options = {"enable_drefs": "0", "ignore_editlist": str(int(hidden))}
+    with opened_container(path, source, "mov", options) as container:
         if not container.streams.video:
             raise CaptureError("no video in it", source=source, remedy="copy the video again")
         stream = container.streams.video[0]
