@@ -84,6 +84,7 @@ def test_wrong_lights_in_capture_toml_are_refused(tmp_path, text, message):
         ("1\n000.png 0 x 1\n", "line 1"),
         ("1\n000.png 0 nan 1\n", "finite"),
         ("1\n0 0 1\n", "name x y z"),
+        ("1\n000.png 0 0 1 1.0\n", "name x y z"),
         ("9" * 5000 + "\n", "first line"),
         ("1\n000.png 0 0 0\n", "photographs without a light"),
         (LP.replace("003", "000"), "none for 003.png"),

@@ -7,6 +7,7 @@ other computers and other endings.  A table has one row of one or three numbers 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -33,6 +34,9 @@ UNIT_LENGTHS = (0.9, 1.1)
 LARGEST_RATIO = 1e4
 # Bytes of a text of lights, and lights in it: a dome has some hundred.
 MAX_LIGHTS_BYTES, MOST_LIGHTS = 1_000_000, 10_000
+
+# A name in a .lp file that goes on after its ending: numbers that are none of the three.
+_IMAGE_AND_NUMBER = r"\.(jpe?g|png|tiff?|dng|nef|cr[23]|arw|heic|exr|bmp)\s+\S+$"
 
 Rows = list[float | list[float]]
 
@@ -292,7 +296,7 @@ def parse_lp(data: bytes, source: str) -> tuple[list[str], Floats]:
     names, vectors = [], []
     for number, line in enumerate(lines[1:], 1):
         name, *numbers = line.rsplit(None, 3)
-        if len(numbers) != 3:
+        if len(numbers) != 3 or re.search(_IMAGE_AND_NUMBER, name, re.IGNORECASE):
             raise _bad_line(source, number, line, "name x y z")
         names.append(name.strip())
         vectors.append([_number(each, source, number, line) for each in numbers])
@@ -307,7 +311,9 @@ def parse_table(data: bytes, source: str) -> Floats:
     """
     rows = []
     for number, line in enumerate(_lines(data, source), 1):
-        rows.append([_number(each, source, number, line) for each in line.split()])
+        # A comma ends a number where another one has a point, or a space follows.
+        text = line.replace(",", " ") if "." in line else line.replace(", ", " ")
+        rows.append([_number(each, source, number, line) for each in text.split()])
         if len(rows[-1]) not in (1, 3) or len(rows[-1]) != len(rows[0]):
             raise _bad_line(source, number, line, "one number or three, in each line as many")
     if not rows:

@@ -253,11 +253,51 @@ def test_damaged_folders_are_read_or_refused(tmp_path, make):
     assert outcomes == {"read", "refused"}
 
 
-@pytest.mark.parametrize("name", ["light_directions.txt", "filenames.txt"])
-def test_a_diligent_folder_without_a_list_says_which(tmp_path, name):
+def test_a_diligent_folder_without_directions_says_so(tmp_path):
     folder = diligent(tmp_path / "set")
-    (folder / name).unlink()
-    with pytest.raises(InputError, match=rf"set/{name}: .* Fix: put it there"):
+    (folder / "light_directions.txt").unlink()
+    with pytest.raises(InputError, match=r"set/light_directions\.txt: .* Fix: put it there"):
+        load_capture(folder)
+
+
+@pytest.mark.parametrize("comma", [False, True])
+def test_directions_alone_are_in_the_order_of_the_photographs(tmp_path, comma):
+    folder = beside(tmp_path / "set")
+    text = lines(DIRECTIONS * [1, -1, -1])
+    (folder / "light_directions.txt").write_text(text.replace(" ", ", ") if comma else text)
+    capture = load_capture(folder)
+    assert np.allclose(capture.lights.directions, DIRECTIONS)
+    assert capture.lights.fixed
+    assert capture.encoding == "linear"  # by its 16 bits
+    (folder / "light_directions.txt").write_text(lines(DIRECTIONS[:3] * [1, -1, -1]))
+    with pytest.raises(CaptureError, match=r"3 lines, needed 4"):
+        load_capture(folder)
+
+
+def test_listed_photographs_may_lie_in_a_folder_of_their_own(tmp_path):
+    folder = diligent(tmp_path / "set")
+    before = load_capture(folder)
+    (folder / "images").mkdir()
+    for path in folder.glob("0*.png"):
+        path.rename(folder / "images" / path.name)
+    text = "".join(f"images/{n}.png\n" for n in ("004", "001", "002", "003"))
+    (folder / "filenames.txt").write_text(text)
+    assert np.array_equal(load_capture(folder).photographs, before.photographs)
+    (folder / "filenames.txt").write_text(text.replace("images/004", "images/../../004"))
+    with pytest.raises(CaptureError, match="leaves the folder"):
+        load_capture(folder)
+
+
+def test_a_list_of_lights_one_folder_below(tmp_path):
+    """As RTIBuilder has it: jpeg-exports/ and assembly-files/."""
+    folder = rti(tmp_path / "set")
+    (folder / "assembly-files").mkdir()
+    (folder / "dome.lp").rename(folder / "assembly-files/dome.lp")
+    assert np.allclose(load_capture(folder).lights.directions, DIRECTIONS)
+    (tmp_path / "other.lp").write_bytes((folder / "assembly-files/dome.lp").read_bytes())
+    (folder / "assembly-files/dome.lp").unlink()
+    (folder / "assembly-files/dome.lp").symlink_to(tmp_path / "other.lp")
+    with pytest.raises(CaptureError, match="outside the folder"):
         load_capture(folder)
 
 

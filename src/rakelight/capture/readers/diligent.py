@@ -26,19 +26,46 @@ from rakelight.capture.readers import photographs
 from rakelight.capture.readers.base import Reader, Reading, Wanted
 from rakelight.errors import CaptureError
 from rakelight.files import read_bytes
-from rakelight.model import Floats, GivenLights
+from rakelight.model import Encoding, Floats, GivenLights
 
 DIRECTIONS, NAMES = "light_directions.txt", "filenames.txt"
 LISTS = (DIRECTIONS, NAMES, INTENSITIES_FILE)  # none of which states intrinsics
 
 
 def sniff(path: Path) -> bool:
-    """Whether the folder holds two of the benchmark's three lists; `read` says which is missing."""
-    return sum(os.path.lexists(path / name) for name in LISTS) >= 2
+    """Whether the folder holds directions, or both of the benchmark's other lists."""
+    there = [name for name in LISTS if os.path.lexists(path / name)]
+    return DIRECTIONS in there or len(there) == 2
 
 
 def read(path: Path, wanted: Wanted) -> Reading:
-    """The capture of the folder; its lights are fixed."""
+    """The capture of the folder; its lights are fixed.
+
+    Without a list of names the photographs are those in the folder, in the order of their numbers,
+    and their format and bits say whether they are linear: others write such a list of lights, too.
+    """
+    listed = os.path.lexists(path / NAMES)
+    files = list_loose_files(path, _names(path) if listed else ())
+    count = len(files.photographs)
+    directions, intensities = _rows(path, DIRECTIONS, count), None
+    if directions.ndim != 2:
+        raise CaptureError(
+            "not directions",
+            source=f"{path}/{DIRECTIONS}",
+            needed="x y z",
+            remedy="copy the dataset's lists again",
+        )
+    if os.path.lexists(path / INTENSITIES_FILE):
+        intensities = _rows(path, INTENSITIES_FILE, count)
+    directions = unit(in_frame(directions, "opengl"), f"{path}/{DIRECTIONS}")
+    lights = GivenLights(directions, None, intensities, fixed=True)
+    texts = tuple(text for text in files.texts if text.name not in LISTS)
+    encoding: Encoding | None = "linear" if listed else None
+    return photographs.reading_of(path, replace(files, texts=texts), wanted, lights, encoding)
+
+
+def _names(path: Path) -> list[str]:
+    """The photographs that the folder lists, relative to it."""
     source = f"{path}/{NAMES}"
     data = read_bytes(path / NAMES, source=source, max_bytes=MAX_LIGHTS_BYTES)
     names = [line.strip() for line in text_lines(data)]
@@ -48,22 +75,9 @@ def read(path: Path, wanted: Wanted) -> Reading:
             needed="one name in each line", remedy="copy the dataset's lists again"
         )  # fmt: skip
     for name in names:
-        require_inside(name, source, "a photograph")
-    directions, intensities = _rows(path, DIRECTIONS, len(names)), None
-    if directions.ndim != 2:
-        raise CaptureError(
-            "not directions",
-            source=f"{path}/{DIRECTIONS}",
-            needed="x y z",
-            remedy="copy the dataset's lists again",
-        )
-    if os.path.lexists(path / INTENSITIES_FILE):
-        intensities = _rows(path, INTENSITIES_FILE, len(names))
-    directions = unit(in_frame(directions, "opengl"), f"{path}/{DIRECTIONS}")
-    lights = GivenLights(directions, None, intensities, fixed=True)
-    files = list_loose_files(path, names)
-    texts = tuple(text for text in files.texts if text.name not in LISTS)
-    return photographs.reading_of(path, replace(files, texts=texts), wanted, lights, "linear")
+        for part in name.split("/"):
+            require_inside(part, source, "a photograph")
+    return names
 
 
 def _rows(path: Path, name: str, count: int) -> Floats:
@@ -73,8 +87,8 @@ def _rows(path: Path, name: str, count: int) -> Floats:
     if len(rows) != count:
         raise CaptureError(
             "as many lights as photographs are needed", source=source, seen=f"{len(rows)} lines",
-            needed=f"{count}, as in {NAMES}",
-            remedy="copy the dataset's lists again, or take lines out of both",
+            needed=f"{count}, one for each photograph",
+            remedy=f"copy the dataset's lists again, or take lines out of this one and of {NAMES}",
         )  # fmt: skip
     return rows
 

@@ -1,5 +1,6 @@
 """A folder of reflectance transformation imaging: photographs and one .lp file of their lights.
 
+The list lies beside the photographs or one folder below (assembly-files/, as RTIBuilder has it).
 Depth and intrinsics lie beside them, as in any folder of photographs.
 """
 
@@ -12,6 +13,7 @@ from rakelight.capture.lights import MAX_LIGHTS_BYTES, in_frame, matched, parse_
 from rakelight.capture.loose_files import list_loose_files
 from rakelight.capture.readers import photographs
 from rakelight.capture.readers.base import Reader, Reading, Wanted
+from rakelight.capture.readers.image_files import inside
 from rakelight.errors import CaptureError, printable
 from rakelight.files import clear_errors, read_bytes
 from rakelight.model import GivenLights
@@ -35,6 +37,7 @@ def read(path: Path, wanted: Wanted) -> Reading:
             remedy="move the others away",
         )
     source = f"{path}/{printable(lists[0])}"
+    inside(path, lists[0])
     listed, vectors = parse_lp(
         read_bytes(path / lists[0], source=source, max_bytes=MAX_LIGHTS_BYTES), source
     )
@@ -45,7 +48,10 @@ def read(path: Path, wanted: Wanted) -> Reading:
 
 
 def _lists(path: Path) -> list[str]:
-    return sorted(each.name for each in path.iterdir() if each.suffix.lower() == ".lp")
+    """The lists in the folder itself; where there are none, those in its folders."""
+    found = [each for each in path.iterdir() if each.suffix.lower() == ".lp"]
+    below = (each for each in path.glob("*/*") if each.suffix.lower() == ".lp")
+    return sorted(each.relative_to(path).as_posix() for each in found or below)
 
 
 READER = Reader(
