@@ -45,6 +45,7 @@ from rakelight.capture.listing import (
     read_mask,
     read_photographs,
 )
+from rakelight.capture.tone_curve import stated_encoding
 from rakelight.capture.truth import write_truth
 from rakelight.errors import CaptureError, OutputExistsError, printable
 from rakelight.files import clear_errors, in_threads, read_bytes, write_bytes
@@ -92,8 +93,9 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
     names = tuple(map(printable, rgb.names))
     validate.check_not_twice(images, names, rgb.source)
     depth_m, holes = read_depth(depth, table.depth_scale)
+    stated = dict(zip(rgb.names, rgb.headers, strict=True))
     encoding, assumed = chosen_encoding(
-        table.encoding,
+        table.encoding or stated_encoding(stated, rgb.source),
         f"{8 * images.dtype.itemsize}-bit",
         f'write encoding = "linear" or "srgb" into {CONFIG}',
     )

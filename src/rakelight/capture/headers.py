@@ -54,6 +54,7 @@ _TIFF_DTYPES = {  # by bits and sample format
     (64, 3): "float64",
 }
 _TIFF_INTEGERS = {1: "B", 3: "H", 4: "I"}
+_TIFF_UNDEFINED = 7
 _TIFF_TAGS = {
     "width": 256,
     "height": 257,
@@ -90,6 +91,7 @@ class Header:
 
     channels : as stored: 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha
     orientation : the EXIF tag; 1 = as stored
+    half_light : of 16 bit, see tone_curve.py
 
     >>> print(Header("PNG", width=1280, height=960, channels=3, dtype="uint8"))
     1280x960x3 uint8
@@ -101,6 +103,7 @@ class Header:
     channels: int
     dtype: str
     orientation: int = 1
+    half_light: float | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -173,8 +176,12 @@ class TiffTags:
         (directory,) = struct.unpack_from(self.order + "I", data, 4)
         (entries,) = struct.unpack_from(self.order + "H", data, directory)
         self.places: dict[int, tuple[np.dtype[np.generic], int, int]] = {}  # dtype, start, count
+        self.blocks: dict[int, tuple[int, int]] = {}  # start, count of bytes
         for entry in range(directory + 2, directory + 2 + 12 * entries, 12):
             tag, kind, count = struct.unpack_from(self.order + "HHI", data, entry)
+            if kind == _TIFF_UNDEFINED and count > 4:
+                (at,) = struct.unpack_from(self.order + "I", data, entry + 8)
+                self.blocks.setdefault(tag, (at, count))
             if kind not in _TIFF_INTEGERS or tag in self.places:
                 continue
             dtype = np.dtype(self.order + _TIFF_INTEGERS[kind])
@@ -192,6 +199,11 @@ class TiffTags:
         """Every value of a tag; none when it is not there."""
         dtype, at, count = self.places.get(_TIFF_TAGS[name], (np.dtype("B"), 0, 0))
         return [int(value) for value in np.frombuffer(self.data, dtype, count, at)]
+
+    def bytes_of(self, tag: int) -> bytes:
+        """The bytes of a tag of undefined type; none when it is not there."""
+        at, count = self.blocks.get(tag, (0, 0))
+        return self.data[at : at + count]
 
     def first(self, name: str, default: int) -> int:
         """The first value of a tag."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from rakelight.capture.headers import Header, read_header
 from rakelight.capture.images import as_rgb, decode_image
+from rakelight.capture.tone_curve import read_photograph_header
 from rakelight.capture.validate import check_mask_size, check_same_kind
 from rakelight.errors import CaptureError, InputError, listed
 from rakelight.files import clear_errors, in_threads, read_bytes
@@ -122,7 +123,7 @@ def looked_at(folder: Path, source: str, names: Sequence[str], ignored: Sequence
 
     def header(name: str) -> Header:
         shown = f"{source}/{name}"
-        return read_header(read_bytes(folder / name, source=shown), shown)
+        return read_photograph_header(read_bytes(folder / name, source=shown), shown)
 
     headers = in_threads(header, names)
     return Images(folder, source, tuple(names), tuple(headers), tuple(ignored))

@@ -19,6 +19,7 @@ from typing import Literal
 from rakelight.capture import exr, heic, intrinsics, npy, pfm, raw
 from rakelight.capture.headers import PNG_MAGIC, Header, TiffTags, read_header
 from rakelight.capture.listing import SUFFIXES, TO_PNG, UNREAD, by_number
+from rakelight.capture.tone_curve import read_photograph_header
 from rakelight.errors import CaptureError, listed
 from rakelight.files import clear_errors, read_bytes
 
@@ -227,7 +228,7 @@ def _looked_at(folder: Path, path: Path) -> LooseFile | None:
         data = read_bytes(path, source=source)
         if kind == "TIFF" and is_dng(data):
             return LooseFile(path, name, source, "raw")
-        return LooseFile(path, name, source, kind, header=read_header(data, source))
+        return LooseFile(path, name, source, kind, header=read_photograph_header(data, source))
     if kind == "exr":
         header = exr.read_exr_header(read_bytes(path, source=source), source)
         return LooseFile(path, name, source, kind, exr=header)

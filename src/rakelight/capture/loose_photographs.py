@@ -15,10 +15,13 @@ from rakelight.capture.headers import check_size
 from rakelight.capture.images import as_rgb, decode_image
 from rakelight.capture.listing import allocate
 from rakelight.capture.loose_files import LooseFile, LooseFiles
+from rakelight.capture.tone_curve import stated_encoding
 from rakelight.capture.validate import check_same_kind
 from rakelight.errors import CaptureError, listed
 from rakelight.files import read_bytes
 from rakelight.model import Array, Encoding, Finding, Floats, Progress, ProgressCallback
+
+_ENCODINGS: dict[str, Encoding] = {"heic": "srgb", "raw": "linear", "exr": "linear"}
 
 # Columns of a raw photograph for each one of the depth map, from which on each 2 x 2 of its mosaic
 # becomes one pixel: twice as fine as depth is still left, and a mosaic measures red and blue at no
@@ -68,15 +71,17 @@ def read_loose_photographs(
     Raises CaptureError where one is damaged or of another size or kind than the first.
     """
     headers = {f.name: replace(f.header, channels=3) for f in files.photographs if f.header}
+    folder, stated = str(files.photographs[0].path.parent), None
     if len(headers) == len(files.photographs):  # the others' sizes are known when they are decoded
-        check_same_kind(headers, str(files.photographs[0].path.parent))
+        check_same_kind(headers, folder)
+        stated = stated_encoding(headers, folder)
     extra = [file for file in (files.ambient, files.flat) if file is not None]
     everything = [*files.photographs, *extra]
     ones = _decoded(everything, decoder, depth_width)
     first = next(ones)
     shape, dtype = first.pixels.shape, str(first.pixels.dtype)
     count = len(files.photographs)
-    stack = allocate((len(everything), *shape), dtype, str(files.photographs[0].path.parent))
+    stack = allocate((len(everything), *shape), dtype, folder)
     stack[0] = first.pixels
     turned = [first.exif.orientation != 1]
     for i, one in enumerate(ones, start=1):
@@ -100,7 +105,7 @@ def read_loose_photographs(
     kind = files.photographs[0].kind
     return Photos(
         pixels=stack[:count],
-        encoding={"heic": "srgb", "raw": "linear", "exr": "linear"}.get(kind),  # type: ignore[arg-type]
+        encoding=_ENCODINGS.get(kind, stated),
         full=(int(full[0]), int(full[1])),
         exif=first.exif,
         ambient=corrections.get(files.ambient.name) if files.ambient else None,

@@ -1,0 +1,128 @@
+"""16-bit photographs that say how their values depend on the light: by a profile, by PNG's sRGB."""
+
+import io
+import struct
+import zlib
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import ImageCms
+
+from rakelight.capture import load_capture, write_capture
+from rakelight.capture.headers import PNG_MAGIC
+from rakelight.capture.images import encode_png
+from rakelight.capture.tone_curve import half_light
+from rakelight.errors import CaptureError
+from tests.capture.capture_builder import edit_config, small_capture
+
+SMALL = small_capture(dtype=np.uint16, maps=1)
+SRGB = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+
+
+def profile(kind, *numbers):
+    """An ICC profile of one curve: of exponents (curv), a table of them, or a formula (para)."""
+    if kind == "curv":
+        curve = struct.pack(f">4sII{len(numbers)}H", b"curv", 0, len(numbers), *numbers)
+    else:
+        form, *values = numbers
+        fixed = (round(65536 * value) for value in values)
+        curve = struct.pack(f">4sIHH{len(values)}i", b"para", 0, form, 0, *fixed)
+    return bytes(128) + struct.pack(">I4sII", 1, b"gTRC", 144, len(curve)) + curve
+
+
+GAMMA_18, ADOBE = profile("curv", round(256 * 1.8)), profile("curv", 563)
+LINEAR = profile("curv")
+
+
+def png(pixels, kind=None, body=b""):
+    """A PNG with one more chunk before its pixels."""
+    data = encode_png(pixels)
+    if kind is None:
+        return data
+    chunk = struct.pack(">I", len(body)) + kind + body
+    chunk += struct.pack(">I", zlib.crc32(kind + body))
+    return PNG_MAGIC + data[8:33] + chunk + data[33:]
+
+
+def iccp(icc):
+    return b"a profile\0\0" + zlib.compress(icc)
+
+
+def tiff(pixels, icc=None):
+    file = io.BytesIO()
+    tifffile.imwrite(file, pixels, photometric="rgb", iccprofile=icc)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("icc", "half"),
+    [
+        (SRGB, 0.214), (LINEAR, 0.5), (ADOBE, 0.218), (GAMMA_18, 0.287),
+        (profile("curv", 0, 0x2000, 0xFFFF), 0.125),
+        (profile("para", 0, 2.4), 0.189),
+        (profile("para", 3, 2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045), 0.214),
+        (profile("para", 4, 1.0, 1.0, 0.0, 1.0, 0.0, 0.1, 0.0), 0.6),
+    ],
+)  # fmt: skip
+def test_the_light_at_half_of_white(icc, half):
+    pixels = SMALL.photographs[0]
+    for data in (tiff(pixels, icc), png(pixels, b"iCCP", iccp(icc))):
+        assert half_light(data) == pytest.approx(half, abs=1e-3)
+
+
+@pytest.mark.parametrize("icc", [b"", bytes(200), SRGB[:140], profile("para", 9), bytes(10)])
+def test_a_profile_without_a_curve_states_nothing(icc):
+    pixels = SMALL.photographs[0]
+    for data in (tiff(pixels, icc or None), png(pixels, b"iCCP", iccp(icc)[: -2 if icc else None])):
+        assert half_light(data) is None
+
+
+def folder(path, files, config=True):
+    """A capture folder, or loose photographs, of SMALL with these photographs."""
+    write_capture(SMALL, path)
+    for i, data in enumerate(files):
+        kind = "png" if data.startswith(PNG_MAGIC) else "tiff"
+        (path / f"rgb/{i:03d}.png").unlink()
+        (path / f"rgb/{i:03d}.{kind}").write_bytes(data)
+    if config:
+        edit_config(path, 'encoding = "linear"\n', "")
+    else:
+        (path / "capture.toml").unlink()
+        (path / "K.txt").write_text("\n".join(" ".join(map(str, r)) for r in SMALL.camera.matrix))
+    return path
+
+
+@pytest.mark.parametrize("config", [True, False], ids=["capture.toml", "loose"])
+@pytest.mark.parametrize(
+    ("make", "encoding"),
+    [
+        (lambda pixels: tiff(pixels, SRGB), "srgb"),
+        (lambda pixels: tiff(pixels, ADOBE), "srgb"),
+        (lambda pixels: tiff(pixels, LINEAR), "linear"),
+        (lambda pixels: png(pixels, b"sRGB", b"\0"), "srgb"),
+        (lambda pixels: png(pixels, b"gAMA", struct.pack(">I", 45455)), "linear"),
+        (png, "linear"),
+    ],
+    ids=["sRGB", "Adobe RGB", "linear", "chunk", "gAMA", "none"],
+)
+def test_the_file_says_the_encoding(tmp_path, make, encoding, config):
+    path = folder(tmp_path / "c", [make(pixels) for pixels in SMALL.photographs], config)
+    capture = load_capture(path)
+    assert capture.encoding == encoding
+    assert np.array_equal(capture.photographs, SMALL.photographs)
+    if config:  # what the capture says stands above it
+        text = (path / "capture.toml").read_text()
+        (path / "capture.toml").write_text('encoding = "linear"\n' + text)
+        assert load_capture(path).encoding == "linear"
+
+
+@pytest.mark.parametrize("config", [True, False], ids=["capture.toml", "loose"])
+def test_other_curves_and_different_ones_are_refused(tmp_path, config):
+    first, *others = SMALL.photographs
+    files = [tiff(pixels, GAMMA_18) for pixels in SMALL.photographs]
+    with pytest.raises(CaptureError, match=r"tone curve.*half of white is 0\.29.*linear, or all"):
+        load_capture(folder(tmp_path / "a", files, config))
+    files = [tiff(first, SRGB), *(tiff(pixels) for pixels in others)]
+    with pytest.raises(CaptureError, match=r"tone curve.*0\.21.*; .*001\.tiff without a profile"):
+        load_capture(folder(tmp_path / "b", files, config))
