@@ -96,13 +96,12 @@ def test_the_shared_object_is_traced_once():
     assert bust.render(bust.camera.scaled(0.1)) is bust.render(bust.camera.scaled(0.1))
 
 
-def test_the_input_row_is_the_papers():
-    """PAPER_NOISE at full size; the lights do not matter to it, so one photograph will do."""
-    table = table1(rows=[replace(INPUT, lighting="ambient")])
-    assert [cell.scenario for cell in table.cells] == list(SCENARIOS)
-    for cell in table.cells:
-        assert cell.rmse_mm == pytest.approx(3.3305, rel=0.03)
-        assert cell.mae_deg == pytest.approx(16.3096, rel=0.03)
+def test_the_input_row_is_the_papers(monkeypatch):
+    """PAPER_NOISE at full size; neither lights nor paint matter to it: one photograph will do."""
+    monkeypatch.setattr("rakelight.paper.table1.SCENARIOS", ("simple",))
+    (cell,) = table1(rows=[replace(INPUT, lighting="ambient")]).cells
+    assert cell.rmse_mm == pytest.approx(3.3305, rel=0.03)
+    assert cell.mae_deg == pytest.approx(16.3096, rel=0.03)
 
 
 # --- table 1
