@@ -8,8 +8,14 @@ from threading import Thread
 import pytest
 
 from rakelight import jit, memory
-from rakelight.errors import MachineError
-from rakelight.memory import free_addresses, free_memory, require_memory, require_threads
+from rakelight.errors import InputError, MachineError
+from rakelight.memory import (
+    free_addresses,
+    free_memory,
+    limited_memory,
+    require_memory,
+    require_threads,
+)
 
 
 def system(root, **files):
@@ -52,6 +58,21 @@ def test_what_is_too_much_is_told(monkeypatch):
         require_memory(6.7e9, source="x", remedy="buy some")
     assert str(caught.value) == (
         "x: too little memory (seen 3,050 MB free, needed 6,700 MB). Fix: buy some"
+    )
+
+
+def test_a_limit_that_is_too_small_is_told_as_such(monkeypatch):
+    monkeypatch.setattr(memory, "free_memory", lambda: 3e9)
+    monkeypatch.setattr(memory, "own_memory", lambda: 1e8)
+    with limited_memory(5e8):
+        require_memory(3.9e8, source="x", remedy="y")
+        with pytest.raises(InputError) as caught:
+            require_memory(7e8, source="x", remedy="buy some")
+        with pytest.raises(MachineError, match=r"(3,000|400) MB free"):
+            require_memory(3.1e9, source="x", remedy="buy some")
+    assert str(caught.value) == (
+        "x: the limit of memory is too small (seen 500 MB, needed at least 800 MB). "
+        "Fix: raise it, or leave it away"
     )
 
 

@@ -145,7 +145,7 @@ def test_lengths_of_normals_do_not_matter():
         (np.ones((4, 4)), np.ones(SIZE), ALL, "different size"),
         (np.ones(SIZE), np.ones(SIZE), np.ones((4, 4), bool), "different size"),
         (np.ones(SIZE), np.ones(SIZE), ~ALL, "marks no pixel"),
-        (np.ones(SIZE), np.ones(SIZE), ALL.astype(np.uint8), "marks no pixel"),
+        (np.ones(SIZE), np.ones(SIZE), ALL.astype(np.uint8), "not a mask"),
         (np.ones(SIZE), np.full(SIZE, np.nan), ALL, "beyond the truth"),
     ],
 )

@@ -46,6 +46,7 @@ _REMEDIES: dict[tuple[str, int | None], str] = {
     ("cannot be written", errno.EACCES): "choose a folder that you may write to",
     ("cannot be written", errno.EPERM): "choose a folder that you may write to",
     ("cannot be written", errno.EROFS): "choose a folder that you may write to",
+    ("cannot be written", errno.ENOENT): "make its folder, or look for a mistyped name",
     ("cannot be written", errno.ENOTDIR): "choose another place: one of its folders is a file",
     ("cannot be written", errno.ENAMETOOLONG): "choose a shorter name",
 }
@@ -94,13 +95,15 @@ def _open_at_once(path: str, flags: int) -> int:
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
-def write_bytes(path: Path, data: bytes) -> None:
+def write_bytes(path: Path, data: bytes, source: str = "") -> None:
     """Write `data` to `path`; a file that could not be written whole is removed.
+
+    source : its name in messages; the path when empty
 
     Raises MachineError with the system's words and the bytes needed when the disk is full or may
     not be written to, InputError when the path cannot be one.
     """
-    with clear_errors(str(path), "cannot be written", needed=f"{len(data)} bytes"):
+    with clear_errors(source or str(path), "cannot be written", needed=f"{len(data)} bytes"):
         try:
             path.write_bytes(data)
         except OSError:
@@ -126,7 +129,7 @@ def replace_bytes(path: Path, data: bytes) -> None:
     """
     partial = path.with_name(f"{_partial_start(path.name)}{secrets.token_hex(4)}{_PARTIAL_END}")
     try:
-        write_bytes(partial, data)
+        write_bytes(partial, data, str(path))
         with clear_errors(str(path), "cannot be written"):
             with partial.open("rb+") as written:
                 os.fsync(written.fileno())

@@ -258,7 +258,9 @@ def _refuse_occupied(target: Path, shown: str, overwrite: bool, manifest: Manife
         )
     if not overwrite:
         raise OutputExistsError(
-            "the folder exists", source=shown, remedy="choose another name, or --overwrite"
+            "the folder exists",
+            source=shown,
+            remedy="choose another name, or allow to overwrite it (--overwrite, overwrite=True)",
         )
     if _somebody_lives_in(target):
         raise OutputExistsError(

@@ -11,7 +11,7 @@ from math import inf
 from pathlib import Path
 from threading import Event, Thread
 
-from rakelight.errors import MachineError
+from rakelight.errors import InputError, MachineError
 
 # Bytes that a part of the program keeps to.
 _limit: ContextVar[float] = ContextVar("limit of memory", default=inf)
@@ -67,9 +67,19 @@ def own_memory(root: Path = Path("/")) -> float:
 def require_memory(needed: float, *, source: str, remedy: str) -> None:
     """Raise MachineError where fewer than `needed` bytes may be taken.
 
+    InputError where that is due to `limited_memory`, not to the machine.
+
     >>> require_memory(1e6, source="captures/mitten", remedy="close other programs")
     """
-    free = available_memory()
+    free, limit = available_memory(), _limit.get()
+    if needed > free and limit <= own_memory() + needed <= own_memory() + free_memory():
+        raise InputError(
+            "the limit of memory is too small",
+            source=source,
+            seen=f"{limit / 1e6:,.0f} MB",
+            needed=f"at least {(own_memory() + needed) / 1e6:,.0f} MB",
+            remedy="raise it, or leave it away",
+        )
     if needed > free:
         raise MachineError(
             "too little memory",

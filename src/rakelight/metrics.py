@@ -231,12 +231,16 @@ def _check(name: str, estimate: Floats, truth: Floats, mask: Mask, truth_mask: M
             needed=f"{truth.shape}, mask {truth_mask.shape}",
             remedy="refine at the truth's resolution",
         )
-    if mask.dtype != bool or not mask.any():
+    if mask.dtype != bool:
+        raise InputError(
+            "not a mask", source="mask", seen=str(mask.dtype), needed="bool", remedy="mask > 0"
+        )
+    if not mask.any():
         raise InputError(
             "the mask marks no pixel",
             source="mask",
-            seen=f"{mask.dtype} with {np.count_nonzero(mask)} pixels",
-            needed="bool with at least one True",
+            needed="at least one True",
+            remedy="take the result's mask",
         )
     outside = np.count_nonzero(mask & ~truth_mask)
     if outside:

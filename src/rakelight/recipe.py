@@ -10,9 +10,10 @@ from typing import Any
 
 from rakelight.capture import has_truth, load_truth
 from rakelight.capture.readers import Wanted, find_reader
+from rakelight.errors import InputError
 from rakelight.export.mesh_formats import DEFAULT_MESH
 from rakelight.export.summary import program_version
-from rakelight.methods import Method, choose_method, load_method
+from rakelight.methods import AUTOMATIC, Method, choose_method, load_method
 from rakelight.model import Progress, ProgressCallback, Result, silent
 from rakelight.pictures.colors import NormalMap
 from rakelight.pipeline import refine
@@ -39,11 +40,20 @@ class Recipe:
     normal_map: NormalMap = "opengl"
 
     def check(self) -> None:
-        """Raise InputError for a wrong option, where that shows before a capture is read."""
-        if self.method != "auto":
-            method = load_method(self.method)
-            if self.options_for is not None:
-                self.options_for(method)
+        """Raise InputError for a wrong option, where that shows before a capture is read.
+
+        With the method "auto", for options that none of the methods that it may choose takes.
+        """
+        methods = AUTOMATIC if self.method == "auto" else (self.method,)
+        refusals = []
+        for method in map(load_method, methods):
+            try:
+                if self.options_for is not None:
+                    self.options_for(method)
+            except InputError as error:
+                refusals.append(error)
+        if len(refusals) == len(methods):
+            raise refusals[0]
 
     def facts(self) -> dict[str, Any]:
         """All that the result depends on besides its input, for JSON."""

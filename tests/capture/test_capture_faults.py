@@ -206,7 +206,7 @@ def test_float_depth_takes_no_scale(folder):
     assert load_capture(folder).depth_m[0, 5, 5] == np.float32(0.6)
     set_depth(folder, np.full((12, 16), 600, np.float32))
     edit_config(folder, "depth_scale = 1.0\n", "")
-    refusal(folder, "depth", "median depth 600 m", "millimetres: divide them by 1000")
+    refusal(folder, "depth", "median depth 600 m", "by 1000 if they are millimetres", "by 100 ")
 
 
 def test_invalid_depth_is_a_hole_and_counted(folder):

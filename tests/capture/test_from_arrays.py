@@ -203,7 +203,10 @@ BAD = {
     "a little dark": ({"photographs": one(FLOATS, (0, 0, 0), -0.01)}, r"np\.clip.*black level"),
     "black": ({"photographs": FLOATS / 1000}, "fewer than 3 usable photographs.*expose longer"),
     # depth
-    "millimetres": ({"depth": MILLIMETRES}, r"median depth 600 m.*divide them by 1000"),
+    "millimetres": (
+        {"depth": MILLIMETRES},
+        r"median depth 600 m.*by 1000 if they are milli",
+    ),
     "uint16": ({"depth": MILLIMETRES.astype(np.uint16)}, r"seen uint16.*depth / 1000\.0"),
     "float16": ({"depth": DEPTH.astype(np.float16)}, "seen float16, needed metres as float32"),
     "complex depth": ({"depth": DEPTH.astype(complex)}, "seen complex128"),

@@ -1,6 +1,7 @@
 """What is said first of captures that are good, and of those that are not."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 
 from rakelight import check_capture, load_capture, refine
 from rakelight.errors import CaptureError
+from rakelight.geometry.grid import area_mean
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 from tests.check.moved_captures import still_scene, with_depth_moved, with_photographs_moved
 from tests.check.wrong_captures import disparity, one_lamp, sound, with_background, with_photograph
@@ -220,6 +222,32 @@ def test_depth_with_holes(head):
     report = check_capture(replace(head, depth_m=np.where(holes, np.nan, head.depth_m)))
     assert report.findings[0].code == "depth-holes"
     assert report.depth.holes == pytest.approx(25 / 144, abs=0.02)
+
+
+def test_places_of_holes_are_those_in_the_photographs(head):
+    """Of depth of half the resolution, too; as `refine` names them."""
+    coarse = area_mean(head.depth_m[0], 2)
+    rows, columns = np.indices(coarse.shape)
+    middle_row, middle_column = (int(np.median(each)) // 2 for each in np.nonzero(head.mask))
+    left_out = (abs(rows - middle_row) < 20) & (abs(columns - middle_column) < 20)
+    holed = replace(head, depth_m=np.where(left_out, np.nan, coarse)[None].astype(np.float32))
+    (told,) = (f for f in check_capture(holed).findings if f.code == "holes-left-out")
+    (again,) = (f for f in refine(holed).findings if f.code == "holes-left-out")
+    places = [re.search(r"\((\d+) pixels at \((\d+), (\d+)\)", f.message) for f in (told, again)]
+    ours, theirs = (np.array([int(n) for n in place.groups()]) for place in places)
+    assert abs(ours[1:] - theirs[1:]).max() <= 2
+    assert ours[0] == pytest.approx(theirs[0], rel=0.2)
+
+
+def test_depth_of_one_value_is_told_and_not_the_lamp_blamed(head):
+    """By check and by refine; of a placeholder whose photographs are sound."""
+    flat = replace(head, depth_m=np.full_like(head.depth_m, 0.75))
+    report = check_capture(flat)
+    assert report.findings[0].code == "depth-one-value"
+    assert report.accuracy is None
+    blamed = {"one-lamp-position", "lights-in-one-plane", "lights-on-one-side"}
+    assert not blamed & {finding.code for finding in report.findings}
+    assert "depth-one-value" in [finding.code for finding in refine(flat).findings]
 
 
 def scaled_depth(capture, factor):

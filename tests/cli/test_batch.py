@@ -183,6 +183,8 @@ def test_calls_that_are_wrong(captures, refused_batch, tmp_path):
     refused_batch(good, "-o", good / "out", about=good / "out", words=["never changed"])
     refused_batch(f"{captures}/x*", "-o", out, about=f"{captures}/x*", words=["nothing matches"])
     refused_batch(good, "-o", out, "--set", "a=1", "--method", "ldr-ps", about="--set a")
+    refused_batch(good, "-o", out, "--set", "a=1", about="--set a")  # no method has it
+    refused_batch(good, "-o", out, "--set", "depth_weight=-3", about="--set", words=["above 0"])
     refused_batch(good, "-o", out, "--method", "best", about=UNKNOWN)
     both = ("--workers", "1", "--scheduler", "tcp://127.0.0.1:1")
     refused_batch(good, "-o", out, *both, about="--workers", words=["not both"])

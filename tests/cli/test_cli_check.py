@@ -52,6 +52,8 @@ def test_the_page(run, refused, lit, tmp_path):
     assert run("check", lit, "--html", page).code == 0
     assert page.read_bytes().startswith(b"<!doctype html>")
     refused("check", lit, "--html", page, about=str(page), words=("--overwrite",))
+    nowhere = tmp_path / "nowhere/check.html"
+    refused("check", lit, "--html", nowhere, about=str(nowhere), words=("make its folder",))
     assert run("check", lit, "--html", page, "--overwrite", "--quiet").code == 0
     page.write_text("mine")
     refused("check", lit, "--html", page, "--overwrite", about=str(page))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
-from rakelight.errors import MethodError
+from rakelight.errors import InputError, MethodError
 from rakelight.geometry.grid import Links, mean_gradient
 from rakelight.geometry.normals import normals_from_gradient, surface_normals
 from rakelight.methods.base import (
@@ -16,7 +16,9 @@ from rakelight.methods.base import (
     photometric_confidence,
     require_photographs,
 )
-from rakelight.methods.multi_light import missed_curvature
+from rakelight.methods.ldr_ps import LdrPs
+from rakelight.methods.multi_light import MultiLight, missed_curvature
+from rakelight.methods.single_image.fusion_like import FusionLike
 from rakelight.metrics import normal_error_map_deg
 from rakelight.model import Camera, Lights
 from rakelight.pipeline import refine
@@ -174,6 +176,32 @@ def test_nothing_is_missed_beside_a_jump_or_without_a_normal():
     assert not missed_curvature(bent, cut)[:, 2].any()
     bent[:, 3] = np.nan
     assert not missed_curvature(bent, mask)[:, 2:].any()
+
+
+# ---- options
+
+
+@pytest.mark.parametrize(
+    ("options", "name", "needed"),
+    [
+        ((MultiLight, {"max_iterations": 4.0}), "max_iterations", "a whole number"),
+        ((MultiLight, {"max_iterations": True}), "max_iterations", "a whole number"),
+        ((MultiLight, {"depth_weight": "3"}), "depth_weight", "a number or None"),
+        ((MultiLight, {"tolerance": None}), "tolerance", "a number"),
+        ((MultiLight, {"lights": 3}), "lights", "auto, white or coloured"),
+        ((FusionLike, {"smooth": 1}), "smooth", "True or False"),
+        ((LdrPs, {"shadow": "0.1"}), "shadow", "a number"),
+    ],
+)
+def test_options_of_another_type(options, name, needed):
+    kind, values = options
+    with pytest.raises(InputError, match=f"option {name} ") as caught:
+        kind(**values)
+    assert caught.value.needed == needed
+
+
+def test_numbers_of_numpy_are_numbers():
+    assert MultiLight(max_iterations=np.int64(4), depth_weight=np.float32(3)).depth_weight == 3
 
 
 # ---- how many photographs

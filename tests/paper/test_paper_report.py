@@ -170,6 +170,12 @@ def test_a_figure_goes_into_a_folder(run, tmp_path):
     assert run("figure2", "-o", "made", "--size", "0.1", "--overwrite", "--quiet") == (0, "", "")
 
 
+def test_a_capture_for_what_shows_none(run, tmp_path):
+    code, out, err = run("table1", "-o", "made", "--capture", "nowhere")
+    assert (code, out) == (2, "")
+    assert "--capture: table1 is of synthetic captures alone" in err
+
+
 def test_a_capture_that_is_not_there(run, tmp_path):
     code, out, err = run("figure3", "-o", "made", "--size", "0.1", "--capture", "nowhere")
     assert (code, out) == (2, "")

@@ -82,7 +82,7 @@ def checked_lights(
             source=source,
             seen="neither" if lights.directions is None else "both",
             needed="one of directions and positions_m",
-            remedy="leave the other away",
+            remedy="give one of the two",
         )
     intensities = lights.intensities
     if intensities is not None:

@@ -502,6 +502,11 @@ def _unit_remedy(median_m: float, depth_scale: float | None) -> str:
     if depth_scale is not None:
         # Somebody may have given metres per value instead.
         return plausible_scales(median_m * depth_scale, also=(1 / depth_scale,))
-    if PLAUSIBLE_M[0] <= median_m / 1000 <= PLAUSIBLE_M[1]:
-        return "the values look like millimetres: divide them by 1000"
-    return "float depth is in metres: convert it"
+    fits = [
+        f"by {scale} if they are {unit} ({median_m / scale:.3g} m)"
+        for unit, scale in (("millimetres", 1000), ("centimetres", 100))
+        if PLAUSIBLE_M[0] <= median_m / scale <= PLAUSIBLE_M[1]
+    ]
+    return (
+        "divide the values " + ", ".join(fits) if fits else "float depth is in metres: convert it"
+    )

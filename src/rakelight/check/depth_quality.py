@@ -78,7 +78,19 @@ def depth_quality(capture: Capture) -> tuple[DepthQuality | None, tuple[Finding,
         noise_mm=1000 * float(np.median(sigma_m[measured])),
         pixels=int(np.count_nonzero(inside)),
     )
-    return found, hole_findings(inside, within_reach(measured, inside), measured)
+    reached = within_reach(measured, inside)
+    return found, hole_findings(inside, reached, measured, grid.factor)
+
+
+def one_value(measured: Measured) -> tuple[Finding, ...]:
+    """A warning where all of the depth is one value, which no sensor gives."""
+    depth_m = measured.capture.depth_m
+    known = depth_m[np.isfinite(depth_m)]
+    if known.size < 2 or np.ptp(known) > 0:
+        return ()
+    message = f"every depth value is {known[0]:.4g} m: the depth shows no shape"
+    remedy = "look at the depth map: it may be a placeholder, or of another capture"
+    return (Finding("warning", "depth-one-value", message, remedy),)
 
 
 def _many_holes(found: DepthQuality) -> tuple[Finding, ...]:

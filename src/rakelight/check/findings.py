@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from rakelight.check.camera_motion import camera_motion
 from rakelight.check.depth_orientation import depth_orientation
-from rakelight.check.depth_quality import depth_findings
+from rakelight.check.depth_quality import depth_findings, one_value
 from rakelight.check.depth_shift import depth_shift
 from rakelight.check.exposure import exposure_findings
 from rakelight.check.inside_out import inside_out
@@ -47,6 +47,10 @@ FINDINGS = (
     Row(("depth-shifted",), depth_shift, in_refine=True),
     Row(("registration-doubtful", "not-registered", "registered")),
     Row(("no-depth",), depth_findings),
+    Row(
+        ("depth-one-value",), one_value, in_refine=True,
+        instead_of=("one-lamp-position", "lights-in-one-plane", "lights-on-one-side"),
+    ),
     Row(("too-few-photographs", "no-surface")),
     Row(("few-lights", "one-lamp-position"), nothing_gained=True),
     Row(("camera-moved",), camera_motion, in_refine=True),

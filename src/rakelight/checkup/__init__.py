@@ -29,7 +29,9 @@ from rakelight.pipeline import pose_corrected
 from rakelight.prepare.undistort import undistorted
 
 # Findings beside which no accuracy is foretold: the method's expected errors know nothing of them.
-UNFORETOLD = {"depth-turned", "depth-inside-out", "depth-shifted", "out-of-focus"}
+UNFORETOLD = {
+    "depth-turned", "depth-inside-out", "depth-shifted", "depth-one-value", "out-of-focus",
+}  # fmt: skip
 
 
 def check_capture(capture: Capture) -> CheckReport:

@@ -9,15 +9,15 @@ from typing import Any
 import click
 
 from rakelight.checkup.report import CheckReport
-from rakelight.cli.options import output_options, refuse_input_as_output
+from rakelight.cli.options import NamedPath, output_options, refuse_input_as_output
 from rakelight.errors import printable
 
 
 @click.command("check")
-@click.argument("capture", type=click.Path(path_type=Path))
+@click.argument("capture", type=NamedPath())
 @click.option(
     "--html",
-    type=click.Path(path_type=Path),
+    type=NamedPath(),
     metavar="FILE",
     help="Write the check as a page with the photographs and a plot of the lights.",
 )

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from rakelight.cli.eval import score_table
-from rakelight.cli.options import output_options, print_findings
+from rakelight.cli.options import NamedPath, output_options, print_findings
 from rakelight.cli.progress import shown_progress
 from rakelight.cli.refine import outcome
 from rakelight.errors import printable
@@ -20,7 +20,7 @@ from rakelight.model import Progress
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path),
+    type=NamedPath(),
     default=Path("out/demo"),
     show_default=True,
     help="Where the capture and the result go; an earlier demo there is replaced.",

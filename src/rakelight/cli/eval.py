@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from rakelight.cli.options import output_options, print_findings, refuse_input_as_output
+from rakelight.cli.options import NamedPath, output_options, print_findings, refuse_input_as_output
 from rakelight.errors import InputError, printable
 from rakelight.folders import file_list, require_free, staged_folder
 from rakelight.metrics import DEPTH_RANGE_MM, NORMAL_RANGE_DEG, Evaluation
@@ -18,17 +18,17 @@ _MAPS = file_list("folder of error maps")
 
 
 @click.command("eval")
-@click.argument("result", type=click.Path(path_type=Path), metavar="OUT")
+@click.argument("result", type=NamedPath(), metavar="OUT")
 @click.option(
     "--truth",
-    type=click.Path(path_type=Path),
+    type=NamedPath(),
     required=True,
     metavar="CAPTURE",
     help="A capture folder with its truth, as synth writes it.",
 )
 @click.option(
     "--maps",
-    type=click.Path(path_type=Path),
+    type=NamedPath(),
     metavar="DIR",
     help="Write error maps there: depth_error.png, normal_error.png.",
 )

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from rakelight.cli.options import (
+    NamedPath,
     count_photographs,
     findings_as_json,
     output_folder,
@@ -33,7 +34,7 @@ def _list_readers(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
 
 
 @click.command("import")
-@click.argument("source", type=click.Path(path_type=Path))
+@click.argument("source", type=NamedPath())
 @output_folder("CAPTURE", "The capture folder; appears complete or not at all.")
 @click.option("--overwrite", is_flag=True, help="Replace an older imported capture at CAPTURE.")
 @click.option(

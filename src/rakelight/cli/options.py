@@ -18,6 +18,19 @@ from rakelight.prepare import Scale
 F = TypeVar("F", bound=Callable[..., Any])
 
 
+class NamedPath(click.Path):
+    """A path, which may not be empty: that would be the working directory."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """The path; fails for an empty one."""
+        if value == "":
+            self.fail("the name is empty", param, ctx)
+        return super().convert(value, param, ctx)
+
+
 def output_options(command: F) -> F:
     """--json, --quiet and --debug."""
     for option in (
@@ -34,7 +47,7 @@ def output_folder(metavar: str, text: str) -> Callable[[F], F]:
     return click.option(
         "-o",
         "--output",
-        type=click.Path(path_type=Path),
+        type=NamedPath(),
         required=True,
         metavar=metavar,
         help=text,

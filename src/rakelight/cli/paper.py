@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from rakelight.cli.options import (
+    NamedPath,
     output_folder,
     output_options,
     print_findings,
@@ -16,6 +17,8 @@ from rakelight.cli.progress import shown_progress
 from rakelight.errors import printable
 
 FIGURES = [f"figure{number}" for number in range(1, 9)]
+OF_A_CAPTURE = ("figure1", "figure3", "figure4", "figure5", "all")
+"""What can show a capture of one's own."""
 
 
 @click.command("paper")
@@ -24,7 +27,7 @@ FIGURES = [f"figure{number}" for number in range(1, 9)]
 @click.option("--size", type=float, default=1.0, show_default=True, help="Scale of 640 x 480.")
 @click.option(
     "--capture",
-    type=click.Path(path_type=Path),
+    type=NamedPath(),
     metavar="FOLDER",
     help="A capture of your own, for figures 1, 3, 4 and 5.",
 )
@@ -54,6 +57,14 @@ def command(
 
     if not 0.1 <= size <= 4:
         raise InputError("not a size", source="--size", seen=str(size), needed="0.1 to 4")
+    if capture is not None and what not in OF_A_CAPTURE:
+        raise InputError(
+            f"{what} is of synthetic captures alone",
+            source="--capture",
+            seen=printable(str(capture)),
+            needed=f"--capture for {', '.join(OF_A_CAPTURE)}",
+            remedy="leave it away",
+        )
     require_extras(what)
     if capture is not None:
         refuse_input_as_output(capture, output)

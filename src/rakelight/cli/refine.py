@@ -11,6 +11,7 @@ import click
 
 from rakelight.cli.options import (
     F,
+    NamedPath,
     count_photographs,
     findings_as_json,
     output_folder,
@@ -109,7 +110,7 @@ def recipe_of(
 
 
 @click.command("refine")
-@click.argument("capture", type=click.Path(path_type=Path))
+@click.argument("capture", type=NamedPath())
 @output_folder("OUT", "The result folder; appears complete or not at all.")
 @recipe_options
 @click.option(

@@ -14,6 +14,7 @@ from click.core import ParameterSource
 
 from rakelight.cli.options import (
     F,
+    NamedPath,
     count_photographs,
     output_options,
     print_findings,
@@ -126,17 +127,15 @@ def _options_named() -> Iterator[None]:
 
 
 @click.command("synth")
-@click.argument("output", type=click.Path(path_type=Path), metavar="OUT")
+@click.argument("output", type=NamedPath(), metavar="OUT")
 @click.option("--shape", help=f"head, vase, cloth, coin, sphere; {SHAPE} if left away.")
 @click.option(
     "--shape-file",
-    type=click.Path(path_type=Path),
+    type=NamedPath(),
     help="A depth map instead: .npz with depth_mm and mask, or a TIFF in metres.",
 )
 @click.option("--albedo", help=f"simple, pattern, complicated, white, grey; {ALBEDO} if left away.")
-@click.option(
-    "--texture", type=click.Path(path_type=Path), help="A photograph as the albedo instead."
-)
+@click.option("--texture", type=NamedPath(), help="A photograph as the albedo instead.")
 @click.option(
     "--size",
     type=float,

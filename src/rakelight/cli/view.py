@@ -7,11 +7,12 @@ from pathlib import Path
 
 import click
 
+from rakelight.cli.options import NamedPath
 from rakelight.errors import InputError, MachineError
 
 
 @click.command("view")
-@click.argument("result", type=click.Path(path_type=Path), metavar="OUT")
+@click.argument("result", type=NamedPath(), metavar="OUT")
 @click.option("--print", "only_print", is_flag=True, help="Print the report's address, no more.")
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
 def command(result: Path, only_print: bool, debug: bool) -> None:

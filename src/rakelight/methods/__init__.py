@@ -37,7 +37,7 @@ def load_method(name: str) -> Method:
             if isinstance(name, type)
             else f"method {name!r} is unknown",
             needed="one of " + ", ".join(METHODS),
-            remedy="choose one of these with --method"
+            remedy="choose one of these"
             if isinstance(name, str)
             else "give a name, or options such as rakelight.MultiLight(depth_weight=3.0)",
         )
@@ -70,6 +70,10 @@ def public_options(method: str) -> str:
     return f"rakelight.{load_method(method).options.__name__}"
 
 
+AUTOMATIC = ("multi-light", "rgb-ratio", "fusion-like")
+"""The methods that `auto` may stand for."""
+
+
 def choose_method(capture: Capture) -> str:
     """The method that `auto` stands for: by the number of photographs and the kind of lights."""
     if len(capture.photographs) > 1:
@@ -78,6 +82,7 @@ def choose_method(capture: Capture) -> str:
 
 
 __all__ = [
+    "AUTOMATIC",
     "METHODS",
     "Method",
     "choose_method",

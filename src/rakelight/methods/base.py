@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import ceil
-from typing import Any, Literal
+from numbers import Integral, Real
+from types import NoneType
+from typing import Any, Literal, get_args, get_type_hints
 
 import numpy as np
 
@@ -93,6 +95,33 @@ class Method:
     given_lights: Literal["use", "find", "ignore"] = "ignore"
     bytes_per_pixel: int = 500
     in_tiles: bool = False
+
+
+def require_types(options: Any) -> None:
+    """Raise InputError for the first option that is not of its type: text for a number, say.
+
+    >>> from rakelight import MultiLight
+    >>> MultiLight(max_iterations=4.0)
+    Traceback (most recent call last):
+    rakelight.errors.InputError: not a possible value of the option max_iterations (seen 4.0, ...
+    """
+    for name, hint in get_type_hints(type(options)).items():
+        allowed = get_args(hint) or (hint,)
+        known = all(kind in _KINDS for kind in allowed)  # a choice of texts is for its method
+        if known and not any(_is_a(getattr(options, name), kind) for kind in allowed):
+            needed = " or ".join(_KINDS[kind] for kind in allowed)
+            require_options(options, **{name: (False, needed)})
+
+
+_KINDS: dict[Any, str] = {
+    int: "a whole number", float: "a number", bool: "True or False", NoneType: "None",
+}  # fmt: skip
+
+
+def _is_a(value: object, kind: type) -> bool:
+    """Whether a value is of a type; NumPy's numbers are numbers, True is none."""
+    number = {int: Integral, float: Real}.get(kind)
+    return isinstance(value, number or kind) and not (number and isinstance(value, bool))
 
 
 def require_options(options: object, **conditions: tuple[bool, str]) -> None:

@@ -34,6 +34,7 @@ from rakelight.methods.base import (
     photometric_confidence,
     require_options,
     require_photographs,
+    require_types,
     scatter,
 )
 from rakelight.model import Array, Camera, Finding, Floats, Lights, Mask, Progress, ProgressCallback
@@ -77,6 +78,7 @@ class LdrPs:
     min_photographs: int = 4
 
     def __post_init__(self) -> None:
+        require_types(self)
         require_options(
             self,
             max_iterations=(self.max_iterations >= 1, "at least 1"),

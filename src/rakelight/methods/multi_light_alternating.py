@@ -23,6 +23,7 @@ from rakelight.methods.base import (
     photometric_confidence,
     require_options,
     require_photographs,
+    require_types,
 )
 from rakelight.methods.levels import Level, finest_level
 from rakelight.model import Floats, Progress, ProgressCallback
@@ -58,6 +59,7 @@ class MultiLightAlternating:
     min_photographs: int = 4
 
     def __post_init__(self) -> None:
+        require_types(self)
         require_options(
             self,
             max_iterations=(self.max_iterations >= 0, "at least 0"),

@@ -37,8 +37,11 @@ def bounded_albedo(
 
 
 def bound_findings(share: float) -> tuple[Finding, ...]:
-    """The note about the share of the object whose albedo is a lower bound; none for 0."""
-    if share == 0:
+    """The note about the share of the object whose albedo is a lower bound.
+
+    None for a share that would be told as 0.0 %.
+    """
+    if share < 5e-4:
         return ()
     message = (
         f"{share:.1%} of the object has a channel that is saturated or in shadow in all "

@@ -64,8 +64,13 @@ def thin_finding(mask: Mask) -> tuple[Finding, ...]:
     return (Finding("note", "thin-parts", message, "leave them out of mask.png"),)
 
 
-def hole_findings(mask: Mask, seen: Mask, measured: Mask) -> tuple[Finding, ...]:
-    """What to say of holes: those that were left out, those that the photographs carry."""
+def hole_findings(
+    mask: Mask, seen: Mask, measured: Mask, side_px: float = 1.0
+) -> tuple[Finding, ...]:
+    """What to say of holes: those that were left out, those that the photographs carry.
+
+    side_px : of one of these pixels, in pixels of the photographs, in which places are named
+    """
     findings = []
     left_out = mask & ~seen
     if left_out.any():
@@ -74,7 +79,7 @@ def hole_findings(mask: Mask, seen: Mask, measured: Mask) -> tuple[Finding, ...]
                 "warning",
                 "holes-left-out",
                 f"{left_out.sum() / mask.sum():.1%} of the object left out: no depth within "
-                f"{REACH_PX} depth pixels, or seen by no camera ({_places(left_out)})",
+                f"{REACH_PX} depth pixels, or seen by no camera ({_places(left_out, side_px)})",
                 "let the sensor see these parts (other distance or angle, matt spray), or leave "
                 "them out of mask.png",
             )
@@ -92,17 +97,22 @@ def hole_findings(mask: Mask, seen: Mask, measured: Mask) -> tuple[Finding, ...]
     return tuple(findings)
 
 
-def _places(mask: Mask) -> str:
+def _places(mask: Mask, side_px: float = 1.0) -> str:
     """Where the components of a mask (h, w) lie, the largest of many, column and row.
 
     >>> _places(np.array([[1, 1, 0, 0, 1]], bool))
     '2 pixels at (0, 0), 1 at (4, 0)'
+    >>> _places(np.array([[1, 1, 0, 0, 1]], bool), 2.0)
+    '8 pixels at (0, 0), 4 at (8, 0)'
     """
     from scipy.ndimage import find_objects, label
 
     components, count = label(mask, np.ones((3, 3)))
-    sizes = np.bincount(components.ravel())[1:]
-    corners = [(columns.start, rows.start) for rows, columns in find_objects(components)]
+    sizes = np.rint(side_px**2 * np.bincount(components.ravel())[1:]).astype(int)
+    corners = [
+        (round(side_px * columns.start), round(side_px * rows.start))
+        for rows, columns in find_objects(components)
+    ]
     first, *others = np.argsort(-sizes, kind="stable")[:LISTED]
     words = [f"{sizes[first]} pixel{'s' if sizes[first] > 1 else ''} at {corners[first]}"]
     words += [f"{sizes[i]} at {corners[i]}" for i in others]

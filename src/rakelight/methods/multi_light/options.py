@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from rakelight.methods.base import require_options
+from rakelight.methods.base import require_options, require_types
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +34,7 @@ class MultiLight:
     coarse_pixels: int = 4000
 
     def __post_init__(self) -> None:
+        require_types(self)
         require_options(
             self,
             depth_weight=(self.depth_weight is None or 0 < self.depth_weight < np.inf, "above 0"),

@@ -30,6 +30,7 @@ from rakelight.methods.base import (
     photometric_confidence,
     require_options,
     require_ranges,
+    require_types,
     scatter,
 )
 from rakelight.methods.levels import Level, first_photograph
@@ -93,6 +94,7 @@ class RgbRatio:
     tolerance: float = 0.3
 
     def __post_init__(self) -> None:
+        require_types(self)
         require_ranges(
             self,
             from_0=("lambda_rho", "lambda_palette", "laplacian", "max_iterations", "tolerance"),

@@ -29,7 +29,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rakelight.methods.base import Estimate, Method, brightest, first_only, require_ranges
+from rakelight.methods.base import (
+    Estimate,
+    Method,
+    brightest,
+    first_only,
+    require_ranges,
+    require_types,
+)
 from rakelight.methods.single_image.ambient_occlusion import occlusion_height
 from rakelight.methods.single_image.depth_energy import Depth, Fit, View
 from rakelight.model import MAD_TO_SIGMA, Finding, Floats, Lights, ProgressCallback
@@ -89,6 +96,7 @@ class FusionLike:
     tolerance: float = 1e-2
 
     def __post_init__(self) -> None:
+        require_types(self)
         require_ranges(
             self,
             from_0=("lambda_rho", "lambda_z2", "colour_weight", "max_iterations", "tolerance"),
