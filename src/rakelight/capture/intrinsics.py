@@ -263,14 +263,18 @@ def _of_tables(content: Any, source: str) -> Camera | None:
     """The camera of a table, or of the tables in it but those of the depth."""
     found = {camera for table in _tables(content) if (camera := _of_table(table, source))}
     if len(found) > 1:
-        raise CaptureError(
-            "several camera matrices",
-            source=source,
-            seen=f"{len(found)} of them",
-            needed="that of the photographs' camera as camera_matrix",
-            remedy="keep that one",
-        )
+        raise _several(len(found), source)
     return next(iter(found), None)
+
+
+def _several(count: int, source: str) -> CaptureError:
+    return CaptureError(
+        "several camera matrices",
+        source=source,
+        seen=f"{count} of them",
+        needed="that of the photographs' camera as camera_matrix",
+        remedy="keep that one",
+    )
 
 
 def _tables(content: Any, nested: int = 0) -> Iterator[Table]:
@@ -347,13 +351,7 @@ def _matrix(table: Table, source: str) -> Floats | None:
     matrices = (_numbers(v, source, k) for k, v in table.items() if isinstance(v, dict))
     square = [m for m in matrices if m is not None and m.shape == (3, 3) and m[2, 2] == 1]
     if len(square) > 1:
-        raise CaptureError(
-            "several camera matrices",
-            source=source,
-            seen=f"{len(square)} of them",
-            needed="that of the photographs' camera as camera_matrix",
-            remedy="keep that one",
-        )
+        raise _several(len(square), source)
     return square[0] if square else None
 
 
