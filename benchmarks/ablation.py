@@ -64,13 +64,10 @@ OFF: dict[str, Any] = {
     "model_selection.MOST_VARIED_DISTANCES": np.inf,
     "energy.FOURTH_DIFFERENCE_WEIGHT": 0.0,
     "levels.FILLED": 1e-9,
-    "levels.SMALL_COMPONENT": 0,
-    "outliers.LEAST_HIDDEN": 2.0,
     "specular.LEAST_EXPLAINED": 2.0,
     "factored_start.SHADOW": 0.0,
     "factored_start.FREEDOM": 1e9,
     "held_back.LARGEST_RATIO": np.inf,
-    "guarded.LOOKS": 0,
     "robust.CAUCHY": 1e9,
 }
 """Values with which a constant does nothing."""

@@ -11,7 +11,6 @@ from rakelight.geometry.cells import cell_sums, interpolate
 from rakelight.geometry.grid import Links, mean_gradient
 from rakelight.methods.levels import (
     FILLED,
-    SMALL_COMPONENT,
     Level,
     find_small_components,
     finest_level,
@@ -338,15 +337,15 @@ def test_noise_is_not_taken_for_bias():
     assert np.std(level.unbiased_prior - level.prior) < 0.1 * np.std(noise / prepared.depth_m)
 
 
-def test_parts_of_fewer_sensor_pixels_are_small_components():
+def test_parts_smaller_than_a_sensor_pixel_are_small_components():
     mask = np.ones((12, 12), bool)
     mask[:, 8] = False
     mask[6:, 9:] = False
-    edges = np.arange(0.0, 15.0, 2.0)
+    edges = np.arange(0.0, 15.0, 4.0)
     small_components = find_small_components(mask, Averaging.on(mask, edges, edges))
-    assert mask[:, 9:].sum() > SMALL_COMPONENT * 2**2
+    assert 4**2 < mask[:, 9:].sum() < 5**2
     assert not small_components.any()
-    edges = np.arange(0.0, 15.0, 3.0)
+    edges = np.arange(0.0, 20.0, 5.0)
     small_components = find_small_components(mask, Averaging.on(mask, edges, edges))
     np.testing.assert_array_equal(small_components, mask & (np.arange(12) > 8))
     assert not find_small_components(mask, None).any()

@@ -15,7 +15,7 @@ from rakelight.pipeline.pose import image_motion, registered, rotated
 from rakelight.prepare.register import project
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
-CAMERA = make_shape("head").camera.scaled(1 / 3)
+CAMERA = make_shape("head").camera.scaled(0.25)
 HERE = RigidTransform(np.eye(3), np.zeros(3))
 MIDDLE = np.array([0.0, 0.0, 0.76])
 PIXEL_M = MIDDLE[2] / CAMERA.fx

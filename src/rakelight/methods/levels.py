@@ -36,9 +36,6 @@ FILLED = 0.01
 # Pixels along a sensor pixel's side up to which a level has the sensor's own resolution
 # (ablation.md: doubled 1.06).
 NEARLY_ONE = 1.3
-# Size of a connected component, sensor pixels, below which it has no mean of its own under K
-# (no draw of ablation.md changes by 5 %).
-SMALL_COMPONENT = 4
 # Standard deviation, pixels, of the Gaussian that averages the residual of the prepared depth
 # against the measurements; over fewer pixels their noise is back (ablation.md: halved 1.05, doubled
 # 0.94).
@@ -285,7 +282,7 @@ def first_photograph(prepared: Prepared) -> Level:
 
 
 def find_small_components(grid: Grid, averaging: Averaging | None) -> Mask:
-    """(h, w) connected components, by pixels with a normal, below `SMALL_COMPONENT` sensor pixels.
+    """(h, w) connected components, by pixels with a normal, smaller than a sensor pixel.
 
     Empty where the sensor's pixels are no wider than the grid's.
     """
@@ -301,7 +298,7 @@ def find_small_components(grid: Grid, averaging: Averaging | None) -> Mask:
         sides.append(linked)
     components, count = connected(Links(links.mask, *sides))
     size = np.bincount(components[links.mask], minlength=count)
-    return links.mask & (size < SMALL_COMPONENT * averaging.factor**2)[components]
+    return links.mask & (size < averaging.factor**2)[components]
 
 
 def unbiased_depth(prepared: Prepared) -> Floats:

@@ -22,15 +22,12 @@ from rakelight.pipeline.held_back import (
     Prediction,
     kept,
     predict,
+    prepared_lights,
 )
 from rakelight.prepare import Prepared
 
 Options = TypeVar("Options")
 Run = Callable[[Prepared, Options, ProgressCallback], Estimate]
-
-# Rounds of looking for odd photographs, since one can hide another; each refines again (no draw of
-# ablation.md changes by 5 %).
-LOOKS = 2
 
 
 def estimated(
@@ -53,15 +50,14 @@ def guarded(
 
     Photographs that the others predict badly are left out and the rest refined anew, where that
     makes the others' predictions better: a photograph under a lamp far from the others is predicted
-    badly too, and needed.  Photographs of something else are left out in any case.  Where the
+    badly too, and needed.  Photographs of something else are left out in any case.  As one can hide
+    another, it looks until nothing more is left out, and refines again each time.  Where the
     refined surface predicts photographs that are held back no better than the prepared depth does,
     or the lights are found in nearly one place, the estimate is the prepared depth.
     """
     estimate, prediction = _predicted(run, prepared, options, progress)
     findings = []
-    for _ in range(LOOKS):
-        if prediction is None:
-            break
+    while prediction is not None:
         oddity = odd_photographs(prediction.refined, prediction.brightness, prediction.variation)
         if not oddity.either.any():
             break
@@ -79,19 +75,23 @@ def guarded(
             break
         findings.append(odd_finding(prepared.names, oddity.either))
         prepared, estimate, prediction = rest, without, then
-    if prediction is not None and (reason := reason_to_keep(prepared, estimate, prediction)):
+    if reason := reason_to_keep(prepared, estimate, prediction):
         findings += [each for each in estimate.findings if each.severity == "warning"]
-        estimate = kept(prepared, prediction.prepared_lights, reason)
+        lights = prepared_lights(prepared) if prediction is None else prediction.prepared_lights
+        estimate = kept(prepared, lights, reason)
     return prepared, replace(estimate, findings=(*findings, *estimate.findings))
 
 
 def reason_to_keep(
-    prepared: Prepared, estimate: Estimate, prediction: Prediction
+    prepared: Prepared, estimate: Estimate, prediction: Prediction | None
 ) -> Finding | None:
-    """Why the prepared depth is the better answer, if it is."""
+    """Why the prepared depth is the better answer, if it is.
+
+    prediction : None where there are too few photographs to hold one back
+    """
     if not estimate.iterations:
         return None  # it is the answer already
-    if prediction.gain > LARGEST_RATIO:
+    if prediction is not None and prediction.gain > LARGEST_RATIO:
         return NO_BETTER
     given = prepared.lights is not None and prepared.lights.fixed
     if not given and any(each.code == ONE_LAMP_POSITION for each in estimate.findings):

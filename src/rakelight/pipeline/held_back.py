@@ -148,6 +148,13 @@ def predict(
     )
 
 
+def prepared_lights(prepared: Prepared) -> Lights:
+    """White distant lights (N, 1) that explain the photographs best by the prepared depth."""
+    normals = surface_normals(prepared.depth_m, prepared.mask, prepared.camera)
+    sample = _sample(prepared, prepared.mask & np.isfinite(normals).all(axis=-1))
+    return _lights_of(sample, sample.of(normals))
+
+
 def kept(prepared: Prepared, lights: Lights, reason: Finding) -> Estimate:
     """The prepared depth as an estimate, with the albedo that explains the photographs by it.
 

@@ -32,9 +32,6 @@ from rakelight.solve.robust import variance_beyond
 
 # Standard deviation, pixels, of the Gaussian window in which tau is estimated.
 LOCAL_PX = 3.0
-# Weight of a residual variance beyond the noise's: all photographs share some of the model's error,
-# which their number does not average out.
-MODEL_ERROR_FACTOR = 2.0
 TINY = 1e-30
 
 
@@ -76,7 +73,7 @@ def gradient_step(level: Level, fit: Fit, linearized: Callable[[Floats], Lineari
     free = np.where(active[..., None], _solved(uu + least, uv, vv + least, u, v), 0.0)
     # Residuals that no normal explains: noise, highlights, edges of paint that do not align.
     mean_abs_residual = linearized(free).mean_abs_residual
-    noise = fit.noise**2 + MODEL_ERROR_FACTOR * variance_beyond(fit.noise, mean_abs_residual)
+    noise = fit.noise**2 + variance_beyond(fit.noise, mean_abs_residual)
     excess = blurred(u * free[..., 0] + v * free[..., 1] - 2 * noise, LOCAL_PX, active)
     # tau^2, radians squared: the covariance of b is  M M tau^2 + M sigma^2.
     variance = np.maximum(excess, 0) / np.maximum(blurred(information, LOCAL_PX, active), TINY)

@@ -27,8 +27,6 @@ from rakelight.prepare.inpaint import nearest_fill
 SAMPLE_PIXELS = 500
 # Pixels at which rays to the lights are marched; every other pixel takes the nearest one's result.
 SHADOW_PIXELS = 10_000
-# Least fraction of the sampled values in cast shadow for which shadows are removed.
-LEAST_HIDDEN = 0.002
 # Length of the ray that is marched towards a distant light, metres.
 FAR_M = 100.0
 
@@ -127,9 +125,7 @@ def find_outliers(surface: LitSurface) -> Outliers:
     normals = surface.normals[sample]
     hidden_sample = in_shadow(level, points, sample, lights)
     hidden = None
-    if hidden_sample.mean() >= LEAST_HIDDEN and are_dark(
-        values, hidden_sample, normals, incident, lights
-    ):
+    if are_dark(values, hidden_sample, normals, incident, lights):
         hidden = all_shadows(level, points, lights)
         values[np.broadcast_to(hidden_sample, values.shape)] = -1.0
     highlights = Highlights.find(values, normals, points[sample], incident, lights.ambient)
