@@ -260,7 +260,7 @@ def _refuse_occupied(target: Path, shown: str, overwrite: bool, manifest: Manife
         raise OutputExistsError(
             "the folder exists",
             source=shown,
-            remedy="choose another name, or allow to overwrite it (--overwrite, overwrite=True)",
+            remedy="choose another name, or overwrite it: overwrite=True, or --overwrite",
         )
     if _somebody_lives_in(target):
         raise OutputExistsError(

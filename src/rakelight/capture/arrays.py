@@ -104,7 +104,7 @@ def checked_capture(capture: Capture) -> Capture:
     ...                         np.ones((6, 8), bool), camera))
     Traceback (most recent call last):
     rakelight.errors.CaptureError: depth_m: the depth unit looks wrong (seen median depth 600 m,
-    needed 0.05 to 20 m). Fix: the values look like millimetres: divide them by 1000
+    needed 0.05 to 20 m). Fix: divide the values by 1000 if they are ...
     """
     capture = checked_arrays(capture)
     factor = check_sensor(capture)

@@ -93,9 +93,8 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
     names = tuple(map(printable, rgb.names))
     validate.check_not_twice(images, names, rgb.source)
     depth_m, holes = read_depth(depth, table.depth_scale)
-    stated = dict(zip(rgb.names, rgb.headers, strict=True))
     encoding, assumed = chosen_encoding(
-        table.encoding or stated_encoding(stated, rgb.source),
+        table.encoding or stated_encoding(rgb.by_name, rgb.source),
         f"{8 * images.dtype.itemsize}-bit",
         f'write encoding = "linear" or "srgb" into {CONFIG}',
     )

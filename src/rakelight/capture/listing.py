@@ -61,6 +61,11 @@ class Images:
         """(height, width) of every image."""
         return self.headers[0].height, self.headers[0].width
 
+    @property
+    def by_name(self) -> dict[str, Header]:
+        """The header of every image."""
+        return dict(zip(self.names, self.headers, strict=True))
+
     def chosen(self, numbers: Sequence[int]) -> Images:
         """Some of the images, by their numbers from 0; raises InputError for one that is not."""
         check_numbers(numbers, len(self.names))
@@ -155,7 +160,7 @@ def allocate(shape: tuple[int, ...], dtype: str, source: str) -> Array:
 
 def check_photograph_kind(rgb: Images) -> None:
     """Raise CaptureError unless all are of one size and kind, with 8 or 16 bit."""
-    for name, header in zip(rgb.names, rgb.headers, strict=True):
+    for name, header in rgb.by_name.items():
         if header.dtype not in ("uint8", "uint16"):
             raise CaptureError(
                 "this kind of photograph is not read",
@@ -164,7 +169,7 @@ def check_photograph_kind(rgb: Images) -> None:
                 needed="8 or 16 bit",
                 remedy="export it as 16-bit PNG",
             )
-    check_same_kind(dict(zip(rgb.names, rgb.headers, strict=True)), rgb.source)
+    check_same_kind(rgb.by_name, rgb.source)
 
 
 def read_photographs(rgb: Images) -> Array:
@@ -202,7 +207,7 @@ def read_mask(path: Path, source: str, shape: tuple[int, int], formats: tuple[st
 def file_findings(images: Images) -> tuple[Finding, ...]:
     """What a person should know about the files of one folder."""
     kind = images.folder.name
-    named = list(zip(images.names, images.headers, strict=True))
+    named = list(images.by_name.items())
     turned = [name for name, header in named if header.orientation != 1]
     jpegs = [name for name, header in named if header.format == "JPEG"]
     misnamed = [name for name, header in named if not _named_as(name, header)]

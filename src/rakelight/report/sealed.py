@@ -36,7 +36,7 @@ def require_free_page(file: Path, *, overwrite: bool = False, kind: str = "check
         if not (file.exists() or file.is_symlink()):
             return
         if not overwrite:
-            remedy = "choose another name, or allow to overwrite it (--overwrite, overwrite=True)"
+            remedy = "choose another name, or overwrite it: overwrite=True, or --overwrite"
             raise OutputExistsError("the file exists", source=source, remedy=remedy)
         if file.is_symlink() or not file.is_file() or not _is_ours(file, kind):
             raise OutputExistsError(
