@@ -144,9 +144,12 @@ def _fetching(url: str) -> Iterator[None]:
         raise
     except ImportError as error:
         seen = str(error)
-        raise MissingExtraError("a library for this URL is missing", source=url, seen=seen) from (
-            error
-        )
+        raise MissingExtraError(
+            "a library for this URL is missing",
+            source=url,
+            seen=seen,
+            remedy="install it with pip",
+        ) from error
     except FileNotFoundError as error:
         raise CaptureError("nothing at this URL", source=url, seen=str(error)) from error
     except ValueError as error:  # an unknown protocol among others

@@ -274,6 +274,17 @@ def test_directions_alone_are_in_the_order_of_the_photographs(tmp_path, comma):
         load_capture(folder)
 
 
+def test_a_list_of_lights_that_is_not_read_is_named(tmp_path):
+    folder = beside(tmp_path / "set")
+    assert "ignored-files" not in [finding.code for finding in load_capture(folder).findings]
+    (folder / "lights.txt").write_text(lines(DIRECTIONS))
+    capture = load_capture(folder)
+    (finding,) = (each for each in capture.findings if each.code == "ignored-files")
+    assert capture.lights is None
+    assert finding.severity == "warning"
+    assert finding.message.startswith("not read: lights.txt")
+
+
 def test_listed_photographs_may_lie_in_a_folder_of_their_own(tmp_path):
     folder = diligent(tmp_path / "set")
     before = load_capture(folder)

@@ -113,7 +113,7 @@ def reading_of(
         *view_findings,
         *photos.findings,
         *depth_noted(depth_findings, capture),
-        *_unused(files),
+        *_unused(files, lights),
         *capture.findings,
     )
     return Reading(replace(capture, source=str(path), findings=findings))
@@ -206,8 +206,13 @@ def _depth_camera(
     return camera.resized(w, h), (Finding("note", "same-view", message),)
 
 
-def _unused(files: LooseFiles) -> tuple[Finding, ...]:
+def _unused(files: LooseFiles, lights: GivenLights | None) -> tuple[Finding, ...]:
     found: list[Finding] = []
+    of_lights = [path.name for path in files.texts if "light" in path.stem.lower()]
+    if lights is None and of_lights:
+        message = f"not read: {listed(of_lights)}; the lights are estimated"
+        remedy = "name the directions light_directions.txt, x y z in each line, or write a .lp file"
+        found.append(Finding("warning", "ignored-files", message, remedy))
     if files.unused:
         message = f"left out, a better file is there: {listed(files.unused)}"
         found.append(Finding("note", "ignored-files", message))
