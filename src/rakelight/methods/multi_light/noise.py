@@ -14,10 +14,6 @@ from rakelight.prepare import Prepared
 # Area, pixels, over which the photographs' residuals are correlated when the model holds, chosen on
 # scans and synthetic scenes (ablation.md: halved 0.92, doubled 1.09).
 IMAGE_CORRELATION_AREA_PX = 25.0
-# Least depth weight, 1/variance relative to white noise's.  A surface that drifts along the
-# bas-relief valley makes the depth's errors look correlated; a smaller weight lets it drift on.
-# (No draw of ablation.md changes by 5 %.)
-LEAST_WEIGHT = 0.3
 # Least number of blocks over which errors are summed (ablation.md: halved 0.92, doubled 1.00).
 FEWEST_BLOCKS = 16
 # Standard deviations at which errors are clipped: depth jumps lie beyond.
@@ -31,7 +27,7 @@ def estimate_depth_weight(fit: Fit, prepared: Prepared) -> float:
     count r^2 times less than independent ones (medians, so that depth jumps do not count).  The
     photographs' residuals are correlated, too: over `IMAGE_CORRELATION_AREA_PX` where the model
     holds, and the more, the heavier their tails, since shadows, highlights and edges are not white
-    noise.  At least `LEAST_WEIGHT`.
+    noise.
     """
     error, seen = sensor_error(prepared, fit.log_depth)
     steps = np.concatenate(
@@ -45,8 +41,7 @@ def estimate_depth_weight(fit: Fit, prepared: Prepared) -> float:
     error = error[seen] - np.median(error[seen])
     correlation_area = np.median(error**2) / max(float(np.median(steps**2)), 1e-30)
     tail_ratio = max(fit.linearization.rms / max(fit.linearization.noise_sigma, 1e-30), 1.0)
-    weight = IMAGE_CORRELATION_AREA_PX * tail_ratio / max(float(correlation_area), 1e-30)
-    return float(max(weight, LEAST_WEIGHT))
+    return float(IMAGE_CORRELATION_AREA_PX * tail_ratio / max(float(correlation_area), 1e-30))
 
 
 def estimate_equal_intensity_weight(level: Level, log_depth: Floats, prepared: Prepared) -> float:
