@@ -122,6 +122,10 @@ def test_signals_at_some_moments(capture, tmp_path, after_s):
 # --- streams that take nothing ---
 
 
+QUICK = ("--method", "multi-light-alternating")
+"""What is refined does not matter to streams."""
+
+
 def shell(redirections, *arguments):
     """(exit code, stdout, stderr) of the program with a shell's redirections."""
     line = ["sh", "-c", f'exec "$@" {redirections}', "sh"]
@@ -135,7 +139,7 @@ def shell(redirections, *arguments):
 @pytest.mark.parametrize("refused", ["2>&-", "2>/dev/full", "<&- 2>&-"])
 def test_stderr_that_takes_nothing_is_no_failure(capture, tmp_path, refused):
     out = tmp_path / "out"
-    code, printed, err = shell(refused, "refine", capture, "-o", out)
+    code, printed, err = shell(refused, "refine", capture, "-o", out, *QUICK)
     assert (code, printed.count(b"\n"), err) == (0, 2, b"")
     assert (out / "result.json").is_file()
     code, printed, err = shell(refused, "refine", tmp_path / "none", "-o", out)
@@ -148,14 +152,15 @@ def test_stderr_that_takes_nothing_is_no_failure(capture, tmp_path, refused):
 @pytest.mark.parametrize("options", [["--json"], []])
 def test_stdout_that_takes_nothing_is_one(capture, tmp_path, refused, seen, options):
     out = tmp_path / "out"
-    code, _, err = shell(refused, "refine", capture, "-o", out, *options)
+    code, _, err = shell(refused, "refine", capture, "-o", out, *QUICK, *options)
     last = err.splitlines()[-1]
     assert code == 3
     assert last.startswith(b"error: stdout: cannot be written (seen " + seen)
     assert b"Traceback" not in err
     assert b"Exception ignored" not in err
     assert (out / "result.json").is_file()
-    assert shell(refused, "refine", capture, "-o", out, "--overwrite", "--quiet")[0] == 0
+    quiet = ("--overwrite", "--quiet")
+    assert shell(refused, "refine", capture, "-o", out, *QUICK, *quiet)[0] == 0
 
 
 @pytest.mark.parametrize("options", [["refine", "none", "-o", "x"], ["--help"], []])

@@ -175,4 +175,5 @@ def test_a_needed_photograph_of_a_real_capture_stays(name):
     folder = Path(__file__).resolve().parents[3] / "shared" / "captures" / name
     if not folder.is_dir():
         pytest.skip(f"no {folder}")
-    assert "odd-photographs" not in warnings(refine(load_capture(folder)))
+    # At the depth's own resolution, a quarter of the time.
+    assert "odd-photographs" not in warnings(refine(load_capture(folder), scale=1))
