@@ -58,7 +58,7 @@ _OPENCV_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _FISHEYE_ORDER = ("k1", "k2", "k3", "k4")
 
 Table = dict[str, Any]
-"""Names, small and without signs, and what is under them."""
+"""Names, of small letters and digits alone, and what the file has under them."""
 
 
 def named_intrinsics(stem: str) -> bool:
@@ -125,7 +125,7 @@ def _pinhole(fx: float, fy: float, cx: float, cy: float) -> Floats:
 
 
 def _plain(text: str, source: str, named: bool) -> Camera | None:
-    """A matrix, 3 x 3 or 4 x 4, and nothing else; in a file named so also fx fy cx cy [...]."""
+    """A matrix, 3 x 3 or 4 x 4, and nothing else; fx fy cx cy [...] where `named`."""
     lines = (line.split("#")[0] for line in text.splitlines())
     words = re.sub(r"[\s,;\[\]]+", " ", " ".join(lines)).split()
     if len(words) not in (4, 8, 9, 16) or not all(re.fullmatch(_NUMBER, word) for word in words):
