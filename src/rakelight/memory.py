@@ -71,13 +71,13 @@ def require_memory(needed: float, *, source: str, remedy: str) -> None:
 
     >>> require_memory(1e6, source="captures/mitten", remedy="close other programs")
     """
-    free, limit = available_memory(), _limit.get()
-    if needed > free and limit <= own_memory() + needed <= own_memory() + free_memory():
+    free, limit, whole = available_memory(), _limit.get(), own_memory() + needed
+    if free < needed <= free_memory() and limit <= whole:
         raise InputError(
             "the limit of memory is too small",
             source=source,
             seen=f"{limit / 1e6:,.0f} MB",
-            needed=f"at least {(own_memory() + needed) / 1e6:,.0f} MB",
+            needed=f"at least {whole / 1e6:,.0f} MB",
             remedy="raise it, or leave it away",
         )
     if needed > free:

@@ -285,6 +285,14 @@ def test_a_list_of_lights_that_is_not_read_is_named(tmp_path):
     assert finding.message.startswith("not read: lights.txt")
 
 
+def test_a_folder_of_captures_with_lights_is_none_of_rti(tmp_path):
+    for name in ("a", "b"):
+        write_capture(load_capture(rti(tmp_path / f"of-{name}")), tmp_path / "captures" / name)
+        assert (tmp_path / "captures" / name / "lights.lp").is_file()
+    with pytest.raises(InputError, match="a folder of captures"):
+        load_capture(tmp_path / "captures")
+
+
 def test_listed_photographs_may_lie_in_a_folder_of_their_own(tmp_path):
     folder = diligent(tmp_path / "set")
     before = load_capture(folder)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from rakelight.capture.config import CONFIG
 from rakelight.capture.lights import MAX_LIGHTS_BYTES, in_frame, matched, parse_lp, unit
 from rakelight.capture.loose_files import list_loose_files
 from rakelight.capture.readers import photographs
@@ -48,9 +49,16 @@ def read(path: Path, wanted: Wanted) -> Reading:
 
 
 def _lists(path: Path) -> list[str]:
-    """The lists in the folder itself; where there are none, those in its folders."""
+    """The lists in the folder itself; where there are none, those in its folders.
+
+    Those of captures in it are theirs.
+    """
     found = [each for each in path.iterdir() if each.suffix.lower() == ".lp"]
-    below = (each for each in path.glob("*/*") if each.suffix.lower() == ".lp")
+    below = (
+        each
+        for each in path.glob("*/*")
+        if each.suffix.lower() == ".lp" and not (each.parent / CONFIG).exists()
+    )
     return sorted(each.relative_to(path).as_posix() for each in found or below)
 
 
