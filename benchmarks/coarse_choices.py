@@ -32,6 +32,7 @@ from rakelight.methods.multi_light.energy import Fit, first_fit, reset_scale
 from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.methods.multi_light.model_selection import (
+    SHARED_AMBIENT,
     plausible,
     radius_over_distance,
     select_model,
@@ -92,7 +93,7 @@ def descents(capture: Capture, truth: Truth) -> Record:
 def named_starts(level: Level, exact: Level) -> Iterator[tuple[str, Fit]]:
     """Where descents begin; `exact` has the true depth for a prior."""
     yield from zip(("sensor", "factored"), starts(level, None), strict=False)
-    fit = first_fit(level, exact.prior, lights_of_prior(exact), shared_ambient=True)
+    fit = first_fit(level, exact.prior, lights_of_prior(exact), SHARED_AMBIENT)
     for _ in range(6):  # until lights and robust scale agree
         fit = refine_lights(level, reset_scale(level, fit))
     yield "truth", reset_scale(level, fit)
@@ -113,8 +114,8 @@ def figures(level: Level, exact: Level, truth: Truth, fit: Fit) -> Record:
         "deg": float(off_deg[active].mean()),
         "mm": 1000 * float(level.middle_m[2]) * float(np.std(off)),
         "lights_deg": lights_deg(fit.lights.as_lights(level.middle_m), truth.lights),
-        "near": fit.near,
-        "plausible": not fit.near or plausible(level, fit.lights),
+        "near": fit.model.near,
+        "plausible": not fit.model.near or plausible(level, fit.lights),
         "log_sigma": float(np.log(fit.linearization.noise_sigma) + np.log1p(nearness**2)),
         "log_misfit": float(np.log1p(misfit)),
         "equal_intensity": equal_intensity_energy(fit.lights.vector),

@@ -53,6 +53,12 @@ class LightParameters:
         return float(self.ambient.sum() / max(total, np.finfo(float).tiny))
 
     @property
+    def numbers(self) -> Floats:
+        """(N, C, 5) vector, inverse distance and ambient, as `moved` takes their step."""
+        parts = (self.vector, self.inverse_distance[..., None], self.ambient[..., None])
+        return np.concatenate(parts, axis=-1)
+
+    @property
     def arrays(self) -> tuple[Floats, Floats, Floats]:
         """Vector q (C, 3, N), ambient (C, N), |q| inverse_distance (C, N), as kernels take them."""
         nearness = self.irradiance * self.inverse_distance

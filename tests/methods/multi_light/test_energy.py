@@ -24,12 +24,12 @@ from rakelight.methods.multi_light.energy import (
 )
 from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.methods.multi_light.joint_step import joint_step
+from rakelight.methods.multi_light.light_model import LightModel
 from rakelight.methods.multi_light.model_selection import with_coloured_lights
 from rakelight.methods.multi_light.steps import (
     TRIES,
     depth_step,
     extrapolated,
-    lights_difference,
     lights_step,
     parabola_falls,
     project_bas_relief,
@@ -99,7 +99,7 @@ def start(level, name):
         "lights alike": (prior, LightParameters.distant(*alike)),
         "near": (prior, replace(lights, inverse_distance=np.full((count, 1), 3.0))),
     }.get(name, (prior, lights))
-    fit = first_fit(level, depth, light, near="near" in name)
+    fit = first_fit(level, depth, light, LightModel(near="near" in name))
     return update_scale(level, with_coloured_lights(fit)) if "coloured" in name else fit
 
 
@@ -269,11 +269,15 @@ def test_undamped_joint_steps_from_some_pixels_are_taken_under_near_lights():
 # ---- strides
 
 
+def lights_step_of(before, after):
+    return after.lights.numbers - before.lights.numbers
+
+
 @pytest.mark.parametrize("name", ["prior", "near", "coloured"])
 def test_a_stride_goes_on_where_steps_are_short(level, name):
     before = start(level, name)
     whole = joint_step(level, depth_step(level, before), 10**6)
-    way, lights = whole.log_depth - before.log_depth, lights_difference(before.lights, whole.lights)
+    way, lights = whole.log_depth - before.log_depth, lights_step_of(before, whole)
     short = evaluated(level, before, before.log_depth + way / 20, before.lights.moved(lights / 20))
     far = extrapolated(level, before, short)
     assert far.energy < 0.9 * short.energy
@@ -282,7 +286,7 @@ def test_a_stride_goes_on_where_steps_are_short(level, name):
     assert share > 2
     for after, step in (
         (far.log_depth - short.log_depth, way),
-        (lights_difference(short.lights, far.lights), lights),
+        (lights_step_of(short, far), lights),
     ):
         np.testing.assert_allclose(after, share * step / 20, atol=1e-12)
 
@@ -325,7 +329,7 @@ def test_lights_step_is_what_moves_them(name):
     rng = np.random.default_rng(1)
     numbers = (fit.lights.vector, fit.lights.ambient, fit.lights.inverse_distance)
     other = LightParameters(*(each + 0.1 * rng.random(each.shape) for each in numbers))
-    moved_lights = fit.lights.moved(lights_difference(fit.lights, other))
+    moved_lights = fit.lights.moved(other.numbers - fit.lights.numbers)
     for one, two in zip(moved_lights.arrays, other.arrays, strict=True):
         np.testing.assert_allclose(one, two, atol=1e-15)
 
@@ -429,7 +433,7 @@ def test_near_lights_settle_the_relief(level):
 @pytest.mark.parametrize("by", [0.7, 1.4], ids=["too flat", "too deep"])
 def test_under_near_lights_joint_steps_in_cells_set_the_relief_of_the_detail_too(by):
     level, true, lights = near_level()
-    at_rest = steps_of_both(level, first_fit(level, true, lights, near=True), 8)
+    at_rest = steps_of_both(level, first_fit(level, true, lights, LightModel(near=True)), 8)
     wrong = refine_lights(
         level, refine_lights(level, flattened(level, at_rest, by, tilt=(0, 0, 0)))
     )

@@ -11,10 +11,9 @@ from rakelight.methods.multi_light.energy import (
     first_fit,
     light_curvature,
     light_slope,
-    lights_after,
-    parameter_map,
 )
 from rakelight.methods.multi_light.initial_lights import lights_of_given
+from rakelight.methods.multi_light.light_model import LightModel
 from rakelight.methods.multi_light.model_selection import given_fit
 from rakelight.metrics import evaluate_maps
 from rakelight.prepare import prepare
@@ -68,34 +67,35 @@ def test_a_start_is_corrected(coin):
 @pytest.mark.parametrize("channels", [1, 3])
 def test_a_step_of_fixed_lights_changes_intensity_and_ambient_alone(coin, shared, channels):
     level, given = level_and_given(coin)
-    fit = replace(given_fit(level, given), shared_ambient=shared)
+    fit = given_fit(level, given)
+    model = replace(fit.model, shared_ambient=shared)
     lights = replace(
         fit.lights,
         vector=np.repeat(fit.lights.vector, channels, axis=1),
         ambient=0.1 + np.repeat(fit.lights.ambient, channels, axis=1),
         inverse_distance=np.repeat(fit.lights.inverse_distance, channels, axis=1),
     )
-    fit = first_fit(level, level.prior, lights, shared_ambient=shared, directions=fit.directions)
-    count = len(given) * channels
-    assert parameter_map(fit).shape == (4 * count, count + (1 if shared else count))
-    step = np.random.default_rng(0).normal(0, 0.01, parameter_map(fit).shape[1])
-    after = lights_after(fit, step)
-    assert after.vector == pytest.approx(after.irradiance[..., None] * fit.directions)
-    assert np.abs(after.irradiance - fit.lights.irradiance).max() > 1e-3
-    assert np.array_equal(after.inverse_distance, fit.lights.inverse_distance)
+    count, jacobian = len(given) * channels, model.jacobian(lights)
+    assert jacobian.shape == (4 * count, count + (1 if shared else count))
+    step = np.random.default_rng(0).normal(0, 0.01, jacobian.shape[1])
+    after = model.moved(lights, step)
+    assert after.vector == pytest.approx(after.irradiance[..., None] * model.directions)
+    assert np.abs(after.irradiance - lights.irradiance).max() > 1e-3
+    assert np.array_equal(after.inverse_distance, lights.inverse_distance)
 
 
 def test_the_slope_is_that_of_the_energy(coin):
     level, given = level_and_given(coin)
     start = given_fit(level, given)
-    fit = first_fit(level, level.prior, start.lights, directions=start.directions)
+    model = LightModel(directions=start.model.directions)
+    fit = first_fit(level, level.prior, start.lights, model)
     slope, (hessian, _) = light_slope(level, fit), light_curvature(level, fit, 1 << 30)
     assert hessian.shape == (len(slope), len(slope))
     kind = {"scale": fit.scales, "start": fit.linearization.albedo}
     for k in range(0, len(slope), 7):
         energies = []
         for size in (1e-4, -1e-4):
-            lights = lights_after(fit, size * np.eye(len(slope))[k])
+            lights = model.moved(fit.lights, size * np.eye(len(slope))[k])
             energies.append(level.photographs.linearize(fit.surface, lights, **kind).energy)
         numeric = (energies[0] - energies[1]) / (4e-4)
         assert slope[k] == pytest.approx(numeric, rel=0.02, abs=1e-3 * np.abs(slope).max())

@@ -12,9 +12,10 @@ from rakelight.methods.multi_light import (
     coarsest_level,
     first_levels,
 )
-from rakelight.methods.multi_light.energy import first_fit, lights_after, parameter_map
+from rakelight.methods.multi_light.energy import first_fit
 from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.methods.multi_light.initial_lights import lights_of_prior
+from rakelight.methods.multi_light.light_model import LightModel
 from rakelight.methods.multi_light.model_selection import (
     cheapest,
     cost,
@@ -110,7 +111,8 @@ def test_the_cost_counts_unequal_lights_but_not_given_ones():
     assert found[1] - found[0] == pytest.approx(more)
     assert more > 1
     directions = vector / np.linalg.norm(vector, axis=-1, keepdims=True)
-    held = [cost(level, replace(each, directions=directions)) for each in both]
+    given = LightModel(directions=directions)
+    held = [cost(level, replace(each, model=given)) for each in both]
     assert held[0] == held[1]
 
 
@@ -130,7 +132,7 @@ def test_lights_that_would_be_very_near_are_penalised():
 def test_the_choice_is_the_least_cost_of_white_and_near_lights():
     level, free = coarsest(CORRELATED)[0], selected(CORRELATED)
     choices = [free, *(selected(CORRELATED, distance=each) for each in ("near", "distant"))]
-    assert [each.fit.near for each in choices[1:]] == [True, False]
+    assert [each.fit.model.near for each in choices[1:]] == [True, False]
     assert cost(level, free.fit) == min(cost(level, each.fit) for each in choices)
     assert cheapest(level, choices[::-1]).fit.energy == free.fit.energy
 
@@ -201,13 +203,12 @@ def test_a_shared_ambient_ratio_is_kept_by_a_step(near):
     vector = lights_of_prior(level).vector
     size = np.linalg.norm(vector, axis=-1)
     lights = LightParameters(vector, 0.2 * size, np.full_like(size, 0.5))
-    fit = first_fit(level, level.prior, lights, near, shared_ambient=True)
-    free = parameter_map(fit)
+    model = LightModel(near=near, shared_ambient=True)
+    free = model.jacobian(lights)
     step = 1e-6 * np.random.default_rng(0).normal(size=free.shape[1])
-    after = lights_after(fit, step)
+    after = model.moved(lights, step)
     ratio = after.ambient / np.linalg.norm(after.vector, axis=-1)
     assert np.ptp(ratio) < 1e-12
-    alone = replace(fit, shared_ambient=False)
-    linear = lights_after(alone, free @ step)
+    linear = LightModel(near=near).moved(lights, free @ step)
     np.testing.assert_allclose(linear.vector, after.vector, atol=1e-12)
     np.testing.assert_allclose(linear.ambient, after.ambient, atol=1e-10)

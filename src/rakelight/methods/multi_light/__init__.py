@@ -188,7 +188,7 @@ def finished(
     if highlights:
         height = f"{highlights.height / gain:.2f} of white paint's brightness"
         notes.append(Finding("note", "highlights", f"highlights up to {height}, left out"))
-    held = fit.directions is not None
+    held = fit.model.directions is not None
     moment = sensor_moment(level, fit.log_depth, scale_only=held)
     bas_relief: Floats | float = 0.0
     if not held:

@@ -15,7 +15,6 @@ The mean gradient does not see a checkerboard; fourth differences do, and see li
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -26,7 +25,8 @@ from rakelight.methods.multi_light.equal_intensity import (
     equal_intensity_derivatives,
     equal_intensity_energy,
 )
-from rakelight.model import Array, Floats
+from rakelight.methods.multi_light.light_model import FREE, LightModel
+from rakelight.model import Floats
 from rakelight.photometry.images import LightParameters, Linearization, Surface
 from rakelight.solve import DepthSystem, assemble
 from rakelight.solve.levenberg_marquardt import Damping
@@ -56,10 +56,7 @@ class Fit:
     scales : (h, w) of the Cauchy losses; noise : standard deviation of a value, which weighs the
         priors; energy : the sum of all terms
     fourth_difference : (2, h, w) an eighth of it along u and v; fourth_difference_weight (2, h, w)
-    near : whether the lights' inverse distances are estimated, too
-    shared_ambient : whether all lights have the same ratio of ambient light; see `parameter_map`
-    directions : (N, 1, 3) unit vectors that the lights keep, as they do their distances; None where
-        they are free
+    model : which of the lights' numbers are free
     equal_intensity_weight : W, of `equal_intensity_energy`
     depth_damping, joint_damping, lights_damping : of the next step of each kind
     """
@@ -73,27 +70,15 @@ class Fit:
     energy: float
     fourth_difference_weight: Floats
     fourth_difference: Floats
-    near: bool = False
-    shared_ambient: bool = False
-    directions: Floats | None = None
+    model: LightModel = FREE
     equal_intensity_weight: float = 0.0
     depth_damping: Damping = OF_DEPTH
     joint_damping: Damping = OF_BOTH
     lights_damping: Damping = OF_LIGHTS
 
-    @property
-    def mapped(self) -> bool:
-        """Whether the lights' free parameters are other ones than their numbers."""
-        return self.shared_ambient or self.directions is not None
-
 
 def first_fit(
-    level: Level,
-    log_depth: Floats,
-    lights: LightParameters,
-    near: bool = False,
-    shared_ambient: bool = False,
-    directions: Floats | None = None,
+    level: Level, log_depth: Floats, lights: LightParameters, model: LightModel = FREE
 ) -> Fit:
     """The state at a depth and lights; the robust scale is that of its least-squares residuals.
 
@@ -103,8 +88,7 @@ def first_fit(
     plain = level.photographs.linearize(surface, lights)
     nothing = np.zeros((2, *level.mask.shape))
     start = Fit(
-        log_depth, lights, surface, plain, nothing[0], 0.0, 0.0, nothing, nothing,
-        near=near, shared_ambient=shared_ambient, directions=directions,
+        log_depth, lights, surface, plain, nothing[0], 0.0, 0.0, nothing, nothing, model
     )  # fmt: skip
     return update_scale(level, start)
 
@@ -116,7 +100,7 @@ def reset_scale(level: Level, fit: Fit, log_depth: Floats | None = None) -> Fit:
     log_depth : at the new level; that of the state unless given
     """
     log_depth = fit.log_depth if log_depth is None else log_depth
-    return first_fit(level, log_depth, fit.lights, fit.near, fit.shared_ambient, fit.directions)
+    return first_fit(level, log_depth, fit.lights, fit.model)
 
 
 def update_scale(
@@ -217,21 +201,18 @@ def light_curvature(
     while the gradient near the minimum needs all of them.
     mixed : whether to find those with the gradient of log depth, of each of these pixels
     """
-    photographs = level.photographs
+    photographs, model = level.photographs, fit.model
     share = np.count_nonzero(photographs.active) / np.count_nonzero(photographs.subsample(most))
     hessian, _, both = photographs.light_terms(
-        fit.surface, fit.lights, fit.linearization.albedo, scale=fit.scales, near=fit.near,
+        fit.surface, fit.lights, fit.linearization.albedo, scale=fit.scales, near=model.near,
         subsampling=photographs.subsampling(most), mixed=mixed,
     )  # fmt: skip
-    _, equal_intensity = equal_intensity_derivatives(fit.lights, 5 if fit.near else 4)
+    _, equal_intensity = equal_intensity_derivatives(fit.lights, model.numbers)
     hessian *= share
     hessian += gauge(fit, hessian) + fit.noise**2 * fit.equal_intensity_weight * equal_intensity
-    both *= share
-    if not fit.mapped:
-        return hessian, both
-    jacobian = parameter_map(fit)
+    jacobian = model.jacobian(fit.lights)
     # In rows, as the sums over pixels read it: a product with a sparse matrix comes in columns.
-    flat = np.ascontiguousarray(both.reshape(-1, both.shape[-1]) @ jacobian)
+    flat = np.ascontiguousarray(share * both.reshape(-1, both.shape[-1]) @ jacobian)
     return jacobian.T @ (hessian @ jacobian), flat.reshape(*both.shape[:-1], jacobian.shape[1])
 
 
@@ -239,84 +220,20 @@ def light_slope(level: Level, fit: Fit) -> Floats:
     """(F,) half the energy's derivatives with the lights' free parameters."""
     slope = fit.linearization.light_slope
     if slope is None:
-        slope = level.photographs.linearize(
-            fit.surface,
-            fit.lights,
-            scale=fit.scales,
-            start=fit.linearization.albedo,
-            with_light_slope=True,
-        ).light_slope
-    slope = np.delete(np.asarray(slope), () if fit.near else 3, axis=-1)
-    equal_intensity, _ = equal_intensity_derivatives(fit.lights, slope.shape[-1])
-    slope = np.asarray(slope.ravel() + fit.noise**2 * fit.equal_intensity_weight * equal_intensity)
-    return slope @ parameter_map(fit) if fit.mapped else slope
-
-
-def parameter_map(fit: Fit) -> Any:
-    """Sparse (K, F): derivatives of the lights' K numbers with the F free parameters.
-
-    Where directions are given, an intensity takes the place of each vector.
-    """
-    from scipy.sparse import csr_array, eye_array
-
-    *shape, numbers = *fit.lights.ambient.shape, 5 if fit.near else 4
-    order = np.arange(fit.lights.ambient.size * numbers).reshape(*shape, numbers)
-    jacobian: Any = eye_array(order.size, format="csr")
-    if fit.shared_ambient:
-        jacobian = shared_ambient_map(fit, order)
-        order = np.arange(order[..., :-1].size).reshape(*shape, numbers - 1)
-    if fit.directions is None:
-        return jacobian
-    vectors = order[..., :3].reshape(-1, 3)
-    others = np.setdiff1d(np.arange(jacobian.shape[1]), vectors)
-    columns = np.append(np.arange(len(vectors)).repeat(3), len(vectors) + np.arange(len(others)))
-    along = np.append(np.broadcast_to(fit.directions, (*shape, 3)), np.ones(len(others)))
-    return jacobian @ csr_array((along, (np.append(vectors, others), columns)))
-
-
-def shared_ambient_map(fit: Fit, order: Array) -> Any:
-    """Sparse (K, F): derivatives of the K numbers with the vectors and distances, and one ratio.
-
-    order : (N, C, 4 or 5) of the numbers of each light
-
-    The ambient lights' ratio to the irradiance is shared: on a nearly flat surface all normals see
-    the same of a light, and only a shared ratio separates it from ambient light.
-    """
-    from scipy.sparse import csr_array
-
-    lights = fit.lights
-    own, ambient = order[..., :-1].ravel(), order[..., -1]
-    size = np.maximum(lights.irradiance, np.finfo(float).tiny)
-    along = lights.ambient_share * lights.vector / size[..., None]
-    vectors = np.arange(own.size).reshape(*ambient.shape, -1)[..., :3]
-    parts = (  # values, rows, columns
-        (np.ones(own.size), own, np.arange(own.size)),
-        (along.ravel(), ambient.ravel().repeat(3), vectors.ravel()),
-        (size.ravel(), ambient.ravel(), np.full(ambient.size, own.size)),
-    )
-    values, rows, columns = (np.concatenate(each) for each in zip(*parts, strict=True))
-    return csr_array((values, (rows, columns)), shape=(order.size, own.size + 1))
-
-
-def lights_after(fit: Fit, step: Floats) -> LightParameters:
-    """The lights after a step (F,) of their free parameters."""
-    numbers = parameter_map(fit) @ step if fit.mapped else step
-    lights = fit.lights.moved(numbers.reshape(*fit.lights.ambient.shape, -1))
-    if fit.directions is not None:  # without rounding, and never from the other side
-        intensity = np.maximum((lights.vector * fit.directions).sum(axis=-1, keepdims=True), 0.0)
-        lights = replace(lights, vector=intensity * fit.directions)
-    if fit.shared_ambient:
-        lights = replace(lights, ambient=lights.ambient_share * lights.irradiance)
-    return lights
+        again = evaluated(level, fit, fit.log_depth, fit.lights, with_light_slope=True)
+        slope = again.linearization.light_slope
+    free = fit.model.free(np.asarray(slope))
+    equal_intensity, _ = equal_intensity_derivatives(fit.lights, fit.model.numbers)
+    slope = free.ravel() + fit.noise**2 * fit.equal_intensity_weight * equal_intensity
+    return np.asarray(slope @ fit.model.jacobian(fit.lights))
 
 
 def gauge(fit: Fit, hessian: Floats) -> Floats:
     """(K, K) a term that fixes the lights' common intensity, one per channel: the gauge."""
     lights = fit.lights
-    still = [np.zeros((*lights.ambient.shape, 1))] if fit.near else []
-    intensity = np.concatenate([lights.vector, *still, lights.ambient[..., None]], axis=-1)
+    intensity = fit.model.free(lights.brighter(2.0).numbers - lights.numbers)
     total = np.zeros_like(hessian)
-    for channel in range(lights.ambient.shape[1]):
+    for channel in range(intensity.shape[1]):
         along = np.zeros_like(intensity)
         along[:, channel] = intensity[:, channel]
         along = along.ravel() / max(float(np.linalg.norm(along)), np.finfo(float).tiny)

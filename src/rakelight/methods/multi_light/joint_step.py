@@ -27,7 +27,6 @@ from rakelight.methods.multi_light.energy import (
     evaluated,
     light_curvature,
     light_slope,
-    lights_after,
 )
 from rakelight.model import Floats, Mask
 from rakelight.photometry.images import applied
@@ -66,7 +65,7 @@ def after_joint_step(level: Level, fit: Fit, most_cells: int, damping: float) ->
     """
     cell = cell_size(level, most_cells)
     cells, most = Cells.on(level.mask, cell), 2 * most_cells
-    sample = level.photographs.subsample(most) if fit.near else None
+    sample = level.photographs.subsample(most) if fit.model.near else None
     tensor = damped_tensor(level, fit, damping, sample)
     weight = fit.noise**2 * level.prior_weight * level.mask
     negative_gradient = depth_negative_gradient(level, fit)
@@ -78,7 +77,7 @@ def after_joint_step(level: Level, fit: Fit, most_cells: int, damping: float) ->
     uphill = (grid.gradient / cell).T
     subsampling = level.photographs.subsampling(most)
     columns = uphill @ _subsampled_sums(mixed, subsampling, cell, cells.inside)
-    relief_too = fit.near and cell > 1
+    relief_too = fit.model.near and cell > 1
     if relief_too:
         relief = relief_scaling(level, fit.log_depth)
         gradient = gradient_image(relief, level.grid)
@@ -105,7 +104,8 @@ def after_joint_step(level: Level, fit: Fit, most_cells: int, damping: float) ->
     if relief_too:
         numbers, relief_change = numbers[:-1], numbers[-1]
         step += relief_change * relief
-    return evaluated(level, fit, level.placed(fit.log_depth + step), lights_after(fit, numbers))
+    moved = fit.model.moved(fit.lights, numbers)
+    return evaluated(level, fit, level.placed(fit.log_depth + step), moved)
 
 
 def cell_size(level: Level, most_cells: int) -> int:

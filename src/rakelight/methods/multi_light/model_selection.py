@@ -16,6 +16,7 @@ from rakelight.methods.multi_light.energy import SMALLEST_NOISE, Fit, first_fit
 from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.methods.multi_light.factored_start import factored_start
 from rakelight.methods.multi_light.initial_lights import lights_of_given, lights_of_prior
+from rakelight.methods.multi_light.light_model import LightModel
 from rakelight.methods.multi_light.options import MultiLight
 from rakelight.methods.multi_light.steps import Descent, descend, refine_lights
 from rakelight.model import GivenLights, ProgressCallback
@@ -34,6 +35,8 @@ FIRST_RADIUS_OVER_DISTANCE, LEAST_RADIUS_OVER_DISTANCE = 0.15, 0.03
 # Largest interquartile range of the lights' inverse distances, over their median, that is plausible
 # of a lamp in a hand (ablation.md: off 1.07, halved and doubled 1.00).
 MOST_VARIED_DISTANCES = 0.5
+# Of the lights at the coarsest level: they are determined on low relief, too.
+SHARED_AMBIENT = LightModel(shared_ambient=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,14 +76,14 @@ def select_model(
         if options.lights == "coloured" or explains_more(coloured.fit, best.fit):
             best, begins = coloured, [with_coloured_lights(fit) for fit in begins]
     choices = [best, *along("try a larger depth weight", larger, best.fit)]
-    if options.distance != "distant" and best.fit.directions is None:
+    if options.distance != "distant" and best.fit.model.directions is None:
         near = near_choices(level, weights, begins, options, progress)
         if options.distance == "near":
             choices = near
         else:
             choices += [each for each in near if plausible(level, each.fit.lights)]
     best = cheapest(level, choices)
-    fit = replace(best.fit, shared_ambient=False)
+    fit = replace(best.fit, model=replace(best.fit.model, shared_ambient=False))
     return Choice(best.weight, replace(best.descent, fits=(*best.descent.fits[:-1], fit)))
 
 
@@ -153,7 +156,7 @@ def cost(level: Level, fit: Fit) -> float:
     sigma = max(fit.linearization.noise_sigma, SMALLEST_NOISE)
     misfit = level.sensor_sum_of_squares(fit.log_depth) / max(len(level.sensor_weight), 1)
     total = count * (2 * np.log(sigma) + np.log1p(misfit))
-    if fit.directions is None:
+    if fit.model.directions is None:
         total += 2 * count * np.log1p(radius_over_distance(level, fit.lights) ** 2)
         total += equal_intensity_energy(fit.lights.vector)
     return float(total)
@@ -162,7 +165,7 @@ def cost(level: Level, fit: Fit) -> float:
 def starts(level: Level, given: GivenLights | None) -> Iterator[Fit]:
     """The states to begin with: distant lights, white unless given otherwise, one ambient ratio."""
     if given is None or not given.fixed:
-        yield first_fit(level, level.prior, lights_of_prior(level), shared_ambient=True)
+        yield first_fit(level, level.prior, lights_of_prior(level), SHARED_AMBIENT)
         factored = factored_fit(level)
         if factored is not None:
             yield factored
@@ -179,7 +182,7 @@ def factored_fit(level: Level) -> Fit | None:
     log_depth, lights = found
     if small is not level:
         log_depth = level.carried(small, log_depth)
-    return first_fit(level, log_depth, lights, shared_ambient=True)
+    return first_fit(level, log_depth, lights, SHARED_AMBIENT)
 
 
 def given_fit(level: Level, given: GivenLights) -> Fit:
@@ -192,8 +195,9 @@ def given_fit(level: Level, given: GivenLights) -> Fit:
     directions = toward / np.linalg.norm(toward, axis=-1, keepdims=True)
     if not given.fixed:
         lights = replace(lights, inverse_distance=np.zeros_like(lights.inverse_distance))
-    fit = first_fit(level, level.prior, lights, shared_ambient=True, directions=directions)
-    return replace(refine_lights(level, fit), directions=directions if given.fixed else None)
+    held = replace(SHARED_AMBIENT, directions=directions)
+    fit = refine_lights(level, first_fit(level, level.prior, lights, held))
+    return fit if given.fixed else replace(fit, model=SHARED_AMBIENT)
 
 
 def explains_more(freer: Fit, simpler: Fit) -> bool:
@@ -230,8 +234,9 @@ def with_near_lights(level: Level, fit: Fit) -> Fit:
         fit.lights.inverse_distance, FIRST_RADIUS_OVER_DISTANCE / object_radius(level)
     )
     lights = replace(fit.lights, inverse_distance=inverse_distance)
-    start = first_fit(level, fit.log_depth, lights, shared_ambient=fit.shared_ambient)
-    return replace(refine_lights(level, start), near=True)
+    distant, near = (replace(fit.model, near=each) for each in (False, True))
+    start = first_fit(level, fit.log_depth, lights, distant)
+    return replace(refine_lights(level, start), model=near)
 
 
 def with_coloured_lights(fit: Fit) -> Fit:

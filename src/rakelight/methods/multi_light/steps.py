@@ -15,13 +15,11 @@ from rakelight.methods.multi_light.energy import (
     evaluated,
     light_curvature,
     light_slope,
-    lights_after,
     update_scale,
 )
 from rakelight.methods.multi_light.joint_step import damped_tensor, joint_step
 from rakelight.methods.multi_light.options import MultiLight
-from rakelight.model import Floats, Progress, ProgressCallback
-from rakelight.photometry.images import LightParameters
+from rakelight.model import Progress, ProgressCallback
 from rakelight.solve import solve
 from rakelight.solve.gauss_newton import damped_solution
 from rakelight.solve.levenberg_marquardt import lowered
@@ -125,7 +123,7 @@ def project_bas_relief(level: Level, fit: Fit) -> Fit:
     energy along it is an error of the model, down which the surface would drift.  Near lights
     determine it; there the joint steps do.  Given directions leave none open.
     """
-    if fit.near or fit.directions is not None:
+    if fit.model.near or fit.model.directions is not None:
         return fit
     log_depth, transform = nearest_bas_relief(
         level, fit.log_depth, fit.lights, fit.equal_intensity_weight
@@ -148,7 +146,8 @@ def lights_step(level: Level, fit: Fit) -> Fit:
 
     def after(damping: float) -> Fit:
         step = damped_solution(hessian, -slope, np.diag(hessian), damping)
-        return evaluated(level, fit, fit.log_depth, lights_after(fit, step), with_light_slope=True)
+        lights = fit.model.moved(fit.lights, step)
+        return evaluated(level, fit, fit.log_depth, lights, with_light_slope=True)
 
     lower, damping = lowered(fit, fit.lights_damping, after, TRIES)
     return replace(lower, lights_damping=damping)
@@ -160,7 +159,7 @@ def extrapolated(level: Level, before: Fit, fit: Fit) -> Fit:
     Where reweighting or the bas-relief valley makes steps short, they all have one direction.
     """
     direction = fit.log_depth - before.log_depth
-    lights = lights_difference(before.lights, fit.lights)
+    lights = fit.lights.numbers - before.lights.numbers
     best, factor = fit, 1.0
     history = [(0.0, before.energy), (1.0, fit.energy)]
     while parabola_falls(history, 1 + factor):
@@ -185,13 +184,3 @@ def parabola_falls(history: list[tuple[float, float]], position: float) -> bool:
     slope = (lowest - low) / (last - middle)
     curvature = (slope - (low - high) / (middle - first)) / (last - first)
     return slope + curvature * (position - middle) < 0
-
-
-def lights_difference(before: LightParameters, after: LightParameters) -> Floats:
-    """(N, C, 5) the step of `LightParameters.moved` from one to the other."""
-    inverse_distance, ambient = (
-        after.inverse_distance - before.inverse_distance,
-        after.ambient - before.ambient,
-    )
-    change = [after.vector - before.vector, inverse_distance[..., None], ambient[..., None]]
-    return np.concatenate(change, axis=-1)

@@ -1,0 +1,75 @@
+"""Which numbers of the lights are free, and how the others follow from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from rakelight.model import Floats
+from rakelight.photometry.images import LightParameters
+
+
+@dataclass(frozen=True, eq=False)
+class LightModel:
+    """Which numbers of the lights the steps move; the other ones stay or follow.
+
+    near : inverse distances, too
+    shared_ambient : one ratio of ambient light to irradiance, of all lights; on a nearly flat
+        surface all normals see the same of a light, and only that separates it from ambient light
+    directions : (N, 1, 3) unit vectors that the lights keep, as they do their distances; None where
+        they are free
+    """
+
+    near: bool = False
+    shared_ambient: bool = False
+    directions: Floats | None = None
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers each light has: vector, inverse distance where it is near, ambient."""
+        return 5 if self.near else 4
+
+    def free(self, numbers: Floats) -> Floats:
+        """(N, C, 4 or 5) those of `LightParameters.numbers` (N, C, 5)."""
+        return numbers if self.near else np.delete(numbers, 3, axis=-1)
+
+    def jacobian(self, lights: LightParameters) -> Any:
+        """Sparse (K, F): derivatives of the lights' K numbers with the F free parameters.
+
+        Light by light: the vector, or its length where directions are given; the inverse distance
+        where near; the ambient light, or, once and last, the ratio that all share.
+        """
+        from scipy.sparse import block_diag, hstack
+
+        vector = lights.vector.reshape(-1, 3)
+        size = np.maximum(lights.irradiance.ravel(), np.finfo(float).tiny)
+        own = np.tile(np.eye(self.numbers), (len(vector), 1, 1))
+        shared = size[:, None] * own[:, :, -1]
+        if self.shared_ambient:
+            own[:, -1, :3] = lights.ambient_share * vector / size[:, None]
+            own = own[..., :-1]
+        if self.directions is not None:
+            along = np.broadcast_to(self.directions, lights.vector.shape).reshape(-1, 3, 1)
+            own = np.concatenate([own[..., :3] @ along, own[..., 3:]], axis=-1)
+        jacobian = block_diag(own, format="csr")
+        if self.shared_ambient:
+            jacobian = hstack([jacobian, shared.reshape(-1, 1)], format="csr")
+        jacobian.eliminate_zeros()
+        return jacobian
+
+    def moved(self, lights: LightParameters, step: Floats) -> LightParameters:
+        """The lights after a step (F,) of the free parameters."""
+        numbers = self.jacobian(lights) @ step
+        after = lights.moved(numbers.reshape(*lights.ambient.shape, self.numbers))
+        if self.directions is not None:  # without rounding, and never from the other side
+            along = (after.vector * self.directions).sum(axis=-1, keepdims=True)
+            after = replace(after, vector=np.maximum(along, 0.0) * self.directions)
+        if self.shared_ambient:
+            after = replace(after, ambient=after.ambient_share * after.irradiance)
+        return after
+
+
+FREE = LightModel()
+"""Distant lights of which all numbers are free."""
