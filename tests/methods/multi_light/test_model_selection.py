@@ -179,7 +179,7 @@ def test_near_lights_too_begin_where_the_residuals_are_smallest(monkeypatch):
 
     def at_once(level, fit, *_):
         begun.append(fit)
-        return Descent((fit,), converged=True, steps=0)
+        return Descent(fit, (), converged=True, steps=0)
 
     monkeypatch.setattr("rakelight.methods.multi_light.model_selection.descend", at_once)
     weights = [factor * each for each in FIRST_DEPTH_WEIGHTS]

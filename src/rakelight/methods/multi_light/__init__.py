@@ -70,29 +70,27 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     coarsest = len(levels) - 1
     coarse, factor = coarsest_level(levels)
     weights = [factor * each for each in weights]
-    choice = select_model(coarse, weights, options, progress, stage(coarsest), prepared.lights)
+    descent = select_model(coarse, weights, options, progress, stage(coarsest), prepared.lights)
     # 2. Without the highlights and cast shadows that this fit predicts, the weight is chosen again:
     # they had been errors of the photographs.
-    level, fit, highlights = without_outliers(coarse.weighted(choice.weight), choice.fit)
+    clear, fit, highlights = without_outliers(coarse, descent.fit)
     if highlights:
-        least = coarse.weighted(weights[0])
-        fit = refit_without_brightest(least, fit, options, progress)
-        level, fit, _ = without_outliers(least, fit)
-    if fit is not choice.fit:
-        clear = replace(coarse, photographs=level.photographs)
+        fit = refit_without_brightest(coarse.weighted(weights[0]), fit, options, progress)
+        clear, fit, _ = without_outliers(coarse, fit)
+    if fit is not descent.fit:
         again = descents(clear, options, progress, stage(coarsest), weights, fit)
-        choice = cheapest(clear, again)
-    weight, descent = choice.weight / factor, choice.descent
+        descent = cheapest(clear, again)
+    weight = descent.weight / factor
     levels = [each.weighted(weight * COARSER_WEIGHT**k) for k, each in enumerate(levels)]
 
-    # 3. Coarse to fine: lights and depth together.
+    # 3. Coarse to fine, a few steps each: lights and depth together.
+    briefly = replace(options, max_iterations=min(options.max_iterations, STEPS_ON_THE_WAY))
     for index in reversed(range(coarsest)):
         log_depth = levels[index].carried(levels[index + 1], descent.fit.log_depth)
         level, _ = remove_outliers(levels[index], log_depth, descent.fit.lights)
         fit = reset_scale(level, descent.fit, log_depth)
         # At the finest level the depth alone, to take up detail; the lights move in step 5.
-        together = index > 0
-        descent = descend(level, fit, briefly(options), progress, stage(index), together=together)
+        descent = descend(level, fit, briefly, progress, stage(index), together=index > 0)
 
     # 4. The depth weight from the errors of both sides, now that there are residuals.
     first_weight = weight
@@ -105,14 +103,11 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     level = level.weighted(weight / first_weight).cut(fit.log_depth)
     equal_intensity = estimate_equal_intensity_weight(level, fit.log_depth, prepared)
     fit = replace(fit, equal_intensity_weight=equal_intensity)
-    both = descend(
-        level, fit, options, progress, "refine, weighed", noisiest=1.0, one_scale=True,
-        thorough=True,
-    )  # fmt: skip
+    both = descend(level, fit, options, progress, "refine, weighed", last=True)
     # 6. The depth alone under these lights, from where step 4 left it: the depth of step 5 has
     # errors of millimetres on steep sides, where one scale takes all of a pixel for outliers.
     fit = evaluated(level, both.fit, fit.log_depth, both.fit.lights)
-    last = descend(level, fit, options, progress, "refine, depth", noisiest=1.0, together=False)
+    last = descend(level, fit, options, progress, "refine, depth", together=False, last=True)
     steps, converged = descent.steps + both.steps + last.steps, both.converged and last.converged
     descent = replace(last, steps=steps, converged=converged)
     return finished(prepared, level, descent, weight, highlights)
@@ -156,15 +151,9 @@ def refit_without_brightest(
     Where highlights bent the surface, it predicts them in the wrong place.
     """
     trimmed = replace(level, photographs=trim_brightest(level.photographs))
-    found = descend(
-        trimmed, reset_scale(trimmed, fit), options, progress, "try without the brightest"
-    )
+    start = reset_scale(trimmed, fit)
+    found = descend(trimmed, start, options, progress, "try without the brightest")
     return reset_scale(level, found.fit)
-
-
-def briefly(options: MultiLight) -> MultiLight:
-    """The options with at most `STEPS_ON_THE_WAY` steps."""
-    return replace(options, max_iterations=min(options.max_iterations, STEPS_ON_THE_WAY))
 
 
 def stage(index: int) -> str:
@@ -201,7 +190,7 @@ def finished(
         confidence=np.where(active, confidence(level, fit, noise, curvature + bas_relief), 0.0),
         lights=lights,
         normals=normals,
-        energy=tuple(each.energy for each in descent.fits),
+        energy=descent.energies,
         steps=descent.steps,
         converged=descent.converged,
         findings=(*light_findings(lights, prepared.names), *notes),

@@ -6,7 +6,7 @@ Each is tried by a descent of its own, and the one of the least `cost` is taken.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -39,19 +39,6 @@ MOST_VARIED_DISTANCES = 0.5
 SHARED_AMBIENT = LightModel(shared_ambient=True)
 
 
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """A descent, and its depth weight, a multiple of the level's."""
-
-    weight: float
-    descent: Descent
-
-    @property
-    def fit(self) -> Fit:
-        """The descent's last state."""
-        return self.descent.fit
-
-
 def select_model(
     level: Level,
     weights: Sequence[float],
@@ -59,8 +46,8 @@ def select_model(
     progress: ProgressCallback,
     stage: str,
     given: GivenLights | None = None,
-) -> Choice:
-    """The choice of the least cost.
+) -> Descent:
+    """The descent of the least cost.
 
     level : the coarsest; its depth weight is of one sensor pixel's noise
     weights : the depth weights to choose from, multiples of that, the least first
@@ -83,8 +70,8 @@ def select_model(
         else:
             choices += [each for each in near if plausible(level, each.fit.lights)]
     best = cheapest(level, choices)
-    fit = replace(best.fit, model=replace(best.fit.model, shared_ambient=False))
-    return Choice(best.weight, replace(best.descent, fits=(*best.descent.fits[:-1], fit)))
+    own_ambient = replace(best.fit.model, shared_ambient=False)
+    return replace(best, fit=replace(best.fit, model=own_ambient))
 
 
 def descents(
@@ -94,12 +81,13 @@ def descents(
     stage: str,
     weights: Sequence[float],
     fit: Fit,
-) -> list[Choice]:
+) -> list[Descent]:
     """A descent under each of these depth weights, begun where the one before has ended."""
     found = []
     for weight in weights:
-        found.append(Choice(weight, descend(level.weighted(weight), fit, options, progress, stage)))
-        fit = found[-1].fit
+        descent = descend(level.weighted(weight), fit, options, progress, stage)
+        found.append(replace(descent, weight=weight))
+        fit = descent.fit
     return found
 
 
@@ -109,7 +97,7 @@ def near_choices(
     begins: Sequence[Fit],
     options: MultiLight,
     progress: ProgressCallback,
-) -> list[Choice]:
+) -> list[Descent]:
     """Descents with near lights, from the largest depth weight to the least.
 
     Their fall-off determines the relief, and finds it from a surface that is near the sensor's.
@@ -133,8 +121,8 @@ def near_choices(
     return [best, *smaller, *along(weights[:1], start)]
 
 
-def cheapest(level: Level, choices: Sequence[Choice]) -> Choice:
-    """The choice of the least cost; the level's depth weight is of one sensor pixel's noise."""
+def cheapest(level: Level, choices: Sequence[Descent]) -> Descent:
+    """The descent of the least cost; the level's depth weight is of one sensor pixel's noise."""
     return min(choices, key=lambda each: cost(level, each.fit))
 
 

@@ -39,19 +39,18 @@ LIGHT_STEPS, CURVATURE_PIXELS = 2, 2000
 
 @dataclass(frozen=True, slots=True)
 class Descent:
-    """The result of steps at one level: the states under the last loss, and whether it converged.
+    """The result of steps at one level: the last state, which is the best, and how it came about.
 
+    energies : of the states under the last loss, from its first on
     steps : number of steps, including those under earlier losses
+    weight : the depth weight, a multiple of the level's, where several are tried
     """
 
-    fits: tuple[Fit, ...]
+    fit: Fit
+    energies: tuple[float, ...]
     converged: bool
     steps: int
-
-    @property
-    def fit(self) -> Fit:
-        """The last and best."""
-        return self.fits[-1]
+    weight: float = 1.0
 
 
 def descend(
@@ -60,26 +59,26 @@ def descend(
     options: MultiLight,
     progress: ProgressCallback,
     stage: str,
-    noisiest: float = LARGEST_NOISE,
     together: bool = True,
-    one_scale: bool = False,
-    thorough: bool = False,
+    last: bool = False,
 ) -> Descent:
     """Gauss-Newton steps at one level until the energy has converged.
 
-    noisiest : largest sigma by which the priors are weighted
-    together : whether the lights move with the depth; one_scale : see `update_scale`
-    thorough : whether converged also means that no extrapolated step lowers the energy
+    together : whether the lights move with the depth
+    last : whether the result rests on it: sigma weighs the priors however large it is; and lights
+        that move do not follow pixels where the model errs (`one_scale` of `update_scale`), and
+        have converged only when no extrapolated step lowers the energy either
     """
-    fits: list[Fit] = []
+    noisiest, thorough = 1.0 if last else LARGEST_NOISE, last and together
+    energies: list[float] = []
     loss_fixed = converged = False
     for step in range(options.max_iterations):
         progress(Progress(stage, step + 1, options.max_iterations, fit.energy))
         if not loss_fixed:
             # The scale of the loss falls with the residuals; then it is fixed.
-            noise, fit = fit.noise, update_scale(level, fit, noisiest, one_scale)
+            noise, fit = fit.noise, update_scale(level, fit, noisiest, one_scale=thorough)
             loss_fixed = step > 0 and fit.noise > NOISE_AT_REST * noise
-            fits = [fit]
+            energies = [fit.energy]
         before = fit
         fit = depth_step(level, fit, with_light_slope=together)
         if together:
@@ -90,11 +89,12 @@ def descend(
             fit = extrapolated(level, before, fit)
         converged = loss_fixed and before.energy - fit.energy < small
         if converged and fit.energy > before.energy:
-            break  # the gain was a bas-relief transform that the projection has undone
-        fits.append(fit)
+            fit = before  # the gain was a bas-relief transform that the projection has undone
+            break
+        energies.append(fit.energy)
         if converged:
             break
-    return Descent(tuple(fits), converged, step + 1)
+    return Descent(fit, tuple(energies), converged, step + 1)
 
 
 def depth_step(level: Level, fit: Fit, with_light_slope: bool = True) -> Fit:
