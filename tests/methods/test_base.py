@@ -17,7 +17,8 @@ from rakelight.methods.base import (
     require_photographs,
 )
 from rakelight.methods.ldr_ps import LdrPs
-from rakelight.methods.multi_light import MultiLight, missed_curvature
+from rakelight.methods.multi_light import MultiLight
+from rakelight.methods.multi_light.confidence import missed_curvature
 from rakelight.methods.single_image.fusion_like import FusionLike
 from rakelight.metrics import normal_error_map_deg
 from rakelight.model import Camera, Lights

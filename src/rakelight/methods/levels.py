@@ -18,11 +18,14 @@ from rakelight.geometry.grid import (
     Links,
     connected,
     has_gradient,
-    mean_gradient,
     pair_slices,
     surface_links,
 )
-from rakelight.geometry.normals import normals_from_gradient
+from rakelight.geometry.normals import (
+    normal_lengths,
+    normals_from_gradient,
+    squared_normal_derivative,
+)
 from rakelight.model import BLACK, SATURATED, Array, Camera, Floats, Mask
 from rakelight.photometry.images import Photographs, Surface
 from rakelight.prepare import Prepared
@@ -104,7 +107,19 @@ class Level:
 
     def normals(self, log_depth: Floats) -> tuple[Floats, Floats]:
         """Normals (h, w, 3) and |m| (h, w) of a log depth (h, w)."""
-        return normals_from_gradient(*mean_gradient(log_depth, self.links), self.camera)
+        gradient = self.surface(log_depth).gradient
+        return normals_from_gradient(gradient[..., 0], gradient[..., 1], self.camera)
+
+    def squared_normal_derivative(self, surface: Surface) -> Floats:
+        """(h, w) |dn/dg|^2 of a surface; see `geometry.normals.squared_normal_derivative`."""
+        gradient = surface.gradient
+        length = normal_lengths(gradient[..., 0], gradient[..., 1], self.camera)
+        return squared_normal_derivative(length, self.camera)
+
+    @property
+    def rays(self) -> Floats:
+        """(h, w, 3) points of the viewing rays at depth 1 metre."""
+        return back_project(np.ones(self.mask.shape), self.camera)
 
     @property
     def pairs(self) -> Floats | None:

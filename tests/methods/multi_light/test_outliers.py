@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rakelight.geometry.camera import back_project
-from rakelight.methods.levels import finest_level
+from rakelight.methods.levels import Level, finest_level
 from rakelight.methods.multi_light import outliers
 from rakelight.methods.multi_light.outliers import (
     all_shadows,
@@ -98,18 +98,18 @@ def test_the_dimmest_values_are_nearly_all_without_highlights():
 def test_the_geometry_is_computed_once(monkeypatch):
     level, log_depth, lights = make_level(specular=0.2, cast_shadows=True)
     called = []
-    for name in ("normals_from_gradient", "back_project"):
-        function = getattr(outliers, name)
+    for owner, name in ((Level, "normals"), (outliers, "back_project")):
+        function = getattr(owner, name)
 
         def counted(*arguments, name=name, function=function):
             called.append(name)
             return function(*arguments)
 
-        monkeypatch.setattr(outliers, name, counted)
+        monkeypatch.setattr(owner, name, counted)
     cleared, highlights = remove_outliers(level, log_depth, lights)
     assert cleared is not level
     assert highlights
-    assert sorted(called) == ["back_project", "normals_from_gradient"]
+    assert sorted(called) == ["back_project", "normals"]
 
 
 def test_matte_photographs_without_shadows_stay_as_they_are():

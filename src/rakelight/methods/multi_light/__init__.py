@@ -24,14 +24,7 @@ import numpy as np
 from rakelight.methods.base import Estimate, Method, brightest, light_findings, require_photographs
 from rakelight.methods.levels import Level, finest_level, pyramid
 from rakelight.methods.multi_light.bas_relief_variance import bas_relief_variance, sensor_moment
-from rakelight.methods.multi_light.confidence import (
-    confidence,
-    depth_sigma,
-    missed_curvature,
-    normal_sigma,
-    photometric_variance,
-    shared_noise,
-)
+from rakelight.methods.multi_light.confidence import depth_sigma, normal_errors
 from rakelight.methods.multi_light.energy import Fit, evaluated, reset_scale
 from rakelight.methods.multi_light.model_selection import cheapest, descents, select_model
 from rakelight.methods.multi_light.noise import (
@@ -168,10 +161,10 @@ def finished(
 
     weight, highlights : the depth weight and what was left out, for the notes
     """
-    fit, active = descent.fit, level.photographs.active
+    fit = descent.fit
     normals, linearization = fine_normals(level, fit)
     albedo = linearization.albedo
-    gain = brightest(albedo[active])
+    gain = brightest(albedo[level.photographs.active])
     lights = fit.lights.brighter(gain).as_lights(level.middle_m)
     notes = [Finding("note", "depth-weight", f"depth weight {weight:.3g} times white noise's")]
     if highlights:
@@ -182,12 +175,11 @@ def finished(
     bas_relief: Floats | float = 0.0
     if not held:
         bas_relief = bas_relief_variance(level, fit.log_depth, fit.lights, moment)
-    curvature, noise = missed_curvature(normals, level.grid), shared_noise(level, fit)
-    local = photometric_variance(level, fit, noise) + curvature
+    confidence, normal_sigma, local = normal_errors(level, fit, normals, bas_relief)
     return Estimate(
         log_depth=fit.log_depth,
         albedo=albedo / gain,
-        confidence=np.where(active, confidence(level, fit, noise, curvature + bas_relief), 0.0),
+        confidence=confidence,
         lights=lights,
         normals=normals,
         energy=descent.energies,
@@ -195,7 +187,7 @@ def finished(
         converged=descent.converged,
         findings=(*light_findings(lights, prepared.names), *notes),
         depth_sigma=depth_sigma(level, fit, prepared, local, moment),
-        normal_sigma=normal_sigma(local + bas_relief),
+        normal_sigma=normal_sigma,
     )
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from rakelight.geometry.camera import back_project
 from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.model import Floats
@@ -26,11 +25,9 @@ def nearest_bas_relief(
 
     equal_intensity_weight : W, of `equal_intensity_energy`
     """
-    nearer, measured = np.exp(-log_depth), level.sensed(np.exp(-level.unbiased_prior))
-    rays = rays_of(level)
-    columns = [level.sensed(each) for each in (nearer, *np.moveaxis(rays, -1, 0))]
+    columns, measured = sensed_columns(level, log_depth)
     root = np.sqrt(level.sensor_weight) / measured
-    weighed = np.stack(columns, axis=-1) * root[:, None]
+    weighed = columns * root[:, None]
     # LAPACK's iterations need not end on values that are not finite.
     left, size, axes = np.linalg.svd(np.asarray_chkfinite(weighed), full_matrices=False)
     determined = size > 1e-12 * size[0]
@@ -52,7 +49,7 @@ def nearest_bas_relief(
         both = (minimize(cost, start, method="L-BFGS-B") for start in starts)
         offset = min(both, key=lambda found: found.fun).x
         transform = nearest + basis @ offset
-    return _transformed(level, log_depth, rays, transform)
+    return _transformed(level, log_depth, transform)
 
 
 def relief_scaling(level: Level, log_depth: Floats) -> Floats:
@@ -61,16 +58,13 @@ def relief_scaling(level: Level, log_depth: Floats) -> Floats:
     With the logarithm of the scale; a plane stays where it is.  The relief is that of inverse
     depth, which a bas-relief transform scales and adds a plane to.
     """
-    nearer, rays = np.exp(-log_depth), rays_of(level)
-    plane = np.linalg.lstsq(rays[level.mask], np.asarray_chkfinite(nearer[level.mask]), rcond=None)[
-        0
-    ]
+    nearer, rays = np.exp(-log_depth), level.rays
+    inside = np.asarray_chkfinite(nearer[level.mask])
+    plane = np.linalg.lstsq(rays[level.mask], inside, rcond=None)[0]
     return np.where(level.mask, rays @ plane / nearer - 1, 0.0)
 
 
-def _transformed(
-    level: Level, log_depth: Floats, rays: Floats, transform: Floats
-) -> tuple[Floats, Floats]:
+def _transformed(level: Level, log_depth: Floats, transform: Floats) -> tuple[Floats, Floats]:
     """(h, w) log depth after the transform (a, g), and the (3, 3) one of the lights.
 
     Unchanged where that would turn the surface around, and where no normal depends on the depth.
@@ -78,7 +72,7 @@ def _transformed(
     from scipy.ndimage import binary_dilation
 
     nearer = np.exp(-log_depth)
-    inverse = np.where(level.mask, transform[0] * nearer + rays @ transform[1:], nearer)
+    inverse = np.where(level.mask, transform[0] * nearer + level.rays @ transform[1:], nearer)
     if not (transform[0] > 0 and inverse.min() > 0):
         return log_depth, np.eye(3)
     seen = binary_dilation(level.photographs.active)
@@ -90,6 +84,11 @@ def lights_transform(level: Level, transform: Floats) -> Floats:
     return np.linalg.inv(transform[0] * np.eye(3) + np.outer(level.middle_m, transform[1:]))
 
 
-def rays_of(level: Level) -> Floats:
-    """(h, w, 3) points of the viewing rays at depth 1 metre."""
-    return back_project(np.ones(level.mask.shape), level.camera)
+def sensed_columns(level: Level, log_depth: Floats) -> tuple[Floats, Floats]:
+    """(M, 4) what a and g multiply in 1/z', as the sensor sees it, and (M,) its own 1/z: 1/metre.
+
+    log_depth : (h, w), log z
+    """
+    parts = (np.exp(-log_depth), *np.moveaxis(level.rays, -1, 0))
+    columns = np.stack([level.sensed(each) for each in parts], axis=-1)
+    return columns, level.sensed(np.exp(-level.unbiased_prior))

@@ -8,13 +8,16 @@ values show it.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
+from rakelight.geometry.cells import cell_sums
 from rakelight.geometry.derivatives import gradient_image
-from rakelight.geometry.normals import normal_derivatives, normals_from_gradient
-from rakelight.methods.base import DARK
+from rakelight.geometry.normals import normal_derivatives
+from rakelight.methods.base import DARK, scatter
 from rakelight.methods.levels import Level
-from rakelight.methods.multi_light.bas_relief import rays_of
+from rakelight.methods.multi_light.bas_relief import sensed_columns
 from rakelight.model import Floats, Mask
 from rakelight.photometry.images import LightParameters
 
@@ -34,11 +37,10 @@ def bas_relief_variance(
     """
     moment = moment[1:, 1:] + lights_moment(level, lights)
     camera, grid = level.camera, level.grid
-    gradient = gradient_image(log_depth, grid)
-    normals, length = normals_from_gradient(gradient[..., 0], gradient[..., 1], camera)
+    normals, length = level.normals(log_depth)
     dn_dg = np.stack(normal_derivatives(normals, length, camera), axis=-1)
     # 1/z' = 1/z + g . ray  changes log depth by  -z g . ray.
-    changes = -np.exp(log_depth)[..., None] * rays_of(level)
+    changes = -np.exp(log_depth)[..., None] * level.rays
     slopes = np.stack([gradient_image(each, grid) for each in np.moveaxis(changes, -1, 0)], axis=-1)
     dn_dtransform = dn_dg @ slopes
     return quadratic_form(dn_dtransform, moment)
@@ -77,11 +79,8 @@ def sensor_correction(
     The sensor's errors are correlated over an unknown area: the covariance is taken with blocks of
     pixels as clusters (Liang and Zeger 1986), of the size that makes it largest.
     """
-    nearer, measured = level.sensed(np.exp(-log_depth)), level.sensed(np.exp(-level.unbiased_prior))
-    columns = [nearer]
-    if not scale_only:
-        columns += [level.sensed(ray) for ray in np.moveaxis(rays_of(level), -1, 0)]
-    design = np.stack(columns, axis=-1) / measured[:, None]
+    columns, measured = sensed_columns(level, log_depth)
+    design = columns[:, : 1 if scale_only else 4] / measured[:, None]
     weight = level.sensor_weight / level.sensor_weight.max()
     error = 1 - design[:, 0]
     inverse = np.linalg.pinv((design * weight[:, None]).T @ design)
@@ -89,7 +88,7 @@ def sensor_correction(
     scores = design * (weight * (error - design @ correction))[:, None]
     where = level.mask if level.averaging is None else level.averaging.covered
     # As step^T step it is symmetric and nowhere negative, also where the inverse is inaccurate.
-    steps = (np.sqrt(scale) * sums @ inverse for scale, sums in _clustered(scores, where))
+    steps = (sums @ inverse for sums in _clustered(scatter(scores, where), where))
     largest = max(
         (step.T @ step for step in steps),
         key=lambda covariance: float(np.trace(covariance[-3:, -3:])),
@@ -124,18 +123,13 @@ def lights_moment(level: Level, lights: LightParameters) -> Floats:
     return np.asarray(max(1 - 1 / max(over_chance, 1e-12), 0.0) * np.outer(g, g))
 
 
-def _clustered(scores: Floats, where: Mask) -> list[tuple[float, Floats]]:
-    """Sums (K, 4) of scores (M, 4) over blocks of the pixels `where`, and K / (K - 4), by size."""
-    rows, columns = np.nonzero(where)
-    found: list[tuple[float, Floats]] = []
+def _clustered(scores: Floats, where: Mask) -> Iterator[Floats]:
+    """(K, 4) sums of scores (h, w, 4) over blocks of growing size, as of a covariance without bias.
+
+    Of the K blocks, those that have pixels `where` give as many values; four numbers are fitted.
+    """
     side = 1
-    while True:
-        blocks = (rows // side) * (where.shape[1] // side + 1) + columns // side
-        _, index = np.unique(blocks, return_inverse=True)
-        count = int(index.max(initial=-1)) + 1
-        if count < FEWEST_BLOCKS:
-            return found
-        sums = np.zeros((count, scores.shape[1]))
-        np.add.at(sums, index, scores)
-        found.append((count / (count - 4), sums))
+    while (count := np.count_nonzero(cell_sums(where.astype(float), side))) >= FEWEST_BLOCKS:
+        sums = cell_sums(scores, side).reshape(-1, scores.shape[-1])
+        yield np.sqrt(count / (count - 4)) * sums
         side *= 2

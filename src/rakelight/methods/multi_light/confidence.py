@@ -18,10 +18,8 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight.geometry.grid import Grid, differences, neighbours
-from rakelight.geometry.normals import normal_lengths, squared_normal_derivative
 from rakelight.methods.base import UNDETERMINED_RAD, photometric_confidence
 from rakelight.methods.levels import Level, sensor_error
-from rakelight.methods.multi_light.bas_relief import rays_of
 from rakelight.methods.multi_light.bas_relief_variance import quadratic_form
 from rakelight.methods.multi_light.energy import Fit
 from rakelight.methods.multi_light.noise import block_variances
@@ -33,6 +31,24 @@ from rakelight.solve.robust import variance_beyond
 TINY = 1e-30
 
 
+def normal_errors(
+    level: Level, fit: Fit, normals: Floats, bas_relief: Floats | float
+) -> tuple[Floats, Floats, Floats]:
+    """(h, w) confidence; expected error of each normal, degrees; and its square, radians^2.
+
+    The square is without the part of the whole shape.  The confidence is `photometric_confidence`.
+    normals : (h, w, 3) the refined ones; bas_relief : (h, w) squared error, radians^2, by the
+        whole shape's transform
+    """
+    active, length = level.photographs.active, level.normals(fit.log_depth)[1]
+    curvature, noise = missed_curvature(normals, level.grid), shared_noise(level, fit)
+    local = photometric_variance(level, fit, noise) + curvature
+    confidence = photometric_confidence(
+        fit.linearization.jtwj, noise, length, level.camera, active, curvature + bas_relief
+    )
+    return np.where(active, confidence, 0.0), normal_sigma(local + bas_relief), local
+
+
 def photometric_variance(level: Level, fit: Fit, noise: Floats) -> Floats:
     """(h, w) expected squared angle, radians^2, of the error of a normal by the photographs' noise.
 
@@ -42,13 +58,9 @@ def photometric_variance(level: Level, fit: Fit, noise: Floats) -> Floats:
     two slopes, and the half of their noise that is not a gradient drops out.  The square of
     `UNDETERMINED_RAD` where the photographs have no information.
     """
-    gradient, camera = fit.surface.gradient, level.camera
-    dn_dg2 = squared_normal_derivative(
-        normal_lengths(gradient[..., 0], gradient[..., 1], camera), camera
-    )
     uu, uv, vv = np.moveaxis(fit.linearization.jtwj, -1, 0)
     determinant = np.maximum(uu * vv - uv**2, TINY)
-    trace = dn_dg2 * noise**2 * (uu + vv) / determinant
+    trace = level.squared_normal_derivative(fit.surface) * noise**2 * (uu + vv) / determinant
     variance = np.minimum(trace / 2, UNDETERMINED_RAD**2)
     return np.where(level.photographs.active, variance, UNDETERMINED_RAD**2)
 
@@ -75,7 +87,7 @@ def depth_sigma(
     """
     depth_m = np.exp(fit.log_depth)
     # 1/z' = a/z + g . ray: derivatives of 1/z' with a and g.
-    derivatives = np.concatenate([1 / depth_m[..., None], rays_of(level)], axis=-1)
+    derivatives = np.concatenate([1 / depth_m[..., None], level.rays], axis=-1)
     whole = depth_m**4 * quadratic_form(derivatives[..., None, :], moment)
 
     length_px = sensor_length(level, fit)
@@ -119,24 +131,6 @@ def shared_noise(level: Level, fit: Fit) -> Floats:
     """
     shared = variance_beyond(fit.noise, fit.linearization.mean_abs_residual)
     return np.asarray(np.sqrt(fit.noise**2 + len(level.photographs) * shared))
-
-
-def confidence(level: Level, fit: Fit, noise: Floats, extra_variance: Floats) -> Floats:
-    """(h, w) from the expected error of each normal; see `photometric_confidence`.
-
-    The photometric variance is averaged with the neighbours', which share its errors.
-    beside : variance, radians^2, that is added after that, such as the whole shape's
-    """
-    gradient, photographs = fit.surface.gradient, level.photographs
-    length = normal_lengths(gradient[..., 0], gradient[..., 1], photographs.camera)
-    return photometric_confidence(
-        fit.linearization.jtwj,
-        noise,
-        length,
-        photographs.camera,
-        photographs.active,
-        extra_variance,
-    )
 
 
 def missed_curvature(normals: Floats, grid: Grid) -> Floats:

@@ -31,12 +31,7 @@ from rakelight.geometry.grid import Links, has_gradient
 from rakelight.methods.base import scatter
 from rakelight.methods.ldr_ps import Factors, LdrPs, factorise, integrable_basis
 from rakelight.methods.levels import Level
-from rakelight.methods.multi_light.bas_relief import rays_of
-from rakelight.methods.multi_light.initial_lights import (
-    LEAST_FACING,
-    bas_relief_of_slopes,
-    prior_normals,
-)
+from rakelight.methods.multi_light.initial_lights import LEAST_FACING, bas_relief_of_slopes
 from rakelight.model import Floats, Mask
 from rakelight.photometry.images import LightParameters
 from rakelight.solve.direct import factorised
@@ -86,7 +81,7 @@ class Problem:
         if level.averaging is not None:
             sensor = level.averaging.matrix(mask)
         return cls(
-            unit[mask], determined[mask], rays_of(level)[mask],
+            unit[mask], determined[mask], level.rays[mask],
             Links.of(level.grid).gradient.tocsr(), np.array([camera.fx, camera.fy]), sensor,
             sensor @ level.unbiased_prior[mask], level.sensor_weight,
         )  # fmt: skip
@@ -211,7 +206,7 @@ def matrices(level: Level, factors: Factors, determined: Mask) -> Iterator[Float
     """
     mask, camera = level.photographs.active, level.camera
     inside = determined[mask]
-    scaled, normals = factors.normals[inside], prior_normals(level)[determined]
+    scaled, normals = factors.normals[inside], level.normals(level.prior)[0][determined]
     unit = scaled / np.maximum(np.linalg.norm(scaled, axis=1, keepdims=True), 1e-30)
     starts = [np.linalg.lstsq(unit, normals, rcond=None)[0].T]
     basis = integrable_basis(factors.normals, mask, determined, camera)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from rakelight.geometry.normals import normals_from_gradient
 from rakelight.methods.levels import Level
 from rakelight.model import Floats, GivenLights
 from rakelight.photometry.images import LightParameters
@@ -31,17 +30,12 @@ def lights_of_prior(level: Level) -> LightParameters:
 
     Without ambient light: the part that is the same on all normals may belong to either.
     """
-    photographs = level.photographs
-    active = photographs.active
-    values = photographs.light(active)
-    good = values >= 0
-    images = np.maximum(values, 0.0)
-    albedo = np.broadcast_to(np.median(images.mean(axis=0), axis=0), images[0].shape)
-    normals, frontal = prior_normals(level)[active], np.array([0.0, 0.0, -1.0])
+    values, colour, normals = _seen(level)
+    albedo, frontal = np.broadcast_to(colour, values[0].shape), np.array([0.0, 0.0, -1.0])
     lights = np.array(
         [
-            estimate_light(image, weight, albedo, normals, frontal)
-            for image, weight in zip(images, good, strict=True)
+            estimate_light(np.maximum(value, 0.0), value >= 0, albedo, normals, frontal)
+            for value in values
         ]
     )
     # Noise of the normals makes light from the camera's side look like ambient light.
@@ -54,36 +48,42 @@ def lights_of_given(level: Level, given: GivenLights) -> LightParameters:
 
     Intensities that are not given fit the prior's normals and an albedo of the median colour.
     """
-    away = given.directions
-    inverse_distance = np.zeros(len(given))
+    directions, scale = np.asarray(given.directions), np.ones(len(given))
     if given.positions_m is not None:
         away = given.positions_m - level.middle_m
-        inverse_distance = 1 / np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)
-    directions = np.asarray(away) * np.where(inverse_distance > 0, inverse_distance, 1.0)[:, None]
+        scale = 1 / np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)
+        directions = away * scale[:, None]
     if given.intensities is None:
         intensity = _intensities(level, directions)[:, None]
     else:
         intensity = given.intensities.reshape(len(given), -1)
-        intensity = intensity * np.where(inverse_distance > 0, inverse_distance, 1.0)[:, None] ** 2
+        intensity = intensity * scale[:, None] ** 2
         intensity = intensity / np.median(intensity, axis=0)
         if np.allclose(intensity, intensity[:, :1], rtol=SAME_COLOUR):
             intensity = intensity.mean(axis=1, keepdims=True)
-    nothing = np.zeros_like(intensity)
-    return LightParameters(directions[:, None] * intensity[..., None], nothing,
-                 nothing + inverse_distance[:, None])  # fmt: skip
+    vector, nothing = directions[:, None] * intensity[..., None], np.zeros_like(intensity)
+    if given.positions_m is None:
+        return LightParameters.distant(vector, nothing)
+    return LightParameters(vector, nothing, nothing + scale[:, None])
 
 
 def _intensities(level: Level, directions: Floats) -> Floats:
     """(N,) least-squares intensities of lights in given directions (N, 3), their median 1."""
-    active = level.photographs.active
-    values = level.photographs.light(active)
-    albedo = np.median(np.maximum(values, 0.0).mean(axis=0), axis=0)
-    shading = np.maximum(prior_normals(level)[active] @ directions.T, 0.0).T[..., None] * albedo
+    values, colour, normals = _seen(level)
+    shading = np.maximum(normals @ directions.T, 0.0).T[..., None] * colour
     good = values >= 0
     products, squares = ((good * shading * each).sum(axis=(1, 2)) for each in (values, shading))
     found = products / np.maximum(squares, np.finfo(float).tiny)
     middle = max(float(np.median(found)), np.finfo(float).tiny)
     return np.asarray(np.maximum(found / middle, LEAST_INTENSITY))
+
+
+def _seen(level: Level) -> tuple[Floats, Floats, Floats]:
+    """Light (N, P, 3) of pixels with a normal, its median colour (3,), the prior's normals."""
+    active = level.photographs.active
+    values = level.photographs.light(active)
+    colour = np.median(np.maximum(values, 0.0).mean(axis=0), axis=0)
+    return values, colour, level.normals(level.prior)[0][active]
 
 
 def bas_relief_of_slopes(scaled: Floats, normals: Floats) -> Floats:
@@ -116,10 +116,3 @@ def bas_relief_of_slopes(scaled: Floats, normals: Floats) -> Floats:
         raise np.linalg.LinAlgError("no slope")
     mu, nu = (target_middle - slope_ratio * middle) / slope_ratio
     return np.array([[1, 0, 0], [0, 1, 0], [mu, nu, 1 / slope_ratio]])
-
-
-def prior_normals(level: Level) -> Floats:
-    """(h, w, 3) normals of the prior."""
-    gradient = level.surface(level.prior).gradient
-    camera = level.camera
-    return normals_from_gradient(gradient[..., 0], gradient[..., 1], camera)[0]

@@ -18,7 +18,6 @@ from scipy.sparse import csr_array, diags_array
 from rakelight.geometry.cells import Cells, cell_sums
 from rakelight.geometry.derivatives import gradient_image
 from rakelight.geometry.grid import Links
-from rakelight.geometry.normals import normal_lengths, squared_normal_derivative
 from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.bas_relief import relief_scaling
 from rakelight.methods.multi_light.energy import (
@@ -147,11 +146,8 @@ def damped_tensor(level: Level, fit: Fit, damping: float, sample: Mask | None = 
     Relative to the median over the pixels of the information on the normal.
     sample : (h, w) the pixels whose M, scaled up, stands for all of them; None for every pixel
     """
-    camera = level.camera
-    gradient, tensor = fit.surface.gradient, fit.linearization.jtwj.copy()
-    length = normal_lengths(gradient[..., 0], gradient[..., 1], camera)
-    dn_dg2 = squared_normal_derivative(length, camera)
-    active = level.photographs.active
+    tensor, active = fit.linearization.jtwj.copy(), level.photographs.active
+    dn_dg2 = level.squared_normal_derivative(fit.surface)
     information = np.median((tensor[..., 0] + tensor[..., 2])[active] / dn_dg2[active])
     damping_term = damping * information * dn_dg2 * active
     if sample is not None:

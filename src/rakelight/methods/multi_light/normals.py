@@ -19,11 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from rakelight.geometry.blur import blurred
-from rakelight.geometry.normals import (
-    normal_lengths,
-    normals_from_gradient,
-    squared_normal_derivative,
-)
+from rakelight.geometry.normals import normals_from_gradient
 from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.energy import Fit
 from rakelight.model import Floats
@@ -61,13 +57,10 @@ def gradient_step(level: Level, fit: Fit, linearized: Callable[[Floats], Lineari
 
     linearized : the photographs' linearization after a correction
     """
-    camera, active = level.camera, level.photographs.active
+    active, dn_dg2 = level.photographs.active, level.squared_normal_derivative(fit.surface)
     (uu, uv, vv), (u, v) = (
         np.moveaxis(each, -1, 0) for each in (fit.linearization.jtwj, fit.linearization.rhs)
     )
-    gradient = fit.surface.gradient
-    length = normal_lengths(gradient[..., 0], gradient[..., 1], camera)
-    dn_dg2 = squared_normal_derivative(length, camera)
     information = np.where(active, uu + vv, 0.0) / dn_dg2
     least = 1e-6 * float(np.median(information[active])) * dn_dg2
     free = np.where(active[..., None], _solved(uu + least, uv, vv + least, u, v), 0.0)

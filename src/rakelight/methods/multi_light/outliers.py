@@ -14,7 +14,6 @@ from functools import cached_property
 import numpy as np
 
 from rakelight.geometry.camera import back_project
-from rakelight.geometry.normals import normals_from_gradient
 from rakelight.methods.levels import Level
 from rakelight.model import Floats, Lights, Mask
 from rakelight.photometry.cast_shadows import in_sight
@@ -50,8 +49,7 @@ class LitSurface:
     @cached_property
     def normals(self) -> Floats:
         """(h, w, 3) camera frame."""
-        gradient = self.level.surface(self.log_depth).gradient
-        return normals_from_gradient(gradient[..., 0], gradient[..., 1], self.level.camera)[0]
+        return self.level.normals(self.log_depth)[0]
 
     @cached_property
     def points_m(self) -> Floats:

@@ -26,13 +26,7 @@ from rakelight.geometry.grid import has_gradient
 from rakelight.methods.base import UNDETERMINED_RAD, Estimate
 from rakelight.methods.levels import Level, finest_level
 from rakelight.methods.multi_light.bas_relief_variance import bas_relief_variance, sensor_moment
-from rakelight.methods.multi_light.confidence import (
-    confidence,
-    missed_curvature,
-    normal_sigma,
-    photometric_variance,
-    shared_noise,
-)
+from rakelight.methods.multi_light.confidence import normal_errors
 from rakelight.methods.multi_light.energy import Fit, first_fit, update_scale
 from rakelight.methods.multi_light.normals import fine_normals
 from rakelight.methods.multi_light.outliers import LitSurface, Outliers, find_outliers
@@ -167,18 +161,16 @@ def refine_tile(
     check()
     normals, linearization = fine_normals(level, fit)
     check()
-    curvature, noise = missed_curvature(normals, level.grid), shared_noise(level, fit)
     bas_relief = carried(whole.bas_relief, prepared, whole)
-    local = photometric_variance(level, fit, noise) + curvature
-    active = level.photographs.active
+    confidence, normal_sigma, _ = normal_errors(level, fit, normals, bas_relief)
     return Estimate(
         log_depth=fit.log_depth,
         albedo=linearization.albedo,
-        confidence=np.where(active, confidence(level, fit, noise, curvature + bas_relief), 0.0),
+        confidence=confidence,
         lights=whole.stated,
         normals=normals,
         depth_sigma=carried_sigma(prepared, whole),
-        normal_sigma=normal_sigma(local + bas_relief),
+        normal_sigma=normal_sigma,
     )
 
 
