@@ -10,7 +10,6 @@ from rakelight.geometry.averaging import Averaging
 from rakelight.methods.levels import finest_level, pyramid
 from rakelight.methods.multi_light.factored_start import (
     Problem,
-    Weighted,
     descended,
     factored_start,
     reweighted,
@@ -41,7 +40,8 @@ def test_the_costs_derivative_is_its_slope():
     given = problem()
     rng = np.random.default_rng(1)
     A = np.eye(3) + 0.1 * rng.normal(size=(3, 3))
-    weighted = reweighted(Weighted(given, given.determined / 0.01, 0.1), A)
+    first = replace(given, slope_weight=given.determined / 0.01, sensor_weight=0.1)
+    weighted = reweighted(first, A)
     _, derivative = weighted.cost(A.ravel())
     for axis in range(9):
         step = 1e-6 * np.eye(9)[axis]
@@ -53,7 +53,7 @@ def test_the_costs_derivative_is_its_slope():
 def test_a_matrix_and_its_multiples_cost_the_same():
     given = problem()
     A = np.eye(3) + 0.1 * np.random.default_rng(1).normal(size=(3, 3))
-    weighted = Weighted(given, given.determined / 0.01, 0.1)
+    weighted = replace(given, slope_weight=given.determined / 0.01, sensor_weight=0.1)
     one, other = (weighted.cost(scale * A.ravel())[0] for scale in (1.0, 7.0))
     assert other == pytest.approx(one, rel=1e-9)
 

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -54,11 +54,13 @@ ROUNDS, BFGS_STEPS = 3, 15
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """The data that a matrix A is fitted to, on the P pixels of a level's mask.
+    """The data that a matrix A is fitted to, on the P pixels of a level's mask, and their weights.
 
     directions (P, 3) of b, unit length; determined (P,) where b is; rays (P, 3) at depth 1
     gradient : sparse (2 P, P), u and v in turn; focal (2,) pixels; sensor : sparse (M, P) K
     target, precision : (M,) log depth z of the sensor, and 1 / variance of it
+    slope_weight : (P,) of f^2 |G p - g|^2; sensor_weight : of (K p - z)^2 / sigma^2.  Under given
+        weights the surface is a linear function of slopes
     """
 
     directions: Floats
@@ -69,6 +71,8 @@ class Problem:
     sensor: Any
     target: Floats
     precision: Floats
+    slope_weight: Floats
+    sensor_weight: float
 
     @classmethod
     def of(cls, level: Level, normals: Floats, determined: Mask) -> Problem:
@@ -76,26 +80,43 @@ class Problem:
         mask, camera = level.mask, level.camera
         length = np.linalg.norm(normals, axis=-1, keepdims=True)
         unit = normals / np.maximum(length, np.finfo(float).tiny)
-        count = np.count_nonzero(mask)
-        sensor = eye_array(count).tocsr()
+        sensor = eye_array(np.count_nonzero(mask)).tocsr()
         if level.averaging is not None:
             sensor = level.averaging.matrix(mask)
-        return cls(
+        problem = cls(
             unit[mask], determined[mask], level.rays[mask],
             Links.of(level.grid).gradient.tocsr(), np.array([camera.fx, camera.fy]), sensor,
-            sensor @ level.unbiased_prior[mask], level.sensor_weight,
+            sensor @ level.unbiased_prior[mask], level.sensor_weight, np.ones(len(unit[mask])), 1.0,
         )  # fmt: skip
+        slopes = 2 * np.count_nonzero(determined[mask])
+        return problem.weighted(
+            problem.determined, slopes * FIRST_SLOPE_RAD**2, FIRST_SENSOR**2 * len(problem.target)
+        )
+
+    def weighted(self, relative: Floats | Mask, slope_sum: float, sensor_sum: float) -> Problem:
+        """The problem with the weights of independent errors that have these sums of squares.
+
+        relative : (P,) weights of slopes, in proportion
+        """
+        slopes, sensor = self.counts
+        weight = slopes / slope_sum * relative
+        return replace(self, slope_weight=weight, sensor_weight=sensor / sensor_sum)
 
     @cached_property
     def counts(self) -> tuple[float, float]:
         """N_g and N_s: numbers of independent slopes and depths."""
-        return 2 * np.count_nonzero(self.determined) / CORRELATION_AREA_PX, len(
-            self.determined
-        ) / CORRELATION_AREA_PX
+        slopes, depths = 2 * np.count_nonzero(self.determined), len(self.determined)
+        return slopes / CORRELATION_AREA_PX, depths / CORRELATION_AREA_PX
 
     def sum_of_squares(self, log_depth: Floats) -> float:
         """sum (K p - z)^2 / sigma^2 of log depth (P,)."""
         return float(self.precision @ (self.sensor @ log_depth - self.target) ** 2)
+
+    def slope_errors(self, residual: Floats) -> tuple[Floats, float]:
+        """(P,) f^2 |G p - g|^2 of residuals (P, 2), and the variance of each slope, robustly."""
+        square = ((residual * self.focal) ** 2).sum(axis=1)
+        middle = float(np.median(square[self.determined])) / (2 * np.log(2))
+        return square, max(middle, LEAST_SLOPE_RAD**2)
 
     def slopes(self, A: Floats) -> tuple[Floats, Floats]:
         """(P, 2) gradients g of log depth under A, and c (P,)."""
@@ -105,58 +126,43 @@ class Problem:
         toward = np.maximum(toward, LEAST_FACING * typical)
         return normals[:, :2] / self.focal / toward[:, None], toward
 
-
-@dataclass(frozen=True, eq=False)
-class Weighted:
-    """A problem with weights under which the surface is a linear function of slopes.
-
-    slope : (P,) weight of f^2 |G p - g|^2; sensor : of (K p - z)^2 / sigma^2
-    """
-
-    problem: Problem
-    slope: Floats
-    sensor: float
-
     @cached_property
     def _factor(self) -> Any:
-        given, along = self.problem, diags_array(self._along)
-        data = diags_array(self.sensor * given.precision)
-        matrix = given.gradient.T @ along @ given.gradient
-        matrix = matrix + given.sensor.T @ data @ given.sensor
+        data = diags_array(self.sensor_weight * self.precision)
+        matrix = self.gradient.T @ diags_array(self._along) @ self.gradient
+        matrix = matrix + self.sensor.T @ data @ self.sensor
         # pixels without slope and sensor would leave the matrix singular
-        matrix = matrix + 1e-9 * float(matrix.diagonal().mean()) * eye_array(len(given.determined))
+        matrix = matrix + 1e-9 * float(matrix.diagonal().mean()) * eye_array(len(self.determined))
         return factorised(matrix.tocsc())
 
     @cached_property
     def _along(self) -> Floats:
-        return (self.slope[:, None] * self.problem.focal**2).ravel()
+        return (self.slope_weight[:, None] * self.focal**2).ravel()
 
     def surface(self, slopes: Floats) -> tuple[Floats, Floats]:
         """(P,) log depth p with slopes (P, 2) nearest to those, and G p - g (P, 2)."""
-        given = self.problem
-        right = given.gradient.T @ (self._along * slopes.ravel())
-        right += given.sensor.T @ (self.sensor * given.precision * given.target)
+        right = self.gradient.T @ (self._along * slopes.ravel())
+        right += self.sensor.T @ (self.sensor_weight * self.precision * self.target)
         log_depth = self._factor.solve(right)
-        return log_depth, (given.gradient @ log_depth).reshape(-1, 2) - slopes
+        return log_depth, (self.gradient @ log_depth).reshape(-1, 2) - slopes
 
     def cost(self, flat: Floats) -> tuple[float, Floats]:
         """The sums under these weights for A, flat (9,), and their derivatives (9,).
 
         p minimises the sums for every A, so its derivative drops out (envelope theorem).
         """
-        given, A = self.problem, flat.reshape(3, 3)
-        slopes, toward = given.slopes(A)
+        A = flat.reshape(3, 3)
+        slopes, toward = self.slopes(A)
         log_depth, residual = self.surface(slopes)
-        share = given.counts[0] / np.count_nonzero(given.determined) * given.determined
+        share = self.counts[0] / np.count_nonzero(self.determined) * self.determined
         volume = np.linalg.slogdet(A)[1] - 3 * np.log(toward)
-        value = float(
-            self._along @ residual.ravel() ** 2 + self.sensor * given.sum_of_squares(log_depth)
-        )
-        by_slopes = -2 * self.slope[:, None] * given.focal**2 * residual
+        sensor = self.sensor_weight * self.sum_of_squares(log_depth)
+        value = float(self._along @ residual.ravel() ** 2 + sensor)
+        by_slopes = -2 * self.slope_weight[:, None] * self.focal**2 * residual
         by_toward = (3 * share - np.sum(by_slopes * slopes, axis=1)) / toward
-        by_normals = -by_toward[:, None] * given.rays
-        by_normals[:, :2] += by_slopes / given.focal / toward[:, None]
-        derivative = by_normals.T @ given.directions - share.sum() * np.linalg.inv(A).T
+        by_normals = -by_toward[:, None] * self.rays
+        by_normals[:, :2] += by_slopes / self.focal / toward[:, None]
+        derivative = by_normals.T @ self.directions - share.sum() * np.linalg.inv(A).T
         return value - float(share @ volume), derivative.ravel()
 
 
@@ -227,38 +233,27 @@ def descended(problem: Problem, A: Floats) -> Candidate:
     """The local minimum that BFGS finds from A, the weights estimated again after each round."""
     from scipy.optimize import minimize
 
-    count = np.count_nonzero(problem.determined)
     A = A / np.cbrt(abs(np.linalg.det(A)))
-    slopes, sensor = problem.counts
-    weighted = Weighted(
-        problem, slopes / (2 * count * FIRST_SLOPE_RAD**2) * problem.determined,
-        sensor / (FIRST_SENSOR**2 * len(problem.target)),
-    )  # fmt: skip
     for _ in range(ROUNDS):
         # SciPy's "BFGS" changes the filter of warnings, which other threads share, while it runs.
         A = minimize(
-            weighted.cost, A.ravel(), jac=True, method="L-BFGS-B",
+            problem.cost, A.ravel(), jac=True, method="L-BFGS-B",
             options={"maxiter": BFGS_STEPS, "maxcor": A.size},
         ).x.reshape(3, 3)  # fmt: skip
         A /= np.cbrt(abs(np.linalg.det(A)))
-        weighted = reweighted(weighted, A)
-    log_depth, residual = weighted.surface(problem.slopes(A)[0])
+        problem = reweighted(problem, A)
+    log_depth, residual = problem.surface(problem.slopes(A)[0])
     return Candidate(A, log_depth, comparable_cost(problem, A, log_depth, residual))
 
 
-def reweighted(weighted: Weighted, A: Floats) -> Weighted:
-    """The weights, estimated again from the residuals at A."""
-    problem = weighted.problem
-    log_depth, residual = weighted.surface(problem.slopes(A)[0])
-    square = ((residual * problem.focal) ** 2).sum(axis=1)
-    middle = float(np.median(square[problem.determined])) / (2 * np.log(2))
-    weight = problem.determined / (1 + square / (FREEDOM * max(middle, LEAST_SLOPE_RAD**2)))
+def reweighted(problem: Problem, A: Floats) -> Problem:
+    """The problem with its weights estimated again, from the residuals at A."""
+    log_depth, residual = problem.surface(problem.slopes(A)[0])
+    square, variance = problem.slope_errors(residual)
+    relative = problem.determined / (1 + square / (FREEDOM * variance))
     least = 2 * np.count_nonzero(problem.determined) * LEAST_SLOPE_RAD**2
-    slopes, sensor = problem.counts
-    return Weighted(
-        problem, slopes / (float(weight @ square) + least) * weight,
-        sensor / (problem.sum_of_squares(log_depth) + len(problem.target)),
-    )  # fmt: skip
+    sensor_sum = problem.sum_of_squares(log_depth) + len(problem.target)
+    return problem.weighted(relative, float(relative @ square) + least, sensor_sum)
 
 
 def comparable_cost(problem: Problem, A: Floats, log_depth: Floats, residual: Floats) -> float:
@@ -266,11 +261,12 @@ def comparable_cost(problem: Problem, A: Floats, log_depth: Floats, residual: Fl
 
     log_depth (P,), residual (P, 2) : the surface of A, and its slopes minus those of A
     """
-    square = ((residual * problem.focal) ** 2).sum(axis=1)[problem.determined]
-    scale = max(float(np.median(square)) / (2 * np.log(2)), LEAST_SLOPE_RAD**2)
-    tails = np.mean(0.5 * (FREEDOM + 2) * np.log1p(square / (FREEDOM * scale))) + np.log(scale)
+    determined = problem.determined
+    square, variance = problem.slope_errors(residual)
+    outside = np.log1p(square[determined] / (FREEDOM * variance))
+    tails = np.mean(0.5 * (FREEDOM + 2) * outside) + np.log(variance)
     _, toward = problem.slopes(A)
-    volume = np.linalg.slogdet(A)[1] - 3 * float(np.mean(np.log(toward[problem.determined])))
+    volume = np.linalg.slogdet(A)[1] - 3 * float(np.mean(np.log(toward[determined])))
     slopes, sensor = problem.counts
     sum_of_squares = np.log1p(problem.sum_of_squares(log_depth) / len(problem.target))
     return float(slopes * (tails - volume) + sensor * sum_of_squares)
