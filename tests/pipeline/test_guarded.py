@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rakelight import CaptureError, Lights, load_capture, refine
+from rakelight import CaptureError, load_capture, refine
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods.base import require_photographs
 from rakelight.metrics import evaluate_maps
@@ -132,11 +132,10 @@ def test_a_suspect_is_left_out_only_where_that_helps_the_others(others, left):
         else:
             errors *= others
         ones = np.ones(len(prepared))
-        return Prediction(errors, 10 * errors, 0.5 * ones, 0.2 * ones, lights)
+        return Prediction(errors, 10 * errors, 0.5 * ones, 0.2 * ones)
 
     def run(prepared, options, progress):
-        lights = Lights(np.zeros((len(prepared), 1, 3)), np.zeros((len(prepared), 1)))
-        return replace(kept(prepared, lights, NO_BETTER), findings=())
+        return replace(kept(prepared, NO_BETTER), findings=())
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys.modules["rakelight.pipeline.guarded"], "predict", predict)
@@ -152,12 +151,11 @@ def test_a_suspect_stays_where_the_method_does_not_take_fewer():
     def predict(prepared, depth_m, normals, lights):
         errors, ones = np.full(len(prepared), 0.01), np.ones(len(prepared))
         errors[3] = 0.04
-        return Prediction(errors, 10 * errors, 0.5 * ones, 0.2 * ones, lights)
+        return Prediction(errors, 10 * errors, 0.5 * ones, 0.2 * ones)
 
     def run(prepared, options, progress):
         require_photographs(prepared, "method", 8)
-        lights = Lights(np.zeros((len(prepared), 1, 3)), np.zeros((len(prepared), 1)))
-        return replace(kept(prepared, lights, NO_BETTER), findings=())
+        return replace(kept(prepared, NO_BETTER), findings=())
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys.modules["rakelight.pipeline.guarded"], "predict", predict)

@@ -22,7 +22,6 @@ from rakelight.pipeline.held_back import (
     Prediction,
     kept,
     predict,
-    prepared_lights,
 )
 from rakelight.prepare import Prepared
 
@@ -77,8 +76,7 @@ def guarded(
         prepared, estimate, prediction = rest, without, then
     if reason := reason_to_keep(prepared, estimate, prediction):
         findings += [each for each in estimate.findings if each.severity == "warning"]
-        lights = prepared_lights(prepared) if prediction is None else prediction.prepared_lights
-        estimate = kept(prepared, lights, reason)
+        estimate = kept(prepared, reason)
     return prepared, replace(estimate, findings=(*findings, *estimate.findings))
 
 

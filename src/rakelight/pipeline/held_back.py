@@ -75,14 +75,12 @@ class Prediction:
         NaN for a photograph without usable values
     brightness, variation : (N,) mean of the usable values, and their median deviation from their
         median
-    prepared_lights : fitted to the photographs by the prepared depth
     """
 
     refined: Floats
     prepared: Floats
     brightness: Floats
     variation: Floats
-    prepared_lights: Lights
 
     @property
     def gain(self) -> float:
@@ -136,15 +134,14 @@ def predict(
         sample, shading, np.broadcast_to(slopes, (*shape, 2)), there - here,
         squared_normal_derivative(length, prepared.camera),
     )  # fmt: skip
-    prepared_lights = _lights_of(sample, sample.of(before))
-    plain = np.broadcast_to(shadings(sample.of(before), points, prepared_lights), shape)
+    lights = _lights_of(sample, sample.of(before))
+    plain = np.broadcast_to(shadings(sample.of(before), points, lights), shape)
     errors = _left_out(sample, plain)
     return Prediction(
         refined=_of_each(refined, sample.good, np.median),
         prepared=_of_each(errors, sample.good, np.median),
         brightness=_of_each(sample.images, sample.good, np.mean),
         variation=_of_each(sample.images, sample.good, _deviation),
-        prepared_lights=prepared_lights,
     )
 
 
@@ -155,12 +152,12 @@ def prepared_lights(prepared: Prepared) -> Lights:
     return _lights_of(sample, sample.of(normals))
 
 
-def kept(prepared: Prepared, lights: Lights, reason: Finding) -> Estimate:
-    """The prepared depth as an estimate, with the albedo that explains the photographs by it.
+def kept(prepared: Prepared, reason: Finding) -> Estimate:
+    """The prepared depth as an estimate, with the lights and albedo that explain the photographs.
 
-    lights : fitted likewise; reason : why it is kept.  The confidence is 0: the photographs
-        determine nothing.
+    reason : why it is kept.  The confidence is 0: the photographs determine nothing.
     """
+    lights = prepared_lights(prepared)
     normals = surface_normals(prepared.depth_m, prepared.mask, prepared.camera)[prepared.mask]
     points = back_project(prepared.depth_m, prepared.camera)[prepared.mask]
     albedo = np.zeros((*prepared.mask.shape, 3))
