@@ -55,7 +55,7 @@ class Fit:
 
     scales : (h, w) of the Cauchy losses; noise : standard deviation of a value, which weighs the
         priors; energy : the sum of all terms
-    fourth_difference : (2, h, w) an eighth of it along u and v; fourth_difference_weight (2, h, w)
+    fourth_difference_weight : (2, h, w) of its squares along u and v
     model : which of the lights' numbers are free
     equal_intensity_weight : W, of `equal_intensity_energy`
     depth_damping, joint_damping, lights_damping : of the next step of each kind
@@ -69,7 +69,6 @@ class Fit:
     noise: float
     energy: float
     fourth_difference_weight: Floats
-    fourth_difference: Floats
     model: LightModel = FREE
     equal_intensity_weight: float = 0.0
     depth_damping: Damping = OF_DEPTH
@@ -86,10 +85,8 @@ def first_fit(
     """
     surface = level.surface(log_depth)
     plain = level.photographs.linearize(surface, lights)
-    nothing = np.zeros((2, *level.mask.shape))
-    start = Fit(
-        log_depth, lights, surface, plain, nothing[0], 0.0, 0.0, nothing, nothing, model
-    )  # fmt: skip
+    no_loss = np.zeros(level.mask.shape)
+    start = Fit(log_depth, lights, surface, plain, no_loss, 0.0, 0.0, no_loss, model)
     return update_scale(level, start)
 
 
@@ -130,12 +127,9 @@ def evaluated(
     """The state at another depth and other lights, under the same loss."""
     surface = level.surface(log_depth)
     linearization = level.photographs.linearize(
-        surface,
-        lights,
-        scale=fit.scales,
-        start=fit.linearization.albedo,
+        surface, lights, scale=fit.scales, start=fit.linearization.albedo,
         with_light_slope=with_light_slope,
-    )
+    )  # fmt: skip
     fourth_difference = fourth_difference_term(level, log_depth)
     fourth_difference_energy = float(
         np.vdot(fit.fourth_difference_weight * fourth_difference, fourth_difference)
@@ -145,7 +139,7 @@ def evaluated(
     energy = linearization.energy + fourth_difference_energy + prior
     return replace(
         fit, log_depth=log_depth, lights=lights, surface=surface, linearization=linearization,
-        energy=energy, fourth_difference=fourth_difference,
+        energy=energy,
     )  # fmt: skip
 
 
@@ -178,9 +172,8 @@ def depth_system(level: Level, fit: Fit, tensor: Floats) -> DepthSystem:
 
 def fourth_difference_gradient(level: Level, fit: Fit) -> Floats:
     """(h, w) half the derivatives of the fourth differences' energy with log depth."""
-    return fourth_difference_term_transposed(
-        level, fit.fourth_difference_weight * fit.fourth_difference
-    )
+    weighted = fit.fourth_difference_weight * fourth_difference_term(level, fit.log_depth)
+    return fourth_difference_term_transposed(level, weighted)
 
 
 def depth_negative_gradient(level: Level, fit: Fit) -> Floats:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight.methods.base import DARK
-from rakelight.model import Floats, Mask
+from rakelight.model import Array, Floats
 from rakelight.photometry.images import LightParameters
 
 # Degrees of freedom that are not evidence: the mean of the intensities and three numbers of a
@@ -35,9 +35,8 @@ def equal_intensity_energy(vectors: Floats) -> float:
     >>> equal_intensity_energy(equal) < equal_intensity_energy(differing)
     True
     """
-    deviation, reaching = _deviations(vectors)
-    variance = float((deviation**2).sum()) / max(int(np.count_nonzero(reaching)), 1)
-    return float(_degrees_of_freedom(reaching) * np.log(variance + LEAST_LOG_SIGMA**2))
+    _, _, freedom, variance = _log_intensities(vectors)
+    return float(freedom * np.log(variance))
 
 
 def equal_intensity_derivatives(lights: LightParameters, parameters: int) -> tuple[Floats, Floats]:
@@ -46,36 +45,27 @@ def equal_intensity_derivatives(lights: LightParameters, parameters: int) -> tup
     parameters : number of each light's parameters, the vector's three first; K counts all
     """
     count, channels = lights.ambient.shape
-    deviation, reaching = _deviations(lights.vector)
-    count_reaching = max(int(np.count_nonzero(reaching)), 1)
-    weight = (
-        _degrees_of_freedom(reaching)
-        / count_reaching
-        / ((deviation**2).sum() / count_reaching + LEAST_LOG_SIGMA**2)
-    )
+    deviation, each, freedom, variance = _log_intensities(lights.vector)
+    weight = freedom / max(len(each), 1) / variance
     mean = lights.vector.mean(axis=1)
     # Of the logarithm of |mean over the channels|.
     along = mean / np.maximum((mean**2).sum(axis=-1, keepdims=True), np.finfo(float).tiny)
     own = np.zeros((count, count, channels, parameters))
-    each = np.flatnonzero(reaching)
     own[each, each, :, :3] = along[each, None] / channels
     slopes = own.reshape(count, -1)[each]
-    slopes -= slopes.sum(axis=0) / count_reaching
+    slopes -= slopes.sum(axis=0) / max(len(each), 1)
     return weight * deviation[each] @ slopes, weight * slopes.T @ slopes
 
 
-def _degrees_of_freedom(reaching: Mask) -> int:
-    """N - 4, the degrees of freedom of the variance, or 0."""
-    return max(int(np.count_nonzero(reaching)) - GAUGE_FREEDOM, 0)
+def _log_intensities(vectors: Floats) -> tuple[Floats, Array, int, float]:
+    """(N,) log intensities less their mean; which lights count; N - 4, if above 0; the variance.
 
-
-def _deviations(vectors: Floats) -> tuple[Floats, Mask]:
-    """(N,) log intensities less their mean, and which lights reach the object.
-
-    0 for those that do not.
+    Lights that do not reach the object do not count: 0.
     """
     size = np.linalg.norm(vectors.mean(axis=1), axis=-1)
     reaching = size >= DARK * max(float(np.median(size)), np.finfo(float).tiny)
-    log = np.log(np.where(reaching, size, 1.0))
-    deviation = np.where(reaching, log - log.sum() / max(np.count_nonzero(reaching), 1), 0.0)
-    return deviation, reaching
+    log, each = np.log(np.where(reaching, size, 1.0)), np.flatnonzero(reaching)
+    count = max(len(each), 1)
+    deviation = np.where(reaching, log - log.sum() / count, 0.0)
+    variance = float((deviation**2).sum()) / count + LEAST_LOG_SIGMA**2
+    return deviation, each, max(len(each) - GAUGE_FREEDOM, 0), variance

@@ -62,7 +62,7 @@ def after_joint_step(level: Level, fit: Fit, most_cells: int, damping: float) ->
     `project_bas_relief` sets the transform, and the depth's derivatives, of all pixels, keep this
     step from drifting where errors of the model lead.
     """
-    cell = cell_size(level, most_cells)
+    cell = max(1, int(np.ceil(np.sqrt(np.count_nonzero(level.mask) / most_cells))))
     cells, most = Cells.on(level.mask, cell), 2 * most_cells
     sample = level.photographs.subsample(most) if fit.model.near else None
     tensor = damped_tensor(level, fit, damping, sample)
@@ -105,11 +105,6 @@ def after_joint_step(level: Level, fit: Fit, most_cells: int, damping: float) ->
         step += relief_change * relief
     moved = fit.model.moved(fit.lights, numbers)
     return evaluated(level, fit, level.placed(fit.log_depth + step), moved)
-
-
-def cell_size(level: Level, most_cells: int) -> int:
-    """Pixels along each side of the cells in which a joint step moves the depth."""
-    return max(1, int(np.ceil(np.sqrt(np.count_nonzero(level.mask) / most_cells))))
 
 
 def field_matrix(

@@ -60,7 +60,8 @@ def select_model(
     best = cheapest(level, [each for fit in begins for each in along(stage, least, fit)])
     if options.lights != "white":
         coloured = along("try coloured lights", least, with_coloured_lights(best.fit))[0]
-        if options.lights == "coloured" or explains_more(coloured.fit, best.fit):
+        freer, white = (each.fit.linearization.noise_sigma for each in (coloured, best))
+        if options.lights == "coloured" or freer < (1 - LEAST_GAIN) * white:
             best, begins = coloured, [with_coloured_lights(fit) for fit in begins]
     choices = [best, *along("try a larger depth weight", larger, best.fit)]
     if options.distance != "distant" and best.fit.model.directions is None:
@@ -154,23 +155,13 @@ def starts(level: Level, given: GivenLights | None) -> Iterator[Fit]:
     """The states to begin with: distant lights, white unless given otherwise, one ambient ratio."""
     if given is None or not given.fixed:
         yield first_fit(level, level.prior, lights_of_prior(level), SHARED_AMBIENT)
-        factored = factored_fit(level)
-        if factored is not None:
-            yield factored
+        small = level if np.count_nonzero(level.mask) <= FACTORED_PIXELS else level.halved()
+        if factored := factored_start(small):
+            log_depth, lights = factored
+            log_depth = log_depth if small is level else level.carried(small, log_depth)
+            yield first_fit(level, log_depth, lights, SHARED_AMBIENT)
     if given is not None:
         yield given_fit(level, given)
-
-
-def factored_fit(level: Level) -> Fit | None:
-    """The state at the photographs' factorisation, or None; see `factored_start`."""
-    small = level if np.count_nonzero(level.mask) <= FACTORED_PIXELS else level.halved()
-    found = factored_start(small)
-    if found is None:
-        return None
-    log_depth, lights = found
-    if small is not level:
-        log_depth = level.carried(small, log_depth)
-    return first_fit(level, log_depth, lights, SHARED_AMBIENT)
 
 
 def given_fit(level: Level, given: GivenLights) -> Fit:
@@ -186,11 +177,6 @@ def given_fit(level: Level, given: GivenLights) -> Fit:
     held = replace(SHARED_AMBIENT, directions=directions)
     fit = refine_lights(level, first_fit(level, level.prior, lights, held))
     return fit if given.fixed else replace(fit, model=SHARED_AMBIENT)
-
-
-def explains_more(freer: Fit, simpler: Fit) -> bool:
-    """Whether residuals under freer lights are smaller by more than `LEAST_GAIN`."""
-    return freer.linearization.noise_sigma < (1 - LEAST_GAIN) * simpler.linearization.noise_sigma
 
 
 def plausible(level: Level, lights: LightParameters) -> bool:

@@ -86,8 +86,6 @@ class Outliers:
         level, photographs = surface.level, surface.level.photographs
         if not self:
             return level
-        if not self.highlights:
-            return replace(level, photographs=photographs.cleared(self.hidden))
         normals, points = (
             image[photographs.active] for image in (surface.normals, surface.points_m)
         )
@@ -97,7 +95,9 @@ class Outliers:
             incident = arriving(surface.lights.of(photograph), points)
             return np.asarray(self.highlights.light(normals, points, incident)[0])
 
-        cleared = photographs.cleared(self.hidden, specular, self.highlights.largest_fraction)
+        cleared = photographs.cleared(
+            self.hidden, specular if self.highlights else None, self.highlights.largest_fraction
+        )
         return replace(level, photographs=cleared)
 
 
