@@ -8,10 +8,11 @@ is slow along the bas-relief valley, in which lights and depth have to move toge
 is not.  Coarse to fine; Cauchy weights per photograph, pixel and channel; cast shadows and
 highlights are predicted and left out.
 
-The files, in the order of reading: energy.py (what is minimised, and its derivatives), steps.py
-and joint_step.py (Gauss-Newton steps, and the loop over them), bas_relief.py (what photographs
-leave open), model_selection.py (which lights, which start, what depth weight), noise.py (both
-error models), outliers.py, confidence.py, normals.py.
+The files, in the order of reading: energy.py (what is minimised, and its derivatives),
+light_model.py (which numbers of the lights are free), steps.py and joint_step.py (Gauss-Newton
+steps, and the loop over them), bas_relief.py (what photographs leave open), model_selection.py
+(which lights, which start, what depth weight), noise.py (both error models), outliers.py,
+confidence.py, normals.py.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ from rakelight.methods.multi_light.normals import fine_normals
 from rakelight.methods.multi_light.options import MultiLight
 from rakelight.methods.multi_light.outliers import remove_outliers
 from rakelight.methods.multi_light.steps import Descent, descend
-from rakelight.model import Finding, Floats, ProgressCallback
+from rakelight.model import Finding, ProgressCallback
 from rakelight.photometry.specular import Highlights, trim_brightest
 from rakelight.prepare import Prepared
 
@@ -66,13 +67,7 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     descent = select_model(coarse, weights, options, progress, stage(coarsest), prepared.lights)
     # 2. Without the highlights and cast shadows that this fit predicts, the weight is chosen again:
     # they had been errors of the photographs.
-    clear, fit, highlights = without_outliers(coarse, descent.fit)
-    if highlights:
-        fit = refit_without_brightest(coarse.weighted(weights[0]), fit, options, progress)
-        clear, fit, _ = without_outliers(coarse, fit)
-    if fit is not descent.fit:
-        again = descents(clear, options, progress, stage(coarsest), weights, fit)
-        descent = cheapest(clear, again)
+    descent = without_its_outliers(coarse, descent, weights, options, progress, stage(coarsest))
     weight = descent.weight / factor
     levels = [each.weighted(weight * COARSER_WEIGHT**k) for k, each in enumerate(levels)]
 
@@ -128,25 +123,37 @@ def coarsest_level(levels: Sequence[Level]) -> tuple[Level, float]:
     return levels[-1].weighted(1 / averaged), averaged * COARSER_WEIGHT ** (len(levels) - 1)
 
 
+def without_its_outliers(
+    level: Level,
+    descent: Descent,
+    weights: Sequence[float],
+    options: MultiLight,
+    progress: ProgressCallback,
+    stage: str,
+) -> Descent:
+    """The cheapest descent, under each weight, without the outliers that this descent predicts.
+
+    Itself where it predicts none.
+    """
+    clear, fit, highlights = without_outliers(level, descent.fit)
+    if highlights:
+        # Where they bent the surface, it predicts them in the wrong place: first steps without the
+        # brightest of each pixel's values (rank trimming).
+        least = level.weighted(weights[0])
+        dim = replace(least, photographs=trim_brightest(level.photographs))
+        found = descend(dim, reset_scale(dim, fit), options, progress, "try without the brightest")
+        clear, fit, _ = without_outliers(level, reset_scale(level, found.fit))
+    if fit is descent.fit:
+        return descent
+    return cheapest(clear, descents(clear, options, progress, stage, weights, fit))
+
+
 def without_outliers(level: Level, fit: Fit) -> tuple[Level, Fit, Highlights]:
     """`remove_outliers` at a state, and the state on what is left, its robust scale reset."""
     clear, highlights = remove_outliers(level, fit.log_depth, fit.lights)
     if clear is not level:
         fit = reset_scale(clear, fit)
     return clear, fit, highlights
-
-
-def refit_without_brightest(
-    level: Level, fit: Fit, options: MultiLight, progress: ProgressCallback
-) -> Fit:
-    """The fit to all values after steps without the brightest of each pixel (rank trimming).
-
-    Where highlights bent the surface, it predicts them in the wrong place.
-    """
-    trimmed = replace(level, photographs=trim_brightest(level.photographs))
-    start = reset_scale(trimmed, fit)
-    found = descend(trimmed, start, options, progress, "try without the brightest")
-    return reset_scale(level, found.fit)
 
 
 def stage(index: int) -> str:
@@ -172,9 +179,8 @@ def finished(
         notes.append(Finding("note", "highlights", f"highlights up to {height}, left out"))
     held = fit.model.directions is not None
     moment = sensor_moment(level, fit.log_depth, scale_only=held)
-    bas_relief: Floats | float = 0.0
-    if not held:
-        bas_relief = bas_relief_variance(level, fit.log_depth, fit.lights, moment)
+    free = None if held else fit.lights
+    bas_relief = bas_relief_variance(level, fit.log_depth, free, moment)
     confidence, normal_sigma, local = normal_errors(level, fit, normals, bas_relief)
     return Estimate(
         log_depth=fit.log_depth,

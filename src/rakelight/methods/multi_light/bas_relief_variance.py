@@ -29,13 +29,14 @@ LIGHTS_NEEDED = 6
 
 
 def bas_relief_variance(
-    level: Level, log_depth: Floats, lights: LightParameters, moment: Floats
+    level: Level, log_depth: Floats, lights: LightParameters | None, moment: Floats
 ) -> Floats:
     """(h, w) expected squared error of the normals, radians^2, by the bas-relief transform alone.
 
     log_depth : (h, w) of the refined surface; moment : (4, 4) its `sensor_moment`
+    lights : None where their directions are given, which leave nothing but the scale open
     """
-    moment = moment[1:, 1:] + lights_moment(level, lights)
+    moment = moment[1:, 1:] + (0.0 if lights is None else lights_moment(level, lights))
     camera, grid = level.camera, level.grid
     normals, length = level.normals(log_depth)
     dn_dg = np.stack(normal_derivatives(normals, length, camera), axis=-1)

@@ -32,7 +32,7 @@ TINY = 1e-30
 
 
 def normal_errors(
-    level: Level, fit: Fit, normals: Floats, bas_relief: Floats | float
+    level: Level, fit: Fit, normals: Floats, bas_relief: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """(h, w) confidence; expected error of each normal, degrees; and its square, radians^2.
 

@@ -113,13 +113,10 @@ def whole_of(prepared: Prepared, estimate: Estimate, shrink: int) -> Whole:
     if lights.position_m is not None and lights.middle_m is not None:
         away = np.linalg.norm(lights.position_m - lights.middle_m, axis=-1)
         inverse_distance = np.where(away < 0.99 * FARTHEST_M, 1 / away, 0.0)
-    given = prepared.lights
-    held = given is not None and given.fixed
+    held = prepared.lights is not None and prepared.lights.fixed
     parameters = LightParameters(lights.vector, lights.ambient, inverse_distance)
-    bas_relief: Floats = np.zeros(log_depth.shape)
-    if not held:
-        moment = sensor_moment(level, log_depth)
-        bas_relief = bas_relief_variance(level, log_depth, parameters, moment)
+    moment = sensor_moment(level, log_depth, scale_only=held)
+    bas_relief = bas_relief_variance(level, log_depth, None if held else parameters, moment)
     return Whole(
         shrink=shrink,
         row=prepared.rows.start,
