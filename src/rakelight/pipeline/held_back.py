@@ -33,6 +33,7 @@ from rakelight.methods.base import Estimate, brightest
 from rakelight.model import MAD_TO_SIGMA, Array, Camera, Finding, Floats, Lights, Mask
 from rakelight.photometry.forward import arriving, least_squares_albedo, shadings
 from rakelight.photometry.lighting import estimate_light
+from rakelight.pipeline.prediction import sampled_pixels
 from rakelight.prepare import Prepared
 
 # Largest ratio of the error of held-back photographs by the refined surface to that by the prepared
@@ -178,13 +179,8 @@ def kept(prepared: Prepared, reason: Finding) -> Estimate:
 
 def _sample(prepared: Prepared, finite: Mask) -> _Sample:
     """Values of about `SAMPLE_PIXELS` of the pixels (h, w) that have normals, evenly spaced."""
-    chosen = np.flatnonzero(finite)
-    chosen = chosen[:: max(1, -(-len(chosen) // SAMPLE_PIXELS))]
-    sampled = np.zeros_like(prepared.mask)
-    sampled.flat[chosen] = True
-    sample = replace(prepared, mask=sampled)
-    images, good = zip(*(sample.pixels(i) for i in range(len(prepared))), strict=True)
-    return _Sample(np.stack(images).astype(np.float64), np.stack(good), chosen)
+    chosen, images, good = sampled_pixels(prepared, finite, SAMPLE_PIXELS)
+    return _Sample(images.astype(np.float64), good, chosen)
 
 
 def _derivatives(normals: Floats, camera: Camera, sample: _Sample) -> tuple[Floats, Floats]:

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from rakelight.geometry.camera import back_project
-from rakelight.model import Floats, Lights, Mask
+from rakelight.model import Array, Floats, Lights, Mask
 from rakelight.photometry.forward import shadings
 from rakelight.prepare import Prepared
 
@@ -37,16 +37,25 @@ def prediction_errors(
     """
     if len(prepared) < LEAST_PHOTOGRAPHS or len(lights) != len(prepared):
         return ()
-    chosen = np.flatnonzero(prepared.mask)
-    chosen = chosen[:: max(1, -(-len(chosen) // MOST_PIXELS))]
+    chosen, images, good = sampled_pixels(prepared, prepared.mask, MOST_PIXELS)
     points = back_project(depth_m, prepared.camera)
     shading = shadings(normals.reshape(-1, 3)[chosen], points.reshape(-1, 3)[chosen], lights)
+    return leave_one_out(images, good, shading)
+
+
+def sampled_pixels(prepared: Prepared, where: Mask, most: int) -> tuple[Array, Floats, Mask]:
+    """Indices (P,) of about `most` pixels of a mask (h, w), evenly spaced, and their values.
+
+    The indices count the window's pixels row by row; values : (N, P, 3) linear light, and which of
+    it is usable
+    """
+    chosen = np.flatnonzero(where)
+    chosen = chosen[:: max(1, -(-len(chosen) // most))]
     sampled = np.zeros_like(prepared.mask)
     sampled.flat[chosen] = True
     sample = replace(prepared, mask=sampled)
-    seen = [sample.pixels(i) for i in range(len(prepared))]
-    images, good = (np.stack(part) for part in zip(*seen, strict=True))
-    return leave_one_out(images, good, shading)
+    images, good = zip(*(sample.pixels(i) for i in range(len(prepared))), strict=True)
+    return chosen, np.stack(images), np.stack(good)
 
 
 def leave_one_out(images: Floats, good: Mask, shading: Floats) -> tuple[float, ...]:
