@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rakelight.geometry.normals import normals_from_gradient
 from rakelight.methods.base import (
     Estimate,
     Method,
@@ -132,7 +131,7 @@ def light_and_albedo(
         hessian, slope, _ = photographs.light_terms(
             surface, lights, albedo, project=False, subsampling=subsampling
         )
-        before = np.concatenate([lights.vector, lights.ambient[..., None]], axis=-1)[:, 0]
+        before = np.delete(lights.numbers, 3, axis=-1)[:, 0]
         solved = [
             least_squares_light(hessian[k : k + 4, k : k + 4], slope[k : k + 4], light)
             for k, light in zip(range(0, len(slope), 4), before, strict=True)
@@ -175,16 +174,12 @@ def depth(level: Level, fit: Fit) -> Solution:
 
 def finished(level: Level, fit: Fit, energies: list[float], converged: bool) -> Estimate:
     """The estimate that `fit` is."""
-    photographs = level.photographs
-    gradient = fit.surface.gradient
-    _, length = normals_from_gradient(gradient[..., 0], gradient[..., 1], photographs.camera)
-    confidence = photometric_confidence(
-        fit.linearization.jtwj, fit.noise, length, photographs.camera
-    )
+    _, length = level.normals(fit.log_depth)
+    confidence = photometric_confidence(fit.linearization.jtwj, fit.noise, length, level.camera)
     return Estimate(
         log_depth=fit.log_depth,
         albedo=fit.linearization.albedo,
-        confidence=np.where(photographs.active, confidence, 0.0),
+        confidence=np.where(level.photographs.active, confidence, 0.0),
         lights=fit.lights.as_lights(level.middle_m),
         energy=tuple(energies),
         converged=converged,

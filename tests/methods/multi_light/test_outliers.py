@@ -6,10 +6,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from rakelight.geometry.camera import back_project
 from rakelight.methods.levels import Level, finest_level
 from rakelight.methods.multi_light import outliers
 from rakelight.methods.multi_light.outliers import (
+    LitSurface,
     all_shadows,
     in_shadow,
     remove_outliers,
@@ -145,13 +145,12 @@ def test_a_lamp_that_was_off_does_no_harm():
 
 def test_shadows_looked_up_for_some_pixels_lie_where_they_are(monkeypatch):
     level, log_depth, lights = make_level(cast_shadows=True)
-    physical, active = lights.as_lights(level.middle_m), level.photographs.active
-    points = back_project(np.exp(log_depth), level.photographs.camera)
-    exact = np.zeros((len(physical), *active.shape), dtype=bool)
-    exact[:, active] = in_shadow(level, points, active, physical)[..., 0]
+    surface, active = LitSurface(level, log_depth, lights), level.photographs.active
+    exact = np.zeros((len(level.photographs), *active.shape), dtype=bool)
+    exact[:, active] = in_shadow(surface, active)[..., 0]
     monkeypatch.setattr("rakelight.methods.multi_light.outliers.SHADOW_PIXELS", 100)
     assert level.photographs.subsampling(100) >= 4
-    few = all_shadows(level, points, physical)[..., 0] & active
+    few = all_shadows(surface)[..., 0] & active
 
     def agreement(shift):
         return (np.roll(few, (shift, shift), axis=(1, 2)) & exact).sum()

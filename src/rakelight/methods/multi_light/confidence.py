@@ -102,11 +102,15 @@ def sensor_length(level: Level, fit: Fit) -> float:
 
     Of the median pixel; from 1 to the size of the object.
     """
-    active, tensor = level.photographs.active, fit.linearization.jtwj
-    typical = float(np.median((tensor[..., 0] + tensor[..., 2])[active])) / 2
-    precision = fit.noise**2 * float(np.median(level.prior_weight[active]))
-    largest = np.sqrt(np.count_nonzero(level.mask))
-    return float(np.clip(np.sqrt(typical / max(precision, 1e-300)), 1, largest))
+    precision = fit.noise**2 * float(np.median(level.prior_weight[level.photographs.active]))
+    length = np.sqrt(typical_information(level, fit) / max(precision, 1e-300))
+    return float(np.clip(length, 1, np.sqrt(np.count_nonzero(level.mask))))
+
+
+def typical_information(level: Level, fit: Fit) -> float:
+    """What photographs say of the median pixel's gradient: M, its mean over directions."""
+    tensor = fit.linearization.jtwj
+    return float(np.median((tensor[..., 0] + tensor[..., 2])[level.photographs.active])) / 2
 
 
 def mean_error_variance(prepared: Prepared, log_depth: Floats, length_px: float) -> float:

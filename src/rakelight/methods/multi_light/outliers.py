@@ -116,42 +116,37 @@ def remove_outliers(
 
 def find_outliers(surface: LitSurface) -> Outliers:
     """The highlights and cast shadows that the present estimates predict, if there are any."""
-    level, lights, points = surface.level, surface.lights, surface.points_m
-    photographs = level.photographs
+    photographs, lights = surface.level.photographs, surface.lights
     sample = photographs.subsample(SAMPLE_PIXELS)
-    values, incident = photographs.light(sample), arriving(lights, points[sample])
-    normals = surface.normals[sample]
-    hidden_sample = in_shadow(level, points, sample, lights)
-    hidden = None
+    normals, points = surface.normals[sample], surface.points_m[sample]
+    values, incident = photographs.light(sample), arriving(lights, points)
+    hidden_sample, hidden = in_shadow(surface, sample), None
     if are_dark(values, hidden_sample, normals, incident, lights):
-        hidden = all_shadows(level, points, lights)
+        hidden = all_shadows(surface)
         values[np.broadcast_to(hidden_sample, values.shape)] = -1.0
-    highlights = Highlights.find(values, normals, points[sample], incident, lights.ambient)
+    highlights = Highlights.find(values, normals, points, incident, lights.ambient)
     return Outliers(hidden, highlights)
 
 
-def in_shadow(level: Level, points_m: Floats, where: Mask, lights: Lights) -> Mask:
-    """(N, P, C) whether the surface itself hides the lights from the P pixels of a mask.
-
-    points_m : (h, w, 3) of the surface, camera frame; where : (h, w)
-    """
-    points = points_m[where]
+def in_shadow(surface: LitSurface, where: Mask) -> Mask:
+    """(N, P, C) whether the surface itself hides the lights from its P pixels of a mask (h, w)."""
+    level, lights, points = surface.level, surface.lights, surface.points_m[where]
     start = np.broadcast_to(points[:, None], (len(lights), len(points), *lights.vector.shape[1:]))
     to_light = np.broadcast_to(FAR_M * lights.direction[:, None], start.shape)
     if lights.position_m is not None:
         to_light = lights.position_m[:, None] - start
-    solid = np.where(level.mask, points_m[..., 2], np.nan)
+    solid = np.where(level.mask, surface.points_m[..., 2], np.nan)
     free = in_sight(solid, level.camera, start.reshape(-1, 3), to_light.reshape(-1, 3))
     return ~free.reshape(to_light.shape[:3])
 
 
-def all_shadows(level: Level, points_m: Floats, lights: Lights) -> Mask:
+def all_shadows(surface: LitSurface) -> Mask:
     """(N, h, w, C) `in_shadow` of every pixel, from the nearest of `SHADOW_PIXELS`."""
-    where = level.photographs.subsample(SHADOW_PIXELS)
+    where = surface.level.photographs.subsample(SHADOW_PIXELS)
     number = np.zeros(where.shape)
     number[where] = np.arange(np.count_nonzero(where))
     nearest = nearest_fill(number, where).astype(int)
-    return in_shadow(level, points_m, where, lights)[:, nearest]
+    return in_shadow(surface, where)[:, nearest]
 
 
 def are_dark(

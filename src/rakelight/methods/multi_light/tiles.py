@@ -26,12 +26,12 @@ from rakelight.geometry.grid import has_gradient
 from rakelight.methods.base import UNDETERMINED_RAD, Estimate
 from rakelight.methods.levels import Level, finest_level
 from rakelight.methods.multi_light.bas_relief_variance import bas_relief_variance, sensor_moment
-from rakelight.methods.multi_light.confidence import normal_errors
+from rakelight.methods.multi_light.confidence import normal_errors, typical_information
 from rakelight.methods.multi_light.energy import Fit, first_fit, update_scale
 from rakelight.methods.multi_light.normals import fine_normals
 from rakelight.methods.multi_light.outliers import LitSurface, Outliers, find_outliers
 from rakelight.methods.multi_light.steps import depth_step
-from rakelight.model import FARTHEST_M, Array, Floats, Lights, Mask
+from rakelight.model import Array, Floats, Lights, Mask
 from rakelight.photometry.images import LightParameters
 from rakelight.prepare import Prepared
 from rakelight.prepare.inpaint import nearest_fill
@@ -109,10 +109,8 @@ def whole_of(prepared: Prepared, estimate: Estimate, shrink: int) -> Whole:
     level = finest_level(prepared, cut=True, unbiased=True)
     level = replace(level, middle_m=level.middle_m if lights.middle_m is None else lights.middle_m)
     level = level.cut(log_depth)
-    inverse_distance = np.zeros_like(lights.ambient)
-    if lights.position_m is not None and lights.middle_m is not None:
-        away = np.linalg.norm(lights.position_m - lights.middle_m, axis=-1)
-        inverse_distance = np.where(away < 0.99 * FARTHEST_M, 1 / away, 0.0)
+    distance_m = lights.distance_m
+    inverse_distance = np.zeros_like(lights.ambient) if distance_m is None else 1 / distance_m
     held = prepared.lights is not None and prepared.lights.fixed
     parameters = LightParameters(lights.vector, lights.ambient, inverse_distance)
     moment = sensor_moment(level, log_depth, scale_only=held)
@@ -248,6 +246,4 @@ def carried(image: Floats, prepared: Prepared, whole: Whole) -> Floats:
 
 def agreement(level: Level, fit: Fit, shrink: int) -> float:
     """The weight of the agreement, 1 / variance of log depth, by which corrections fade."""
-    active, tensor = level.photographs.active, fit.linearization.jtwj
-    information = float(np.median((tensor[..., 0] + tensor[..., 2])[active])) / 2
-    return max(information, TINY) / (fit.noise * LENGTH * shrink) ** 2
+    return max(typical_information(level, fit), TINY) / (fit.noise * LENGTH * shrink) ** 2
