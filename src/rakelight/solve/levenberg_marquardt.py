@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 
 # Factor of the damping after a refused step, and its inverse after an accepted one (ablation.md:
@@ -25,24 +24,20 @@ class Evaluated(Protocol):
 State = TypeVar("State", bound=Evaluated)
 
 
-@dataclass(frozen=True, slots=True)
-class Damping:
-    """The damping of the next step of one kind, a multiple of the diagonal of its matrix.
-
-    least : of the values: smaller ones make no difference, and a try costs as much with them
-    """
-
-    value: float
-    least: float = 1e-6
-
-
 def lowered(
-    state: State, damping: Damping, propose: Callable[[float], State], tries: int
-) -> tuple[State, Damping]:
+    state: State,
+    damping: float,
+    propose: Callable[[float], State],
+    tries: int,
+    least: float = 1e-6,
+) -> tuple[State, float]:
     """The first proposed state of lower energy, else the same one, and the next step's damping.
 
+    damping : a multiple of the diagonal of the step's matrix
     propose : the state after a step of some damping; it is called at most `tries` times
+    least : damping; smaller ones make no difference, and a try costs as much with them
 
+    >>> from dataclasses import dataclass
     >>> @dataclass(frozen=True)
     ... class Parabola:
     ...     x: float
@@ -50,15 +45,14 @@ def lowered(
     >>> def step(damping):
     ...     x = 1.0 - 4.0 / (1.0 + damping)  # four times as far as it should
     ...     return Parabola(x, x**2)
-    >>> lowered(Parabola(1.0, 1.0), Damping(1.0), step, tries=3)
-    (Parabola(x=0.5555555555555556, energy=0.308641975308642), Damping(value=1.0, least=1e-06))
-    >>> lowered(Parabola(0.0, 0.0), Damping(1.0), step, tries=2)
-    (Parabola(x=0.0, energy=0.0), Damping(value=64.0, least=1e-06))
+    >>> lowered(Parabola(1.0, 1.0), 1.0, step, tries=3)
+    (Parabola(x=0.5555555555555556, energy=0.308641975308642), 1.0)
+    >>> lowered(Parabola(0.0, 0.0), 1.0, step, tries=2)
+    (Parabola(x=0.0, energy=0.0), 64.0)
     """
-    value = damping.value
     for _ in range(tries):
-        tried = propose(value)
+        tried = propose(damping)
         if tried.energy < state.energy:
-            return tried, replace(damping, value=max(value / FACTOR, damping.least))
-        value *= FACTOR
-    return state, replace(damping, value=min(value, LARGEST))
+            return tried, max(damping / FACTOR, least)
+        damping *= FACTOR
+    return state, min(damping, LARGEST)

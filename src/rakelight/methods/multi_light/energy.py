@@ -7,6 +7,10 @@ The energy of log depth p and lights s, albedo eliminated (variable projection):
         + sigma^2 sum w (K (p - p_0))^2                     the sensor's depth
         + sigma^2 W (N - 4) log(variance of log |s_i|)      lights of equal intensity
 
+The terms and their derivatives are in `Photographs.linearize` and `light_terms`, here
+(`fourth_difference_term`), in `Level.sensor_terms`, and in equal_intensity.py; `evaluated` adds the
+terms up, `depth_system`, `light_curvature` and `light_slope` the derivatives.
+
 Under distant lights the four numbers of a bas-relief transform are taken from the sensor's depth
 (and the lights' intensities) alone, not from the photographs: `project_bas_relief`.
 The mean gradient does not see a checkerboard; fourth differences do, and see little else.
@@ -29,7 +33,6 @@ from rakelight.methods.multi_light.light_model import FREE, LightModel
 from rakelight.model import Floats
 from rakelight.photometry.images import LightParameters, Linearization, Surface
 from rakelight.solve import DepthSystem, assemble
-from rakelight.solve.levenberg_marquardt import Damping
 from rakelight.solve.robust import cauchy_scales
 
 FOURTH_DIFFERENCE = (0.125, -0.5, 0.75, -0.5, 0.125)
@@ -44,9 +47,6 @@ SMALLEST_NOISE = 1e-5
 LARGEST_NOISE = 0.01
 # Least damping of a depth step: with less it is the same (ablation.md: halved 1.00, doubled 1.04).
 LEAST_DEPTH_DAMPING = 1e-3
-# First damping of the steps of the depth, of both, and of the lights.
-OF_DEPTH = Damping(LEAST_DEPTH_DAMPING, LEAST_DEPTH_DAMPING)
-OF_BOTH, OF_LIGHTS = Damping(1e-3), Damping(1e-2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,9 +71,9 @@ class Fit:
     fourth_difference_weight: Floats
     model: LightModel = FREE
     equal_intensity_weight: float = 0.0
-    depth_damping: Damping = OF_DEPTH
-    joint_damping: Damping = OF_BOTH
-    lights_damping: Damping = OF_LIGHTS
+    depth_damping: float = LEAST_DEPTH_DAMPING
+    joint_damping: float = 1e-3
+    lights_damping: float = 1e-2
 
 
 def first_fit(

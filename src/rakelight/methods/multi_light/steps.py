@@ -10,6 +10,7 @@ from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.bas_relief import nearest_bas_relief
 from rakelight.methods.multi_light.energy import (
     LARGEST_NOISE,
+    LEAST_DEPTH_DAMPING,
     Fit,
     depth_system,
     evaluated,
@@ -112,7 +113,7 @@ def depth_step(level: Level, fit: Fit, with_light_slope: bool = True) -> Fit:
         log_depth = level.placed(fit.log_depth + solution.value)
         return evaluated(level, fit, log_depth, fit.lights, with_light_slope=with_light_slope)
 
-    lower, damping = lowered(fit, fit.depth_damping, after, TRIES)
+    lower, damping = lowered(fit, fit.depth_damping, after, TRIES, LEAST_DEPTH_DAMPING)
     return replace(lower, depth_damping=damping)
 
 
