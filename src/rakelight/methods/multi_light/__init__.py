@@ -67,7 +67,7 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     descent = select_model(coarse, weights, options, progress, stage(coarsest), prepared.lights)
     # 2. Without the highlights and cast shadows that this fit predicts, the weight is chosen again:
     # they had been errors of the photographs.
-    descent = without_its_outliers(coarse, descent, weights, options, progress, stage(coarsest))
+    descent = select_without_outliers(coarse, descent, weights, options, progress, stage(coarsest))
     weight = descent.weight / factor
     levels = [each.weighted(weight * COARSER_WEIGHT**k) for k, each in enumerate(levels)]
 
@@ -123,7 +123,7 @@ def coarsest_level(levels: Sequence[Level]) -> tuple[Level, float]:
     return levels[-1].weighted(1 / averaged), averaged * COARSER_WEIGHT ** (len(levels) - 1)
 
 
-def without_its_outliers(
+def select_without_outliers(
     level: Level,
     descent: Descent,
     weights: Sequence[float],

@@ -64,24 +64,14 @@ def quadratic_form(derivatives: Floats, moment: Floats) -> Floats:
 def sensor_moment(level: Level, log_depth: Floats, scale_only: bool = False) -> Floats:
     """(4, 4) second moment of a and g, 1/metre, from the sensor, at a log depth (h, w).
 
+    Of their best correction by least squares, with its covariance.  The sensor's errors are
+    correlated over an unknown area: the covariance is taken with blocks of pixels as clusters
+    (Liang and Zeger 1986), of the size that makes it largest.
     scale_only : g is known, as under lights in given directions, which leave but a open
     """
-    correction, covariance = sensor_correction(level, log_depth, scale_only)
-    moment = np.zeros((4, 4))
-    moment[: len(correction), : len(correction)] = covariance + np.outer(correction, correction)
-    return moment
-
-
-def sensor_correction(
-    level: Level, log_depth: Floats, scale_only: bool = False
-) -> tuple[Floats, Floats]:
-    """(4,) the best correction of (a, g) by least squares, and its covariance (4, 4); or of a.
-
-    The sensor's errors are correlated over an unknown area: the covariance is taken with blocks of
-    pixels as clusters (Liang and Zeger 1986), of the size that makes it largest.
-    """
     columns, measured = sensed_columns(level, log_depth)
-    design = columns[:, : 1 if scale_only else 4] / measured[:, None]
+    free = slice(0, 1 if scale_only else 4)
+    design = columns[:, free] / measured[:, None]
     weight = level.sensor_weight / level.sensor_weight.max()
     error = 1 - design[:, 0]
     inverse = np.linalg.pinv((design * weight[:, None]).T @ design)
@@ -93,9 +83,11 @@ def sensor_correction(
     largest = max(
         (step.T @ step for step in steps),
         key=lambda covariance: float(np.trace(covariance[-3:, -3:])),
-        default=np.zeros((len(correction), len(correction))),
+        default=0.0,
     )
-    return correction, np.asarray(largest)
+    moment = np.zeros((4, 4))
+    moment[free, free] = largest + np.outer(correction, correction)
+    return moment
 
 
 def lights_moment(level: Level, lights: LightParameters) -> Floats:
