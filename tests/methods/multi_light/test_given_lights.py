@@ -7,11 +7,7 @@ import pytest
 
 from rakelight import GivenLights, MultiLight, refine
 from rakelight.methods.levels import finest_level
-from rakelight.methods.multi_light.energy import (
-    first_fit,
-    light_curvature,
-    light_slope,
-)
+from rakelight.methods.multi_light.energy import first_fit, light_system
 from rakelight.methods.multi_light.initial_lights import lights_of_given
 from rakelight.methods.multi_light.light_model import LightModel
 from rakelight.methods.multi_light.model_selection import given_fit
@@ -89,7 +85,7 @@ def test_the_slope_is_that_of_the_energy(coin):
     start = given_fit(level, given)
     model = LightModel(directions=start.model.directions)
     fit = first_fit(level, level.prior, start.lights, model)
-    slope, (hessian, _) = light_slope(level, fit), light_curvature(level, fit, 1 << 30)
+    hessian, slope, _ = light_system(level, fit, 1 << 30)
     assert hessian.shape == (len(slope), len(slope))
     kind = {"scale": fit.scales, "start": fit.linearization.albedo}
     for k in range(0, len(slope), 7):

@@ -9,7 +9,7 @@ The energy of log depth p and lights s, albedo eliminated (variable projection):
 
 The terms and their derivatives are in `Photographs.linearize` and `light_terms`, here
 (`fourth_difference_term`), in `Level.sensor_terms`, and in equal_intensity.py; `evaluated` adds the
-terms up, `depth_system`, `light_curvature` and `light_slope` the derivatives.
+terms up, `depth_system` and `light_system` the derivatives.
 
 Under distant lights the four numbers of a bas-relief transform are taken from the sensor's depth
 (and the lights' intensities) alone, not from the photographs: `project_bas_relief`.
@@ -185,14 +185,15 @@ def depth_negative_gradient(level: Level, fit: Fit) -> Floats:
     return np.asarray(shading + data - fourth_difference_gradient(level, fit))
 
 
-def light_curvature(
+def light_system(
     level: Level, fit: Fit, most: int, mixed: bool = False
-) -> tuple[Floats, Floats]:
-    """(F, F) second derivatives of half the energy with the lights, (h, w, 2, F) mixed ones.
+) -> tuple[Floats, Floats, Floats]:
+    """(F, F) second and (F,) first derivatives of half the energy with the lights; mixed ones.
 
-    F counts the lights' free parameters.  Of about `most` pixels, scaled up: enough for curvature,
-    while the gradient near the minimum needs all of them.
-    mixed : whether to find those with the gradient of log depth, of each of these pixels
+    F counts the lights' free parameters.  The second ones are of about `most` pixels, scaled up:
+    enough for curvature, while the gradient near the minimum needs all of them.
+    mixed : whether to find, of each of these pixels, the derivatives (h, w, 2, F) with the gradient
+        of log depth as well; an empty array if not
     """
     photographs, model = level.photographs, fit.model
     share = np.count_nonzero(photographs.active) / np.count_nonzero(photographs.subsample(most))
@@ -200,25 +201,21 @@ def light_curvature(
         fit.surface, fit.lights, fit.linearization.albedo, scale=fit.scales, near=model.near,
         subsampling=photographs.subsampling(most), mixed=mixed,
     )  # fmt: skip
-    _, equal_intensity = equal_intensity_derivatives(fit.lights, model.numbers)
-    hessian *= share
-    hessian += gauge(fit, hessian) + fit.noise**2 * fit.equal_intensity_weight * equal_intensity
-    jacobian = model.jacobian(fit.lights)
-    # In rows, as the sums over pixels read it: a product with a sparse matrix comes in columns.
-    flat = np.ascontiguousarray(share * both.reshape(-1, both.shape[-1]) @ jacobian)
-    return jacobian.T @ (hessian @ jacobian), flat.reshape(*both.shape[:-1], jacobian.shape[1])
-
-
-def light_slope(level: Level, fit: Fit) -> Floats:
-    """(F,) half the energy's derivatives with the lights' free parameters."""
     slope = fit.linearization.light_slope
     if slope is None:
         again = evaluated(level, fit, fit.log_depth, fit.lights, with_light_slope=True)
         slope = again.linearization.light_slope
-    free = fit.model.free(np.asarray(slope))
-    equal_intensity, _ = equal_intensity_derivatives(fit.lights, fit.model.numbers)
-    slope = free.ravel() + fit.noise**2 * fit.equal_intensity_weight * equal_intensity
-    return np.asarray(slope @ fit.model.jacobian(fit.lights))
+    slope = model.free(np.asarray(slope)).ravel()
+    equal_intensity = equal_intensity_derivatives(fit.lights, model.numbers)
+    weight = fit.noise**2 * fit.equal_intensity_weight
+    slope = slope + weight * equal_intensity[0]
+    hessian *= share
+    hessian += gauge(fit, hessian) + weight * equal_intensity[1]
+    jacobian = model.jacobian(fit.lights)
+    # In rows, as the sums over pixels read it: a product with a sparse matrix comes in columns.
+    flat = np.ascontiguousarray(share * both.reshape(-1, both.shape[-1]) @ jacobian)
+    both = flat.reshape(*both.shape[:-1], jacobian.shape[1])
+    return jacobian.T @ (hessian @ jacobian), slope @ jacobian, both
 
 
 def gauge(fit: Fit, hessian: Floats) -> Floats:

@@ -24,8 +24,7 @@ from rakelight.methods.multi_light.energy import (
     Fit,
     depth_negative_gradient,
     evaluated,
-    light_curvature,
-    light_slope,
+    light_system,
 )
 from rakelight.model import Floats, Mask
 from rakelight.photometry.images import applied
@@ -68,8 +67,7 @@ def after_joint_step(level: Level, fit: Fit, most_cells: int, damping: float) ->
     tensor = damped_tensor(level, fit, damping, sample)
     weight = fit.noise**2 * level.prior_weight * level.mask
     negative_gradient = depth_negative_gradient(level, fit)
-    hessian, mixed = light_curvature(level, fit, most, mixed=True)
-    slope = light_slope(level, fit)
+    hessian, slope, mixed = light_system(level, fit, most, mixed=True)
 
     # The gradient of a correction is, per pixel, 1/cell of its difference between cells.
     grid = Links.of(level.grid if cell == 1 else cells.inside)

@@ -14,8 +14,7 @@ from rakelight.methods.multi_light.energy import (
     Fit,
     depth_system,
     evaluated,
-    light_curvature,
-    light_slope,
+    light_system,
     update_scale,
 )
 from rakelight.methods.multi_light.joint_step import damped_tensor, joint_step
@@ -142,8 +141,7 @@ def refine_lights(level: Level, fit: Fit) -> Fit:
 
 def lights_step(level: Level, fit: Fit) -> Fit:
     """One Gauss-Newton step of the lights, depth fixed; damped until the energy falls."""
-    hessian, _ = light_curvature(level, fit, CURVATURE_PIXELS)
-    slope = light_slope(level, fit)
+    hessian, slope, _ = light_system(level, fit, CURVATURE_PIXELS)
 
     def after(damping: float) -> Fit:
         step = damped_solution(hessian, -slope, np.diag(hessian), damping)
