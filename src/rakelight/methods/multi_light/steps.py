@@ -129,7 +129,7 @@ def project_bas_relief(level: Level, fit: Fit) -> Fit:
         level, fit.log_depth, fit.lights, fit.equal_intensity_weight
     )
     lights = replace(fit.lights, vector=fit.lights.vector @ transform.T)
-    return evaluated(level, fit, log_depth, lights, with_light_slope=True)
+    return evaluated(level, fit, log_depth, lights)
 
 
 def refine_lights(level: Level, fit: Fit) -> Fit:
