@@ -1,4 +1,8 @@
-"""Which numbers of the lights are free, and how the others follow from them."""
+"""Which numbers of the lights are free, and how the others follow from them.
+
+A step is found in the free parameters alone: J being the derivatives of the lights' numbers with
+them (`LightModel.jacobian`), the energy's are  J' grad  and  J' H J.
+"""
 
 from __future__ import annotations
 

@@ -65,9 +65,9 @@ def descend(
     """Gauss-Newton steps at one level until the energy has converged.
 
     together : whether the lights move with the depth
-    last : whether the result rests on it: sigma weighs the priors however large it is; and lights
-        that move do not follow pixels where the model errs (`one_scale` of `update_scale`), and
-        have converged only when no extrapolated step lowers the energy either
+    last : whether the result is what it finds: sigma weighs the priors however large it is; and if
+        lights move, one scale is that of all pixels (`update_scale`), and it has converged only
+        when no extrapolated step lowers the energy either
     """
     noisiest, thorough = 1.0 if last else LARGEST_NOISE, last and together
     energies: list[float] = []
