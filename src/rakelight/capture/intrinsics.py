@@ -10,14 +10,16 @@ from __future__ import annotations
 import json
 import re
 from collections import ChainMap
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rakelight.errors import CaptureError, parsing, stated_in
+from rakelight.files import read_bytes
 from rakelight.model import Camera, Distortion, Floats
 
 MAX_BYTES = 5_000_000
@@ -27,7 +29,9 @@ _MAX_YAML_BYTES = 100_000  # its parser is slow: a second for as many
 SUFFIXES = (".yaml", ".yml", ".xml", ".json", ".txt", ".csv")
 
 _NUMBER = r"[-+]?(?:[0-9]{1,30}\.?[0-9]{0,30}|\.[0-9]{1,30})(?:[eE][-+]?[0-9]{1,3})?"
-_MATRIX_KEYS = ("cameramatrix", "intrinsicmatrix", "intrinsics", "k", "mtx", "cameramatrix1")
+_MATRIX_KEYS = (
+    "cameramatrix", "intrinsicmatrix", "intrinsics", "k", "camk", "mtx", "cameramatrix1",
+)  # fmt: skip
 _DISTORTION_KEYS = re.compile(r"dist(ortion)?(coef\w*|param\w*)?|d|coeffs")
 _MODEL_KEYS = ("distortionmodel", "distmodel", "cameramodel", "cameratype", "model")
 _WIDTH_KEYS, _HEIGHT_KEYS = ("imagewidth", "width", "w"), ("imageheight", "height", "h")
@@ -69,6 +73,12 @@ def named_intrinsics(stem: str) -> bool:
     """
     name = stem.lower()
     return name == "k" or any(word in name for word in ("intrinsic", "calib", "camera"))
+
+
+def small_texts(paths: Iterable[Path]) -> dict[Path, bytes]:
+    """The content of those files that are no larger than files with intrinsics are."""
+    small = (path for path in paths if path.is_file() and path.stat().st_size <= MAX_BYTES)
+    return {path: read_bytes(path, source=str(path)) for path in small}
 
 
 def parse_intrinsics(data: bytes, source: str = "", named: bool = False) -> Camera | None:
@@ -133,6 +143,8 @@ def _plain(text: str, source: str, named: bool) -> Camera | None:
     numbers = np.array(words, np.float64)
     if len(numbers) in (9, 16):
         K = _square(numbers)
+        if len(numbers) == 16 and np.allclose(K @ K.T, np.eye(3), atol=1e-3):
+            return None  # the pose of a camera
         if K[1, 0] == 0 and K[2].tolist() == [0, 0, 1]:
             return _made(K, (0, 0), (), source)
     if not named or len(numbers) == 16:

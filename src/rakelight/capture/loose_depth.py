@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +11,13 @@ import numpy as np
 from rakelight.capture.decoder_process import DecoderProcess
 from rakelight.capture.depth import check_depth_header, refuse_8_bit
 from rakelight.capture.images import decode_image
+from rakelight.capture.intrinsics import small_texts
 from rakelight.capture.listing import allocate
 from rakelight.capture.loose_files import LooseFile, LooseFiles
 from rakelight.capture.npy import decode_npy
 from rakelight.capture.pfm import decode_pfm
 from rakelight.capture.validate import PLAUSIBLE_M, plausible_scales
-from rakelight.errors import CaptureError
+from rakelight.errors import CaptureError, listed
 from rakelight.files import read_bytes
 from rakelight.model import Array, Capture, Finding, Floats
 
@@ -23,6 +25,14 @@ SCALE = "depth_scale.txt"
 
 MILLIMETRES = 1000.0
 """Depth values per metre of 16-bit depth that does not say: what nearly all programs write."""
+
+# A scale of depth by the names of ORB-SLAM, stella_vslam, NICE-SLAM, Open3D, BOP and instant-ngp.
+_STATED = re.compile(
+    rb"\b\w{0,20}?depth_?(?:map_?)?(?:scale|factor)[\"']?[ \t]{0,20}[:=][ \t]{0,20}"
+    rb"([0-9]{0,9}\.?[0-9]{1,12}(?:e[-+]?[0-9]{1,2})?)",
+    re.IGNORECASE,
+)
+_POSSIBLE = (100.0, 200_000.0)  # values per metre: of centimetres, and of 65535 at 0.33 m
 
 
 def read_loose_depth(
@@ -37,6 +47,8 @@ def read_loose_depth(
     raw = _pixels(first, decoder)
     maps = allocate((len(files.depth), *raw.shape), "float32", first.source)
     stated = None if files.depth_scale is None else depth_scale(files.depth_scale)
+    if stated is None and raw.dtype.kind in "iu":
+        stated = stated_scale(small_texts(files.texts).values(), raw, first.source)
     scale, findings = _unit(raw, stated, first)
     maps[0] = _metres(raw, scale)
     for into, file in zip(maps[1:], others, strict=True):
@@ -98,14 +110,52 @@ def depth_scale(path: Path) -> float:
     return number
 
 
+def stated_scale(texts: Iterable[bytes], values: Array, source: str) -> float | None:
+    """Depth values per metre by the files of other programs; None where they do not say.
+
+    Some mean values per metre, some metres, BOP millimetres per value: the one is taken that makes
+    the median of the `values` a distance.  Raises CaptureError where none or several do.
+
+    >>> stated_scale([b"RGBD.DepthMapFactor: 5000.0"], np.full(9, 3100, np.uint16), "depth.png")
+    5000.0
+    >>> stated_scale([b'{"depth_scale": 0.1}'], np.full(9, 6200, np.uint16), "depth.png")
+    10000.0
+    """
+    stated = {float(number) for text in texts for number in _STATED.findall(text)} - {0.0}
+    if not stated:
+        return None
+    median = _median(values)
+    possible = {
+        round(scale, 6)
+        for number in stated
+        for scale in (number, 1 / number, MILLIMETRES / number)
+        if _POSSIBLE[0] <= scale <= _POSSIBLE[1]
+        and (not median or PLAUSIBLE_M[0] <= median / scale <= PLAUSIBLE_M[1])
+    }
+    if len(possible) != 1:
+        raise CaptureError(
+            f"{'several scales' if possible else 'no possible scale'} of the depth",
+            source=source,
+            seen=f"{listed([f'{n:g}' for n in sorted(stated)])}; median value {median:g}",
+            needed="one that makes it a distance",
+            remedy=f"write the depth values per metre into {SCALE}",
+        )
+    return possible.pop()
+
+
+def _median(raw: Array) -> float:
+    """Of the values of integers that are measurements; 0 where there is none."""
+    measured = raw[(raw > 0) & (raw < np.iinfo(raw.dtype).max)]
+    return float(np.median(measured)) if measured.size else 0.0
+
+
 def _unit(raw: Array, stated: float | None, file: LooseFile) -> tuple[float, tuple[Finding, ...]]:
     """Depth values per metre, and a note where they were assumed."""
     if raw.dtype.kind == "f":
         return stated or 1.0, ()
-    measured = raw[(raw > 0) & (raw < np.iinfo(raw.dtype).max)]
-    median = float(np.median(measured)) if measured.size else 0.0
+    median = _median(raw)
     metres = median / (stated or MILLIMETRES)
-    if measured.size and not PLAUSIBLE_M[0] <= metres <= PLAUSIBLE_M[1]:
+    if median and not PLAUSIBLE_M[0] <= metres <= PLAUSIBLE_M[1]:
         at = "in millimetres" if stated is None else f"at {stated:g} values per metre"
         raise CaptureError(
             "the unit of the depth is not known" if stated is None else "not the unit of the depth",

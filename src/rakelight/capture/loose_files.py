@@ -184,7 +184,7 @@ def list_loose_files(folder: Path, photographs: Sequence[str] = ()) -> LooseFile
                 f"more than one {word}",
                 source=str(folder),
                 seen=_names(named[word]),
-                remedy="keep one of them",
+                remedy=f"keep one of them; give photographs a name without {word}",
             )
     rest = [file for file in images if roles[file.name] is None]
     known = {file.name for file in images}

@@ -103,6 +103,52 @@ def test_the_unit_of_integers(tmp_path):
     refusal(tmp_path, "no depth scale")
 
 
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("camera.json", '{"fx": 40, "fy": 40.5, "cx": 15.25, "cy": 11.75, "depth_scale": 0.2}'),
+        ("scene_camera.json", '{"0": {"cam_K": [40, 0, 15.25, 0, 40.5, 11.75, 0, 0, 1], '
+         '"depth_scale": 0.2}}'),
+        ("orb.yaml", "Camera.fx: 40\nCamera.fy: 40.5\nCamera.cx: 15.25\nCamera.cy: 11.75\n"
+         "DepthMapFactor: 5000.0\n"),
+        ("transforms.json", '{"fl_x": 40, "fl_y": 40.5, "cx": 15.75, "cy": 12.25, '
+         '"integer_depth_scale": 0.0002}'),
+    ],
+)  # fmt: skip
+def test_the_unit_that_a_file_of_another_program_states(tmp_path, name, text):
+    made = fill(tmp_path, depth=False, texts=False)
+    values = np.nan_to_num(5000 * made.depth_m[0]).astype(np.uint16)
+    (tmp_path / "depth.png").write_bytes(encode_png(values))
+    (tmp_path / name).write_text(text)
+    capture = load_capture(tmp_path)
+    assert capture.camera == made.camera
+    assert np.nanmax(np.abs(capture.depth_m - made.depth_m[0])) < 0.0003
+    assert "depth-unit-assumed" not in codes(capture)
+    (tmp_path / "more.yaml").write_text("depth_scale: 1000")
+    refusal(tmp_path, "depth.png: several scales of the depth", "depth_scale.txt")
+    (tmp_path / "depth_scale.txt").write_text("5000")
+    assert np.array_equal(load_capture(tmp_path).depth_m, capture.depth_m, equal_nan=True)
+
+
+def test_a_stated_unit_that_makes_no_distance_is_refused(tmp_path):
+    made = fill(tmp_path, depth=False)
+    (tmp_path / "depth.png").write_bytes(encode_png(as_16_bit(made.depth_m[0])))
+    (tmp_path / "a.json").write_text('{"depth_scale": 20}')
+    refusal(tmp_path, "no possible scale of the depth (seen 20", "depth_scale.txt")
+
+
+def test_poses_of_a_camera_are_no_intrinsics(tmp_path):
+    """ScanNet's and 7-Scenes' folders have one beside every photograph."""
+    made = fill(tmp_path)
+    turned = cv2.Rodrigues(np.array([0.1, 0.2, 0.3]))[0]
+    for i, rotation in enumerate((np.eye(3), turned)):
+        pose = np.eye(4)
+        pose[:3, :3] = rotation
+        pose[:3, 3] = 1, 2, 3
+        np.savetxt(tmp_path / f"frame-{i:06d}.pose.txt", pose)
+    assert load_capture(tmp_path).camera == made.camera
+
+
 def test_what_is_not_clear_is_refused(tmp_path):
     depth_m = fill(tmp_path, depth=False, dtype=np.uint16).depth_m[0]
     refusal(tmp_path, "no depth map in it", "depth.png")
@@ -121,6 +167,11 @@ def test_what_is_not_clear_is_refused(tmp_path):
 
 def test_other_refusals(tmp_path):
     made = fill(tmp_path)
+    for name in ("mask_000.png", "mask_001.png"):
+        (tmp_path / name).write_bytes(encode_png(made.photographs[0]))
+    refusal(tmp_path, "more than one mask", "give photographs a name without mask")
+    for name in ("mask_000.png", "mask_001.png"):
+        (tmp_path / name).unlink()
     (tmp_path / "img1.jpg").write_bytes(encode_jpeg(made.photographs[0]))
     refusal(tmp_path, "photographs of several formats")
     (tmp_path / "img1.jpg").unlink()

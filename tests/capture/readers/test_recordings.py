@@ -416,10 +416,16 @@ DepthMapFactor: 1000.0
 
 
 @pytest.mark.parametrize(
-    ("name", "text"), [("camera.yaml", ORB_SLAM), ("depth_scale.txt", "1000\n")]
+    ("name", "text"),
+    [
+        ("camera.yaml", ORB_SLAM),
+        ("camera.yaml", ORB_SLAM.replace("DepthMapFactor", "RGBD.DepthMapFactor")),
+        ("config.yaml", "cam:\n  png_depth_scale: 1000.0  # to metres\n"),
+        ("depth_scale.txt", "1000\n"),
+    ],
 )
 def test_tum_depth_of_another_scale(tmp_path, name, text):
-    path = write_tum(tmp_path / "scan", intrinsics="" if text == ORB_SLAM else None, per_metre=1000)
+    path = write_tum(tmp_path / "scan", intrinsics="" if "fx" in text else None, per_metre=1000)
     (path / name).write_text(text)
     recording, _ = tum.recording(path)
     assert recording.camera == CAMERA
@@ -433,6 +439,34 @@ def test_tum_depth_of_two_scales_is_refused(tmp_path):
     for factor in (1000, 5000):
         (path / f"orb-{factor}.yaml").write_text(f"DepthMapFactor: {factor}\n")
     with pytest.raises(CaptureError, match=r"several scales of the depth \(seen 1000, 5000"):
+        tum.recording(path)
+
+
+@pytest.mark.parametrize("name", ["associations.txt", "associated.txt"])
+@pytest.mark.parametrize("depth_first", [True, False])
+def test_tum_pairs_in_the_place_of_the_lists(tmp_path, name, depth_first):
+    path = write_tum(tmp_path / "scan")
+    want = tum.recording(path)[0]
+    lists = []
+    for kind in ("depth", "rgb"):
+        lines = (path / f"{kind}.txt").read_text().splitlines()
+        lists.append([line for line in lines if line[0] != "#"])
+        (path / f"{kind}.txt").unlink()
+    pairs = [" ".join(each if depth_first else each[::-1]) for each in zip(*lists, strict=True)]
+    (path / name).write_text("\n".join(pairs) + "\n")
+    assert find_reader(path).name == "tum"
+    recording, _ = tum.recording(path)
+    assert recording.names == want.names
+    assert np.array_equal(recording.depth.times_s, want.depth.times_s)
+    assert np.array_equal(depth_of(recording), depth_of(want), equal_nan=True)
+
+
+@pytest.mark.parametrize("line", ["1 rgb/1.png", "1 depth/1.png 1 depth/1.png"])
+def test_tum_pairs_that_are_none_are_refused(tmp_path, line):
+    path = write_tum(tmp_path / "scan", frames()[:1], grown(depth_maps())[:1])
+    (path / "rgb.txt").unlink()
+    (path / "associations.txt").write_text(line)
+    with pytest.raises(CaptureError, match=r"line 1 is no time and file.*the same of depth"):
         tum.recording(path)
 
 

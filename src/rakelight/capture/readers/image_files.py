@@ -123,7 +123,7 @@ def depth_stream(
 
     def walk(wanted: Sequence[int]) -> Iterator[tuple[int, Array]]:
         for number in wanted:
-            values = _depth_values(root, names[number])
+            values = depth_values(root, names[number])
             check_same(values, shape, "uint16", f"{root}/{names[number]}")
             hole = (values == 0) | (values == _TOO_FAR)
             if confidence is not None and number in confidence:
@@ -139,7 +139,7 @@ def depth_stream(
 def _depth_shape(root: Path, name: str) -> tuple[int, int]:
     """(height, width) of a depth map; raises CaptureError where it is none."""
     if name.lower().endswith(NPY):
-        values = _depth_values(root, name)
+        values = depth_values(root, name)
         what, (height, width) = f"array {values.dtype}", values.shape
         is_depth = values.dtype == np.uint16
     else:
@@ -157,7 +157,8 @@ def _depth_shape(root: Path, name: str) -> tuple[int, int]:
     return height, width
 
 
-def _depth_values(root: Path, name: str) -> Array:
+def depth_values(root: Path, name: str) -> Array:
+    """A depth map as stored: an image, or an array."""
     data, source = read_within(root, name), f"{root}/{name}"
     return decode_npy(data, source) if name.lower().endswith(NPY) else decode_image(data, source)
 

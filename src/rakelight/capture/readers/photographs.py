@@ -12,10 +12,10 @@ from rakelight.capture.decoder_process import DecoderProcess
 from rakelight.capture.exif import ROUGHNESS, camera_of
 from rakelight.capture.from_arrays import capture_from_arrays
 from rakelight.capture.intrinsics import (
-    MAX_BYTES,
     SUFFIXES,
     named_intrinsics,
     parse_intrinsics,
+    small_texts,
 )
 from rakelight.capture.listing import check_numbers, read_mask, unread_finding
 from rakelight.capture.loose_depth import depth_noted, read_loose_depth
@@ -28,7 +28,6 @@ from rakelight.capture.loose_files import (
 from rakelight.capture.loose_photographs import Photos, read_loose_photographs
 from rakelight.capture.readers.base import Reader, Reading, Wanted
 from rakelight.errors import CaptureError, MachineError, listed, named_in, printable
-from rakelight.files import read_bytes
 from rakelight.model import Camera, Encoding, Finding, GivenLights
 
 # Sides whose proportions differ by less show the same field of view: 4032x3024 and 256x192 are
@@ -158,12 +157,10 @@ def _camera(folder: Path, files: LooseFiles, photos: Photos) -> tuple[Camera, tu
 def _stated(folder: Path, files: LooseFiles) -> tuple[str, Camera] | None:
     """The intrinsics of the photographs that a file in the folder states, and its name."""
     found: dict[str, Camera] = {}
-    for path in files.texts:
+    texts = [path for path in files.texts if "depth" not in path.stem.lower()]
+    for path, data in small_texts(texts).items():
         name = path.relative_to(folder).as_posix()
-        if not path.is_file() or path.stat().st_size > MAX_BYTES or "depth" in path.stem.lower():
-            continue
         source = f"{folder}/{name}"
-        data = read_bytes(path, source=source)
         camera = parse_intrinsics(data, source, named=named_intrinsics(path.stem))
         if camera is not None:
             found[name] = camera

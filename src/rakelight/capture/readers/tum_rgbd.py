@@ -1,5 +1,8 @@
 """The folder of the TUM RGB-D benchmark, and all in its format: rgb.txt, depth.txt.
 
+ICL-NUIM, and folders made for ORB-SLAM, have one list of pairs in their place: time and file of
+depth, time and file of colour, in either order.
+
 Facts: cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats and /intrinsic_calibration.  Depth is
 registered to colour, 5000 values per metre.  Recordings of others in this format often have another
 scale, which ORB-SLAM's settings beside them state as DepthMapFactor.
@@ -16,13 +19,14 @@ import numpy as np
 
 from rakelight.capture import validate
 from rakelight.capture.intrinsics import SUFFIXES, named_intrinsics, parse_intrinsics
-from rakelight.capture.loose_depth import SCALE, depth_scale
+from rakelight.capture.loose_depth import SCALE, depth_scale, stated_scale
 from rakelight.capture.readers.base import Reader
 from rakelight.capture.readers.depth_place import recording_of_one_view
 from rakelight.capture.readers.image_files import (
     color_stream,
     compressed_finding,
     depth_stream,
+    depth_values,
     inside,
     read_within,
 )
@@ -35,47 +39,59 @@ from rakelight.files import MAX_TEXT_BYTES, clear_errors
 from rakelight.model import Camera, Finding, Floats
 
 COLOR, DEPTH = "rgb.txt", "depth.txt"
+PAIRS = ("associations.txt", "associated.txt", "association.txt", "associate.txt")
 _PER_METRE = 5000.0
-_FACTOR = re.compile(
-    rb"^\s*DepthMapFactor\s*:\s*([1-9][0-9]{0,6}(?:\.[0-9]{0,9})?)\s*$", re.MULTILINE
-)
 _TABLES = ("camera_intrinsic.json", "intrinsic.json")
 # The benchmark's recommended intrinsics, of 640x480: fx, fy, cx, cy.
 _DEFAULT, _DEFAULT_SHAPE = (525.0, 525.0, 319.5, 239.5), (480, 640)
 
 
 def sniff(path: Path) -> bool:
-    """Whether the folder holds both lists."""
-    return (path / COLOR).is_file() and (path / DEPTH).is_file()
+    """Whether the folder holds both lists, or one of pairs."""
+    return bool(_lists(path))
 
 
 def recording(path: Path) -> tuple[Recording, Poses | None]:
     """The recording in a folder."""
-    color_times, names = _listed(path, COLOR)
-    depth_times, depth_names = _listed(path, DEPTH)
+    of_color, of_depth = _lists(path)
+    color_times, names = _listed(path, of_color, depth=False)
+    depth_times, depth_names = _listed(path, of_depth, depth=True)
     color = color_stream(path, names, color_times)
-    depth = depth_stream(path, depth_names, depth_times, _per_metre(path))
+    depth = depth_stream(path, depth_names, depth_times, _per_metre(path, depth_names[0]))
     camera, findings = _camera(path, color.shape)
     made = recording_of_one_view(
         path,
         camera,
         color,
         depth,
-        depth_source=f"{path}/{DEPTH}",
+        depth_source=f"{path}/{of_depth}",
         names=names,
         findings=(*findings, *compressed_finding(names)),
     )
     return made, None
 
 
-def _listed(path: Path, name: str) -> tuple[Floats, list[str]]:
-    """(N,) seconds, rising, and the files of a list; those that are not there any more left out."""
-    source, found = f"{path}/{name}", dict[float, str]()
+def _lists(path: Path) -> tuple[str, ...]:
+    """The lists of colour and of depth, which may be one; none where the folder has none."""
+    if (path / COLOR).is_file() and (path / DEPTH).is_file():
+        return COLOR, DEPTH
+    return next(((name, name) for name in PAIRS if (path / name).is_file()), ())
+
+
+def _listed(path: Path, name: str, depth: bool) -> tuple[Floats, list[str]]:
+    """(N,) seconds, rising, and the files of a list; those that are not there any more left out.
+
+    depth : whether those of depth are meant, of a list of pairs
+    """
+    source, found, paired = f"{path}/{name}", dict[float, str](), name in PAIRS
     text = read_within(path, name, MAX_TEXT_BYTES).decode("utf-8", "replace")
     for number, line in enumerate(text.splitlines(), 1):
-        fields = re.split(r"[\s,]+", line.split("#")[0].strip(), maxsplit=1)
+        fields = re.split(r"[\s,]+", line.split("#")[0].strip(), maxsplit=3 if paired else 1)
         if fields == [""]:
             continue
+        if paired:
+            pairs = (fields[:2], fields[2:]) if len(fields) == 4 else ()
+            fields = next((pair for pair in pairs if ("depth" in pair[1].lower()) == depth), [""])
         try:
             time_s = float(fields[0])
         except ValueError:
@@ -83,7 +99,7 @@ def _listed(path: Path, name: str) -> tuple[Floats, list[str]]:
         if len(fields) != 2 or not abs(time_s) < 1e12:
             raise CaptureError(
                 f"line {number} is no time and file", source=source, seen=line[:80],
-                needed="1305031102.175 rgb/1305031102.175.png",
+                needed="1305031102.175 rgb/1305031102.175.png" + paired * ", and the same of depth",
                 remedy="correct the line, or take it out",
             )  # fmt: skip
         if time_s in found and found[time_s] != fields[1]:
@@ -114,24 +130,15 @@ def _is_there(path: Path) -> bool:
     return os.path.isfile(path)  # noqa: PTH113 - False for impossible names, where Path raises
 
 
-def _per_metre(path: Path) -> float:
-    """Depth values per metre: of depth_scale.txt, of ORB-SLAM's settings, else the benchmark's."""
+def _per_metre(path: Path, name: str) -> float:
+    """Depth values per metre: as depth_scale.txt or another file says, else the benchmark's.
+
+    name : of a depth map
+    """
     if (path / SCALE).is_file():
         return depth_scale(inside(path, SCALE))
-    factors = {
-        float(factor)
-        for file in _texts(path)
-        for factor in _FACTOR.findall(read_within(path, file.name, MAX_TEXT_BYTES))
-    }
-    if len(factors) > 1:
-        raise CaptureError(
-            "several scales of the depth",
-            source=str(path),
-            seen=", ".join(f"{factor:g}" for factor in sorted(factors)),
-            needed="one DepthMapFactor",
-            remedy=f"write the depth values per metre into {SCALE}",
-        )
-    return factors.pop() if factors else _PER_METRE
+    texts = [read_within(path, file.name, MAX_TEXT_BYTES) for file in _texts(path)]
+    return stated_scale(texts, depth_values(path, name), f"{path}/{name}") or _PER_METRE
 
 
 def _camera(path: Path, shape: tuple[int, int]) -> tuple[Camera, tuple[Finding, ...]]:
@@ -188,7 +195,7 @@ def _camera_of(path: Path, name: str, shape: tuple[int, int]) -> Camera:
 
 READER = Reader(
     "tum",
-    "a folder as of the TUM RGB-D benchmark: rgb.txt, depth.txt",
+    "a folder as of the TUM RGB-D benchmark: rgb.txt, depth.txt, or associations.txt",
     sniff,
     reading_by(recording),
 )
