@@ -311,5 +311,5 @@ def test_a_bag_without_a_realsense_camera_is_called_that(tmp_path):
     with Writer(tmp_path / "talk.bag") as writer:
         talk = writer.add_connection("/chatter", kind, typestore=store)
         writer.write(talk, 1, store.serialize_ros1(store.types[kind]("hello"), kind))
-    with pytest.raises(CaptureError, match=r"none of a RealSense.*seen /chatter.*Fix: record"):
+    with pytest.raises(CaptureError, match=r"no pictures of colour.*seen /chatter.*Fix: record"):
         load_capture(tmp_path / "talk.bag")

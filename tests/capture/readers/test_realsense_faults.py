@@ -11,6 +11,7 @@ from rakelight import load_capture
 from rakelight.errors import CaptureError
 from rakelight.model import RigidTransform
 from tests.capture.readers.realsense_files import Take, jpegs, some_color, write_bag, write_db3
+from tests.capture.readers.ros_files import Messages, node, write_node
 from tests.faults.fuzz import tried
 from tests.faults.mutations import mutated
 
@@ -26,6 +27,8 @@ FILES = {
     "plain.bag": lambda path: write_bag(path, PLAIN, ""),
     "lz4.bag": lambda path: write_bag(path, PLAIN, "lz4"),
     "bz2.bag": lambda path: write_bag(path, PLAIN, "bz2"),
+    "node.bag": lambda path: write_node(path, node(Messages(True), place=BESIDE)),
+    "node.db3": lambda path: write_node(path, node(Messages(False), place=BESIDE)),
 }
 
 
@@ -66,9 +69,9 @@ def test_messages_of_any_bytes(tmp_path):
     [
         ("UPDATE messages SET timestamp = 'noon'", "this recording is damaged"),
         ("UPDATE messages SET data = 7", "is damaged"),
-        ("UPDATE messages SET topic_id = 1", "none of a RealSense camera"),
+        ("UPDATE messages SET topic_id = 1", "no pictures of colour"),
         ("UPDATE topics SET type = 'std_msgs/msg/UInt32'", "holds something else"),
-        ("DELETE FROM topics", "none of a RealSense camera .* .seen no messages"),
+        ("DELETE FROM topics", "no pictures of colour .* .seen no messages"),
         ("ALTER TABLE messages RENAME COLUMN data TO bytes", "is damaged"),
     ],
 )

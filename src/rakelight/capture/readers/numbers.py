@@ -119,6 +119,17 @@ def rigid_transform(
     return RigidTransform(u @ vt, translation_m)
 
 
+def of_quaternion(q: Floats) -> Floats:
+    """The rotation matrix of w, x, y, z; not one where they are not of length 1.
+
+    >>> of_quaternion(np.array([0.0, 0.0, 0.0, 1.0])).diagonal().tolist()
+    [-1.0, -1.0, 1.0]
+    """
+    w, v = q[0], q[1:]
+    cross = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+    return np.asarray((w * w - v @ v) * np.eye(3) + 2 * np.outer(v, v) + 2 * w * cross)
+
+
 def between(of_depth: RigidTransform, of_color: RigidTransform) -> RigidTransform:
     """Depth camera to colour camera, of the transformations of one reference to each.
 

@@ -3,12 +3,12 @@
 .db3 since the SDKs of 2026 (SQLite of ROS 2), .bag before (ROS 1).  Both name their messages by
 device, sensor and stream, such as /device_0/sensor_0/Depth_0/image/data, and differ in how the
 facts about a stream are written: as text `key=value;...` in .db3, as messages of ROS in .bag.
+Recordings of ROS without such names are of a camera's node, see ros_node.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,12 +16,18 @@ from typing import Any
 import numpy as np
 
 from rakelight.capture.readers.base import Reader, Reading, Wanted
-from rakelight.capture.readers.numbers import OWN_CALIBRATION, between, rigid_transform
+from rakelight.capture.readers.numbers import (
+    OWN_CALIBRATION,
+    between,
+    of_quaternion,
+    rigid_transform,
+)
 from rakelight.capture.readers.ros_bag import AGAIN, Bag, Topic, is_bag, opened
-from rakelight.capture.readers.ros_pixels import IMAGES, color_of, depth_of
-from rakelight.capture.recording import Recording, Stream, capture_of
-from rakelight.errors import CaptureError, listed, parsing
-from rakelight.model import Array, Camera, Distortion, Floats, LensModel, RigidTransform
+from rakelight.capture.readers.ros_node import node_recording
+from rakelight.capture.readers.ros_pixels import color_of, depth_of, stream_of
+from rakelight.capture.recording import Recording, capture_of
+from rakelight.errors import CaptureError, parsing
+from rakelight.model import Array, Camera, Distortion, LensModel, RigidTransform
 
 _FRAMES = re.compile(
     r"((/device_\d+/sensor_\d+)/(Color|Depth)_\d+)/image/data(?:/compressed|/compressedDepth)?"
@@ -67,6 +73,8 @@ def read(path: Path, wanted: Wanted) -> Reading:
 
 
 def _recording(bag: Bag) -> Recording:
+    if not any(name.startswith("/device_") for name in bag.topics):
+        return node_recording(bag)
     color, depth = _recorded(bag, "Color"), _recorded(bag, "Depth")
     camera, depth_camera = _camera(bag, color), _camera(bag, depth)
     unit_m = _depth_unit_m(bag, depth)
@@ -79,8 +87,8 @@ def _recording(bag: Bag) -> Recording:
     return Recording(
         source=bag.source,
         camera=camera,
-        color=_stream(bag, color, camera, start_ns, color_of),
-        depth=_stream(bag, depth, depth_camera, start_ns, metres),
+        color=stream_of(bag, color.frames, camera, start_ns, color_of),
+        depth=stream_of(bag, depth.frames, depth_camera, start_ns, metres),
         depth_camera=depth_camera,
         depth_to_color=_depth_to_color(bag, depth, color),
     )
@@ -93,14 +101,6 @@ def _recorded(bag: Bag, kind: str) -> _Recorded:
         for name, topic in sorted(bag.topics.items())
         if (match := _FRAMES.fullmatch(name)) and match[3] == kind
     ]
-    if not any(name.startswith("/device_") for name in bag.topics):
-        raise CaptureError(
-            "a recording of ROS, but none of a RealSense camera by its own recorder",
-            source=bag.source,
-            seen=listed(sorted(bag.topics)) or "no messages",
-            needed="/device_0/sensor_…, as librealsense names them",
-            remedy=f"{_RECORD}, or export photographs and depth into a folder",
-        )
     if len(found) != 1:
         what = {"Color": "colour", "Depth": "depth"}[kind]
         raise CaptureError(
@@ -113,33 +113,6 @@ def _recorded(bag: Bag, kind: str) -> _Recorded:
             remedy=_RECORD,
         )
     return found[0]
-
-
-def _stream(
-    bag: Bag,
-    recorded: _Recorded,
-    camera: Camera,
-    start_ns: int,
-    pixels: Callable[[Any, str], Array],
-) -> Stream:
-    kind = recorded.name.rsplit("/", 1)[-1]
-
-    def walk(wanted: Sequence[int]) -> Iterator[tuple[int, Array]]:
-        for number in wanted:
-            frame = f"{bag.source}, frame {number} of {kind}"
-            image = pixels(bag.message(recorded.frames, number, IMAGES), frame)
-            if image.shape[:2] != camera.shape:
-                raise CaptureError(
-                    "its size is not that of its camera",
-                    source=frame,
-                    seen=f"{image.shape[1]} x {image.shape[0]}",
-                    needed=f"{camera.width} x {camera.height}",
-                    remedy=AGAIN,
-                )
-            yield number, image
-
-    # When the frames arrived: the one clock that the two cameras of a device always share.
-    return Stream((recorded.topic.times_ns - start_ns) / 1e9, camera.shape, walk)
 
 
 def _camera(bag: Bag, stream: _Recorded) -> Camera:
@@ -269,7 +242,7 @@ def _transform(bag: Bag, name: str) -> RigidTransform:
     if bag.old:
         message = bag.message(name, 0, ("geometry_msgs/msg/Transform",))
         q, t = message.rotation, message.translation
-        rotation = _of_quaternion(np.array([q.w, q.x, q.y, q.z]))
+        rotation = of_quaternion(np.array([q.w, q.x, q.y, q.z]))
         translation_m = np.array([t.x, t.y, t.z])
     else:
         facts = _facts(bag, name)
@@ -277,13 +250,6 @@ def _transform(bag: Bag, name: str) -> RigidTransform:
             rotation = np.array(_numbers(facts["rotation"], 9)).reshape(3, 3).T  # by columns
             translation_m = np.array(_numbers(facts["translation"], 3))
     return rigid_transform(rotation, translation_m, bag.source, name)
-
-
-def _of_quaternion(q: Floats) -> Floats:
-    """The rotation matrix of w, x, y, z; not one where they are not of length 1."""
-    w, v = q[0], q[1:]
-    cross = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
-    return np.asarray((w * w - v @ v) * np.eye(3) + 2 * np.outer(v, v) + 2 * w * cross)
 
 
 def _facts(bag: Bag, name: str) -> dict[str, str]:
@@ -302,7 +268,7 @@ def _numbers(text: str, count: int) -> tuple[float, ...]:
 
 READER = Reader(
     "realsense",
-    "a recording of librealsense or the RealSense Viewer: .db3, .bag",
+    "a recording of librealsense, the RealSense Viewer, or a camera's ROS node: .db3, .bag",
     is_bag,
     read,
     "recordings",

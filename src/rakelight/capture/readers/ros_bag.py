@@ -29,6 +29,8 @@ from rakelight.model import Array
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 BAG_MAGIC = b"#ROSBAG V2.0\n"
+TF = "tf2_msgs/msg/TFMessage"
+_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 # Bytes of the largest message or block of messages.  A frame of 4096 x 3072 RGBA has 50 MB, a
 # block of librealsense's bags one message or 0.8 MB.
 LONGEST = 1 << 28
@@ -123,9 +125,12 @@ def opened(path: Path) -> Iterator[Bag]:
 @cache
 def _typestore(old: bool) -> Any:
     """How messages are laid out: as ROS has it, whatever the file says."""
-    from rosbags.typesys import Stores, get_typestore
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-    return get_typestore(Stores.ROS1_NOETIC if old else Stores.ROS2_HUMBLE)
+    store = get_typestore(Stores.ROS1_NOETIC if old else Stores.ROS2_HUMBLE)
+    if old:  # rosbags has it for ROS 2 alone
+        store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TF))
+    return store
 
 
 @contextmanager
@@ -169,7 +174,9 @@ def _row_reader(database: sqlite3.Connection, rows: Array) -> Callable[[int], by
     def read(number: int) -> bytes:
         row = int(rows["row"][number])
         (data,) = database.execute("SELECT data FROM messages WHERE rowid = ?", (row,)).fetchone()
-        return bytes(memoryview(data))
+        packed = bytes(memoryview(data))
+        # Messages that `ros2 bag record` packs singly; others begin with a zero.
+        return unpacked_zstd(packed, LONGEST, fewer=True) if packed[:4] == _ZSTD_MAGIC else packed
 
     return read
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import struct
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Literal
 
 import cv2
@@ -10,9 +12,10 @@ import numpy as np
 
 from rakelight.capture.headers import MAX_PIXELS, PNG_MAGIC
 from rakelight.capture.images import as_rgb, decode_image
-from rakelight.capture.readers.ros_bag import AGAIN, LONGEST, unpacked_zstd
+from rakelight.capture.readers.ros_bag import AGAIN, LONGEST, Bag, unpacked_zstd
+from rakelight.capture.recording import Stream
 from rakelight.errors import CaptureError, parsing
-from rakelight.model import Array
+from rakelight.model import Array, Camera, Floats
 
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 
@@ -30,13 +33,37 @@ _COLOURS: dict[str, tuple[int, str | int]] = {
     "uyvy": (2, cv2.COLOR_YUV2RGB_UYVY),
     "yuv422": (2, cv2.COLOR_YUV2RGB_UYVY),
 }
-_DEPTHS = ("16uc1", "mono16", "z16")
+_DEPTHS, _FLOAT = ("16uc1", "mono16", "z16"), "32fc1"
 # What librealsense writes of pictures that PNG cannot hold: "YUYV; zstd; 640x480 step=1280".
 _ZSTD = re.compile(r"(\w+); zstd; ([0-9]{1,6})x([0-9]{1,6}) step=([0-9]{1,8})")
 # Bytes before the PNG of a depth map: a quantisation of ROS that 16 bit depth does not use, and
 # that some writers leave out.
 _DEPTH_HEADERS = (0, 12)
+_MILLIMETRES, _TOO_FAR = 1000.0, 65535
 _JPEG, _JPEG_MAGIC = "mjpeg", b"\xff\xd8\xff"
+
+
+def stream_of(
+    bag: Bag, name: str, camera: Camera, start_ns: int, pixels: Callable[[Any, str], Array]
+) -> Stream:
+    """The pictures of a topic, which are of the camera's size; times are from `start_ns` on."""
+
+    def walk(wanted: Sequence[int]) -> Iterator[tuple[int, Array]]:
+        for number in wanted:
+            frame = f"{bag.source}, frame {number} of {name}"
+            image = pixels(bag.message(name, number, IMAGES), frame)
+            if image.shape[:2] != camera.shape:
+                raise CaptureError(
+                    "its size is not that of its camera",
+                    source=frame,
+                    seen=f"{image.shape[1]} x {image.shape[0]}",
+                    needed=f"{camera.width} x {camera.height}",
+                    remedy=AGAIN,
+                )
+            yield number, image
+
+    # When the frames arrived: the one clock that the two cameras of a device always share.
+    return Stream((bag.topics[name].times_ns - start_ns) / 1e9, camera.shape, walk)
 
 
 def color_of(message: Any, source: str) -> Array:
@@ -82,6 +109,40 @@ def depth_of(message: Any, source: str) -> Array:
     pixels = np.ascontiguousarray(_cut(rows, height, width, 2, source))
     order: Literal[">u2", "<u2"] = ">u2" if getattr(message, "is_bigendian", 0) else "<u2"
     return pixels.view(order)[..., 0].astype(np.uint16)
+
+
+def is_depth(message: Any) -> bool:
+    """Whether a picture holds depth by its encoding."""
+    encoding: str = message.format if hasattr(message, "format") else message.encoding
+    return encoding.lower().startswith((*_DEPTHS, _FLOAT))
+
+
+def metres_of(message: Any, source: str) -> Floats:
+    """(h, w) float32 metres of a node's message, NaN = no measurement; raises CaptureError.
+
+    16 bits are millimetres, floating point metres (REP 118).
+    """
+    packed = hasattr(message, "format")
+    if not (message.format if packed else message.encoding).lower().startswith(_FLOAT):
+        values = depth_of(message, source)
+        metres = np.where(values < _TOO_FAR, values / _MILLIMETRES, np.nan)
+    elif packed:
+        metres = _inverted(message, source)
+    else:
+        _, rows, (height, width) = _raw(message, source)
+        pixels = np.ascontiguousarray(_cut(rows, height, width, 4, source))
+        metres = pixels.view(">f4" if message.is_bigendian else "<f4")[..., 0]
+    return np.where(np.isfinite(metres) & (metres > 0), metres, np.nan).astype(np.float32)
+
+
+def _inverted(message: Any, source: str) -> Floats:
+    """(h, w) metres of a PNG of inverse depth, quantised as the 12 bytes before it say."""
+    values = _png(message, source, _DEPTH_HEADERS[1:])
+    if values is None or values.dtype != np.uint16 or values.ndim != 2:
+        raise _not_read(message.format, "compressedDepth as PNG", source)
+    _, a, b = struct.unpack("<iff", message.data[: _DEPTH_HEADERS[1]].tobytes())
+    with np.errstate(all="ignore"):
+        return np.where(values > 0, a / (values - np.float64(b)), np.nan)
 
 
 def _png(message: Any, source: str, befores: tuple[int, ...]) -> Array | None:
