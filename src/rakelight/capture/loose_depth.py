@@ -32,6 +32,7 @@ _STATED = re.compile(
     rb"([0-9]{0,9}\.?[0-9]{1,12}(?:e[-+]?[0-9]{1,2})?)",
     re.IGNORECASE,
 )
+_LARGEST_HALF = 65504.0
 _POSSIBLE = (100.0, 200_000.0)  # values per metre: of centimetres, and of 65535 at 0.33 m
 
 
@@ -176,7 +177,7 @@ def _metres(raw: Array, scale: float) -> Floats:
     with np.errstate(over="ignore", invalid="ignore"):  # of wild values, NaN afterwards
         metres = (raw / scale).astype(np.float32)
         nothing = ~(np.isfinite(metres) & (metres != 0))
-    if raw.dtype.kind in "iu":
-        nothing |= raw == np.iinfo(raw.dtype).max  # a sensor's "too far"
+    # A sensor's "too far", and a renderer's: Blender writes 1e10, of half floats the largest.
+    nothing |= raw >= (np.iinfo(raw.dtype).max if raw.dtype.kind in "iu" else _LARGEST_HALF)
     metres[nothing] = np.nan
     return metres

@@ -130,6 +130,15 @@ def test_the_unit_that_a_file_of_another_program_states(tmp_path, name, text):
     assert np.array_equal(load_capture(tmp_path).depth_m, capture.depth_m, equal_nan=True)
 
 
+@pytest.mark.parametrize("far", [1e10, 65504.0])
+def test_what_is_too_far_for_a_renderer_is_no_measurement(tmp_path, far):
+    """Blender writes 1e10 where there is nothing, which is 65504 in half floats."""
+    depth_m = fill(tmp_path, depth=False).depth_m[0]
+    depth_m[:3] = np.nan
+    exr(tmp_path / "z.exr", Z=np.nan_to_num(depth_m, nan=far))
+    assert np.array_equal(load_capture(tmp_path).depth_m[0], depth_m, equal_nan=True)
+
+
 def test_a_stated_unit_that_makes_no_distance_is_refused(tmp_path):
     made = fill(tmp_path, depth=False)
     (tmp_path / "depth.png").write_bytes(encode_png(as_16_bit(made.depth_m[0])))
