@@ -114,6 +114,17 @@ def test_r3d_may_end_with_half_a_frame_and_have_no_confidence(tmp_path):
     assert np.array_equal(depth_of(recording), want, equal_nan=True)
 
 
+def test_r3d_that_was_unpacked_and_packed_again_with_its_folder(tmp_path):
+    want = record3d.recording(write_r3d(tmp_path / "a.r3d"))[0]
+    members = {f"scan/{name}": data for name, data in r3d_members().items()}
+    members["__MACOSX/scan/._metadata"] = members["__MACOSX/scan/rgbd/._0.jpg"] = b"\0\5\x16\7"
+    path = write_r3d(tmp_path / "b.zip", members)
+    assert find_reader(path).name == "record3d"
+    recording, _ = record3d.recording(path)
+    assert recording.camera == want.camera
+    assert np.array_equal(depth_of(recording), depth_of(want), equal_nan=True)
+
+
 def test_r3d_k_of_smaller_frames_is_scaled(tmp_path):
     small = CAMERA.resized(WIDTH // 2, HEIGHT // 2)
     facts = metadata(COUNT, small)

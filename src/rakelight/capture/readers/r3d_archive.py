@@ -9,7 +9,7 @@ import os
 import re
 import stat
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import FileIO
@@ -34,6 +34,7 @@ class Archive:
 
     path: Path
     members: Mapping[str, zipfile.ZipInfo]
+    metadata: str
     color: dict[int, str]
     depth: dict[int, str]
     confidence: dict[int, str]
@@ -92,14 +93,27 @@ def opened_zip(path: Path) -> Iterator[zipfile.ZipFile]:
             yield opened
 
 
+def metadata_in(names: Iterable[str]) -> str | None:
+    """The member of a recording's metadata, which a ZIP packed again has in a folder; else None.
+
+    >>> metadata_in(["scan/metadata", "scan/rgbd/0.jpg", "__MACOSX/scan/rgbd/._0.jpg"])
+    'scan/metadata'
+    """
+    there = set(names)
+    folders = sorted({name.partition("rgbd/")[0] for name in there if "rgbd/" in name})
+    return next((f + METADATA for f in folders if f + METADATA in there), None)
+
+
 def listed_frames(path: Path, opened: zipfile.ZipFile) -> Archive:
     """The frames by their numbers; raises CaptureError for a name twice, or for no frames."""
     members: dict[str, zipfile.ZipInfo] = {}
     kinds: dict[str, dict[int, str]] = {"color": {}, "depth": {}, "conf": {}}
+    metadata = metadata_in(opened.namelist()) or METADATA
+    folder = metadata.removesuffix(METADATA)
     for member in opened.infolist():
         name = member.filename
-        found = _MEMBER.fullmatch(name)
-        if found is None and name != METADATA:
+        found = _MEMBER.fullmatch(name.removeprefix(folder)) if name.startswith(folder) else None
+        if found is None and name != metadata:
             continue  # an icon, sound
         kind = "" if found is None else found[2] if found[2] in kinds else "color"
         number = -1 if found is None else int(found[1])
@@ -121,4 +135,4 @@ def listed_frames(path: Path, opened: zipfile.ZipFile) -> Archive:
                 remedy=EXPORT_AGAIN,
             )
     ordered = [dict(sorted(kinds[kind].items())) for kind in ("color", "depth", "conf")]
-    return Archive(path, members, *ordered)
+    return Archive(path, members, metadata, *ordered)

@@ -22,11 +22,11 @@ from rakelight.capture.readers.lzfse_blocks import stated_size, unpack
 from rakelight.capture.readers.numbers import array_of, camera_of, json_table, number_in
 from rakelight.capture.readers.r3d_archive import (
     EXPORT_AGAIN,
-    METADATA,
     MOST_FRAME,
     MOST_MAP,
     Archive,
     listed_frames,
+    metadata_in,
     opened_zip,
 )
 from rakelight.capture.readers.tracking import Poses, reading_by
@@ -47,20 +47,20 @@ def sniff(path: Path) -> bool:
         return False
     try:
         with opened_zip(path) as opened:
-            names = opened.namelist()
+            return metadata_in(opened.namelist()) is not None
     except InputError:
         return False
-    return METADATA in names and any(name.startswith("rgbd/") for name in names)
 
 
 def recording(path: Path) -> tuple[Recording, Poses | None]:
     """The recording in an .r3d."""
     with opened_zip(path) as opened:
         archive = listed_frames(path, opened)
-        facts = json_table(archive.read(opened, METADATA, MAX_TEXT_BYTES), f"{path}/{METADATA}")
+        metadata = f"{path}/{archive.metadata}"
+        facts = json_table(archive.read(opened, archive.metadata, MAX_TEXT_BYTES), metadata)
         first = next(iter(archive.color.values()))
         header = read_header(archive.read(opened, first, MOST_FRAME), f"{path}/{first}")
-        camera, turns = _camera(facts, header, f"{path}/{METADATA}")
+        camera, turns = _camera(facts, header, metadata)
         shape = _depth_shape(facts, archive, opened, camera)
     color, depth = sorted(archive.color), sorted(archive.depth)
     made = recording_of_one_view(
@@ -72,8 +72,7 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
         names=[archive.color[number] for number in color],
         findings=(*compressed_finding([first]), *_turned_finding(header, turns)),
     )
-    poses = _poses(facts, color, f"{path}/{METADATA}")
-    return made, poses
+    return made, _poses(facts, color, metadata)
 
 
 def _camera(facts: Mapping[str, Any], header: Header, source: str) -> tuple[Camera, int]:
@@ -135,7 +134,7 @@ def _depth_shape(
         if width * height != count:
             raise CaptureError(
                 "the size of the depth is not known",
-                source=f"{archive.path}/{METADATA}",
+                source=f"{archive.path}/{archive.metadata}",
                 seen=f"no dw and dh, {count} values",
                 needed="dw and dh",
                 remedy=EXPORT_AGAIN,
