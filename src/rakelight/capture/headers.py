@@ -38,7 +38,10 @@ _OTHER_FORMATS = (
     (b"<", "HTML or XML"),
     (b"SQLite format 3\0", "an SQLite file"),
     (b"\x89MCAP", "MCAP"),
-    *((magic, "a packed file") for magic in (b"\x1f\x8b", b"7z\xbc\xaf", b"Rar!", b"\xfd7zXZ")),
+    *(
+        (magic, "a packed file")
+        for magic in (b"\x1f\x8b", b"7z\xbc\xaf", b"Rar!", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd")
+    ),
 )
 # By colour type: channels (a palette is expanded), and the bits that a sample may have.
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}

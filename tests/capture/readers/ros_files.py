@@ -72,12 +72,14 @@ class Messages:
         return self.make("TFMessage", made)
 
 
-def write_node(path, topics, storage=StoragePlugin.SQLITE3, mode=None):
+def write_node(path, topics, mode=None):
     """A recording of `topics` {name: messages}, 33 ms apart; returns the file."""
     messages = Messages(path.suffix == ".bag")
-    writer = rosbag1.Writer(path) if messages.old else rosbag2.Writer(
-        path.parent / "folder", version=9, storage_plugin=storage
-    )  # fmt: skip
+    if messages.old:
+        writer = rosbag1.Writer(path)
+    else:
+        storage = StoragePlugin.MCAP if path.suffix == ".mcap" else StoragePlugin.SQLITE3
+        writer = rosbag2.Writer(path.parent / "folder", version=9, storage_plugin=storage)
     if mode is not None:
         writer.set_compression(mode, CompressionFormat.ZSTD)
     store = messages.store

@@ -28,6 +28,7 @@ FILES = {
     "lz4.bag": lambda path: write_bag(path, PLAIN, "lz4"),
     "bz2.bag": lambda path: write_bag(path, PLAIN, "bz2"),
     "node.bag": lambda path: write_node(path, node(Messages(True), place=BESIDE)),
+    "node.mcap": lambda path: write_node(path, node(Messages(False), place=BESIDE)),
     "node.db3": lambda path: write_node(path, node(Messages(False), place=BESIDE)),
 }
 

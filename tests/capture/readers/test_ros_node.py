@@ -28,7 +28,7 @@ from tests.capture.readers.ros_files import (
     write_node,
 )
 
-WRITERS = ["rec.bag", "rec.db3"]
+WRITERS = ["rec.bag", "rec.db3", "rec.mcap"]
 
 
 def read(path):
@@ -160,8 +160,16 @@ def test_rectified_pictures_have_no_lens(tmp_path):
     assert (camera.fx, camera.distortion) == (2 * CAMERA.fx, None)
 
 
-def test_messages_that_are_packed_singly(tmp_path):
-    path = write_node(tmp_path / "rec.db3", node(Messages(False)), mode=CompressionMode.MESSAGE)
+PACKED = [
+    ("rec.db3", CompressionMode.MESSAGE),
+    ("rec.mcap", CompressionMode.MESSAGE),
+    ("rec.mcap", CompressionMode.STORAGE),
+]
+
+
+@pytest.mark.parametrize(("name", "mode"), PACKED)
+def test_messages_and_blocks_that_are_packed(tmp_path, name, mode):
+    path = write_node(tmp_path / name, node(Messages(False)), mode)
     assert np.array_equal(read(path)[1], np.stack(some_color()))
 
 
@@ -202,3 +210,11 @@ def test_what_cannot_be_read_is_said_in_one_line(tmp_path, what):
     with pytest.raises(CaptureError, match=what) as caught:
         load_capture(path)
     assert str(caught.value).startswith(str(path))
+
+
+def test_mcap_without_an_index_is_not_unpacked_to_find_one(tmp_path):
+    path = write_node(tmp_path / "rec.mcap", node(Messages(False)))
+    data = path.read_bytes()
+    path.write_bytes(data[:-28] + bytes(8) + data[-20:])  # where the summary begins
+    with pytest.raises(CaptureError, match=r"seen no index.*mcap recover rec\.mcap"):
+        load_capture(path)

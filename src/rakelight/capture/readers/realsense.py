@@ -268,7 +268,7 @@ def _numbers(text: str, count: int) -> tuple[float, ...]:
 
 READER = Reader(
     "realsense",
-    "a recording of librealsense, the RealSense Viewer, or a camera's ROS node: .db3, .bag",
+    "a recording of librealsense, the RealSense Viewer, or a camera's ROS node: .db3, .mcap, .bag",
     is_bag,
     read,
     "recordings",

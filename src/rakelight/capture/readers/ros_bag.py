@@ -1,6 +1,6 @@
-"""Recordings of ROS: the SQLite files of ROS 2 (.db3) and the bags of ROS 1 (.bag).
+"""Recordings of ROS: the SQLite and MCAP files of ROS 2 (.db3, .mcap) and the bags of ROS 1 (.bag).
 
-Both are an index of messages by topic and time.  Only the index is read when one is opened, and of
+All are an index of messages by topic and time.  Only the index is read when one is opened, and of
 the messages those that are asked for.  Nothing in a file is trusted: what an SQLite file may make
 the database do is cut down to reading two tables, and every size is held against the file's.
 """
@@ -10,15 +10,17 @@ from __future__ import annotations
 import os
 import sqlite3
 import stat
+import struct
 from bz2 import BZ2Decompressor
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache, partial
 from io import BufferedReader, FileIO
 from itertools import islice
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 
@@ -29,6 +31,7 @@ from rakelight.model import Array
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 BAG_MAGIC = b"#ROSBAG V2.0\n"
+MCAP_MAGIC = b"\x89MCAP0\r\n"
 TF = "tf2_msgs/msg/TFMessage"
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 # Bytes of the largest message or block of messages.  A frame of 4096 x 3072 RGBA has 50 MB, a
@@ -89,8 +92,13 @@ class Bag:
             )
         with parsing(self.source, f"{name} is damaged", CaptureError):
             store = _typestore(self.old)
-            read = store.deserialize_ros1 if self.old else store.deserialize_cdr
-            return read(topic.read(number), topic.kind)
+            data = topic.read(number)
+            if self.old:
+                return store.deserialize_ros1(data, topic.kind)
+            # Of messages that `ros2 bag record` packs singly; others begin with a zero.
+            if data.startswith(_ZSTD_MAGIC):
+                data = unpacked_zstd(data, LONGEST, fewer=True)
+            return store.deserialize_cdr(data, topic.kind)
 
 
 def is_bag(path: Path) -> bool:
@@ -100,7 +108,7 @@ def is_bag(path: Path) -> bool:
     with path.open("rb") as file:
         first = file.read(len(SQLITE_MAGIC))
     if first != SQLITE_MAGIC:
-        return first.startswith(BAG_MAGIC)
+        return first.startswith((BAG_MAGIC, MCAP_MAGIC))
     try:
         with closing(_connected(path)) as database:
             return _has_tables(database)
@@ -116,9 +124,10 @@ def opened(path: Path) -> Iterator[Bag]:
     """
     source = str(path)
     with clear_errors(source, "cannot be read"), path.open("rb") as file:
-        old = file.read(len(BAG_MAGIC)) == BAG_MAGIC
+        first = file.read(len(BAG_MAGIC))
     needs("rosbags", "recordings", source)
-    with _bag(path, source) if old else _database(path, source) as bag:
+    kind = _bag if first == BAG_MAGIC else _mcap if first.startswith(MCAP_MAGIC) else _database
+    with kind(path, source) as bag:
         yield bag
 
 
@@ -174,9 +183,7 @@ def _row_reader(database: sqlite3.Connection, rows: Array) -> Callable[[int], by
     def read(number: int) -> bytes:
         row = int(rows["row"][number])
         (data,) = database.execute("SELECT data FROM messages WHERE rowid = ?", (row,)).fetchone()
-        packed = bytes(memoryview(data))
-        # Messages that `ros2 bag record` packs singly; others begin with a zero.
-        return unpacked_zstd(packed, LONGEST, fewer=True) if packed[:4] == _ZSTD_MAGIC else packed
+        return bytes(memoryview(data))
 
     return read
 
@@ -253,6 +260,91 @@ def _bag_reader(reader: Any, connections: list[Any], times_ns: Array) -> Callabl
         return bytes(next(islice(found, before, None))[2])
 
     return read
+
+
+@contextmanager
+def _mcap(path: Path, source: str) -> Iterator[Bag]:
+    from rosbags.rosbag2 import ReaderError
+    from rosbags.rosbag2.storage_mcap import McapReader
+
+    class Indexed(McapReader):
+        """One that never unpacks the whole file to find what is in it."""
+
+        def meta_scan(self) -> None:
+            raise ReaderError("no index")
+
+    with parsing(source, _BROKEN, CaptureError), clear_errors(source, "cannot be read"):
+        reader = Indexed(_Bounded(path))  # type: ignore[arg-type]
+        try:
+            reader.open()
+        except ReaderError as error:
+            remedy = f"`mcap recover {path.name}` makes a new one of it, or copy it again"
+            raise CaptureError(_BROKEN, source=source, seen=str(error), remedy=remedy) from error
+    try:
+        with parsing(source, _BROKEN, CaptureError):
+            topics = _mcap_topics(reader, path.stat().st_size)
+        yield Bag(source, topics, old=False)
+    finally:
+        reader.close()
+
+
+def _mcap_topics(reader: Any, most: int) -> dict[str, Topic]:
+    """The topics that have messages, by the chunks' own indices of at most so many bytes in all.
+
+    Format: mcap.dev/spec, Message Index (7), Message (5) and Chunk (6).
+    """
+    found: dict[str, list[Array]] = {}
+    channels = {each.id: each for each in reader.connections}
+    for number, chunk in enumerate(reader.chunks):
+        for channel, at in chunk.message_index_offsets.items():
+            reader.bio.seek(at)
+            kind, _, of_channel, size = struct.unpack("<BQHI", reader.bio.read(15))
+            most -= size + 15
+            if kind != 7 or of_channel != channel or most < 0:
+                raise ValueError("a wrong index")
+            rows = np.frombuffer(reader.bio.read(size), "<i8").reshape(-1, 2)
+            rows = np.column_stack([rows, np.full(len(rows), number)])
+            found.setdefault(channels[channel].topic, []).append(rows)
+    kinds = {each.topic: each.msgtype for each in reader.connections}
+    unpacked = lru_cache(maxsize=2)(partial(_chunk, reader))  # colour and depth take turns
+    topics = {}
+    for name, arrays in found.items():
+        rows = np.concatenate(arrays)
+        rows = rows[np.lexsort((rows[:, 1], rows[:, 2], rows[:, 0]))]
+        if len(rows):
+            topics[name] = Topic(kinds[name], rows[:, 0].copy(), _mcap_reader(unpacked, rows))
+    return topics
+
+
+def _mcap_reader(unpacked: Callable[[int], bytes], rows: Array) -> Callable[[int], bytes]:
+    """rows : (N, 3) time, place in the chunk, and the chunk's number."""
+
+    def read(number: int) -> bytes:
+        _, at, of_chunk = rows[number].tolist()
+        data = unpacked(of_chunk)
+        kind, size = struct.unpack_from("<BQ", data, at)
+        if at < 0 or kind != 5 or not 22 <= size <= len(data) - at - 9:
+            raise ValueError("no message where the index says")
+        return data[at + 9 + 22 : at + 9 + size]
+
+    return read
+
+
+def _chunk(reader: Any, number: int) -> bytes:
+    """The messages of one chunk."""
+    chunk = reader.chunks[number]
+    reader.bio.seek(chunk.chunk_start_offset + 9)
+    _, _, size, checksum, letters = struct.unpack("<QQQII", reader.bio.read(32))
+    if size > LONGEST or letters > 4:
+        raise ValueError(f"a block of {size} bytes")
+    how = reader.bio.read(letters)
+    (packed,) = struct.unpack("<Q", reader.bio.read(8))
+    data = reader.bio.read(packed)
+    if how:
+        data = _lz4(data) if how == b"lz4" else unpacked_zstd(data, size)
+    if len(data) != size or (checksum and crc32(data) != checksum):
+        raise ValueError("a block that is not what it was")
+    return bytes(data)
 
 
 class _Bounded:

@@ -16,19 +16,17 @@ from rakelight.capture.readers.r3d_archive import EXPORT_AGAIN
 from rakelight.errors import CaptureError, InputError, listed, printable
 from rakelight.files import clear_errors
 
-NEEDED = "a folder with photographs and depth, or a recording (.db3, .bag, .mkv, .r3d, .mat)"
+NEEDED = "a folder with photographs and depth, or a recording (.db3, .mcap, .bag, .mkv, .r3d, .mat)"
 _LIST = "`rakelight import --list` says what is read"
 _FOLDER = "name the folder that it lies in"
 _DEPTH_BESIDE = "name a recording that holds depth, too, or a folder of photographs and their depth"
 # Files that are a part of what is read.
 _PARTS = (".toml", ".lp", ".txt", ".csv", ".json", ".yaml", ".yml", ".xml")
-_ROS_2_MCAP = "`ros2 bag convert` makes an SQLite file (.db3) of it"
 _REMEDIES = {
     "a ZIP archive": "unpack it, and name the folder",
     "a packed file": "unpack it, and name the folder",
     "HEIC or a video": _DEPTH_BESIDE,
     "a WebP or an AVI": _DEPTH_BESIDE,
-    "MCAP": _ROS_2_MCAP,
 }
 _BY_ENDING = {
     ".mat": AS_VERSION_7,
@@ -38,8 +36,11 @@ _BY_ENDING = {
 _Rule = tuple[tuple[str, ...], str, str]
 # Endings of a folder's files, what it is then, and what to do, {} being the first of the files.
 _BEFORE_IMAGES: tuple[_Rule, ...] = (
-    ((".db3", ".bag", ".mkv", ".r3d"), "a folder that holds a recording", "name that itself: {}"),
-    ((".mcap",), "a recording of ROS 2 as MCAP, which is not read", _ROS_2_MCAP),
+    (
+        (".db3", ".mcap", ".bag", ".mkv", ".r3d"),
+        "a folder that holds a recording",
+        "name that itself: {}",
+    ),
 )
 _AFTER_IMAGES: tuple[_Rule, ...] = (
     ((".mat",), "a folder that holds a .mat file", "name that itself: {}"),
