@@ -21,8 +21,8 @@ from rakelight.scratch import large_empty, release
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
 # Images that a capture folder does not hold, and the raw files of makers that no reader reads.
 UNREAD = {
-    ".bmp", ".gif", ".webp", ".avif", ".heic", ".jp2", ".exr", ".hdr", ".dng", ".cr2", ".cr3",
-    ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw",
+    ".bmp", ".gif", ".pgm", ".ppm", ".webp", ".avif", ".heic", ".jp2", ".exr", ".hdr",
+    ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw",
 }  # fmt: skip
 
 

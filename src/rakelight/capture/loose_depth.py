@@ -26,10 +26,11 @@ SCALE = "depth_scale.txt"
 MILLIMETRES = 1000.0
 """Depth values per metre of 16-bit depth that does not say: what nearly all programs write."""
 
-# A scale of depth by the names of ORB-SLAM, stella_vslam, NICE-SLAM, Open3D, BOP and instant-ngp.
+# A scale of depth by the names of ORB-SLAM, stella_vslam, NICE-SLAM, Open3D, BOP, nerfstudio and
+# instant-ngp.
 _STATED = re.compile(
-    rb"\b\w{0,20}?depth_?(?:map_?)?(?:scale|factor)[\"']?[ \t]{0,20}[:=][ \t]{0,20}"
-    rb"([0-9]{0,9}\.?[0-9]{1,12}(?:e[-+]?[0-9]{1,2})?)",
+    rb"\b\w{0,20}?depth_?(?:map_?|unit_?)?(?:scale|factor)(?:_?factor)?[\"']?"
+    rb"[ \t]{0,20}[:=][ \t]{0,20}([0-9]{0,9}\.?[0-9]{1,12}(?:e[-+]?[0-9]{1,2})?)",
     re.IGNORECASE,
 )
 _LARGEST_HALF = 65504.0
@@ -127,7 +128,7 @@ def stated_scale(texts: Iterable[bytes], values: Array, source: str) -> float | 
         return None
     median = _median(values)
     possible = {
-        round(scale, 6)
+        float(f"{scale:.6g}")  # of 32 bits: 0.001 is 0.0010000000475 in them
         for number in stated
         for scale in (number, 1 / number, MILLIMETRES / number)
         if _POSSIBLE[0] <= scale <= _POSSIBLE[1]

@@ -192,7 +192,7 @@ def list_loose_files(folder: Path, photographs: Sequence[str] = ()) -> LooseFile
     unread = [name for name in others if name not in known]
     if not images:
         _check_photographs(folder, [], [], unread)
-    depth, unused = _depth_among(folder, named["depth"], rest)
+    depth, unused = _depth_among(folder, named["depth"], rest, unread)
     if photographs:
         rest = _listed(folder, images, photographs)
     taken, paired = _without_pairs([file for file in rest if file not in depth])
@@ -258,9 +258,12 @@ def _listed(folder: Path, images: Sequence[LooseFile], names: Sequence[str]) -> 
 
 
 def _depth_among(
-    folder: Path, named: list[LooseFile], rest: list[LooseFile]
+    folder: Path, named: list[LooseFile], rest: list[LooseFile], unread: list[str]
 ) -> tuple[list[LooseFile], list[LooseFile]]:
-    """The depth maps, and pictures of depth that are left out."""
+    """The depth maps, and pictures of depth that are left out.
+
+    unread : names of images of other formats
+    """
     if named:
         real = [file for file in named if file.one_channel or file.only_depth]
         # A coloured picture of the depth beside the depth itself is for people.
@@ -271,7 +274,7 @@ def _depth_among(
         raise CaptureError(
             "no depth map in it",
             source=str(folder),
-            seen=_names(rest),
+            seen=listed([*unread, *(file.name for file in rest)]),
             needed="photographs and their depth: 16-bit PNG or TIFF, float TIFF, PFM, NPY, EXR",
             remedy="put it there as depth.png (16 bit, millimetres) or depth.tiff (floating point, "
             'metres), or several into a folder "depth"',

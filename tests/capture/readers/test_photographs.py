@@ -113,6 +113,8 @@ def test_the_unit_of_integers(tmp_path):
          "DepthMapFactor: 5000.0\n"),
         ("transforms.json", '{"fl_x": 40, "fl_y": 40.5, "cx": 15.75, "cy": 12.25, '
          '"integer_depth_scale": 0.0002}'),
+        ("camera.yaml", "fx: 40\nfy: 40.5\ncx: 15.25\ncy: 11.75\n"
+         "depth_unit_scale_factor: 0.00019999999494757503\n"),
     ],
 )  # fmt: skip
 def test_the_unit_that_a_file_of_another_program_states(tmp_path, name, text):
@@ -212,6 +214,12 @@ def test_a_stated_unit_that_cannot_be(tmp_path):
     (tmp_path / "depth.png").write_bytes(encode_png(as_16_bit(depth_m)))
     (tmp_path / "depth_scale.txt").write_text("0.001")
     refusal(tmp_path, "not the unit of the depth", "at 0.001 values per metre", "= 1000 would")
+
+
+def test_depth_in_a_format_that_is_not_read_is_named(tmp_path):
+    fill(tmp_path, depth=False)
+    (tmp_path / "depth.pgm").write_bytes(b"P5 32 24 65535\n" + bytes(2 * 32 * 24))
+    refusal(tmp_path, "no depth map in it (seen depth.pgm, img9.png")
 
 
 def test_depth_that_is_turned(tmp_path):
