@@ -26,7 +26,7 @@ K = b"40 0 15.25\n0 40.5 11.75\n0 0 1\n"
 def fill(folder, depth=True, texts=True, dtype=np.uint8):
     """Photographs img1.png ... img4.png of `small_capture`, depth.tiff and intrinsics.txt."""
     capture = small_capture(dtype=dtype)
-    folder.mkdir(exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     for i, photograph in enumerate(capture.photographs):
         (folder / f"img{9 + i}.png").write_bytes(encode_png(photograph))
     if depth:

@@ -65,6 +65,13 @@ def unpacked(folder):
     return folder
 
 
+def around(folder):
+    """What an unpacked archive often is."""
+    fill(folder / "EXR_RGBD" / "rgb", texts=False)
+    written(folder / "EXR_RGBD" / "metadata.json", b"{}")
+    return folder
+
+
 def folder_of(path):
     path.mkdir()
     return path
@@ -103,6 +110,7 @@ UNKNOWN = {
     "no photographs in it .seen a.webp.*PNG": lambda p: with_depth(p / "webp", "a.webp"),
     "a video without depth .seen a.mp4": lambda p: written(p / "video" / "a.mp4", MP4).parent,
     "images of a format that is not read": lambda p: written(p / "gif" / "a.gif", b"GIF89a").parent,
+    "a folder around the one.*name that itself: .*/rec/EXR_RGBD": lambda p: around(p / "rec"),
     "nothing in it that is read .seen a.md": lambda p: written(p / "notes" / "a.md").parent,
 }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 
@@ -49,6 +50,7 @@ _AFTER_IMAGES: tuple[_Rule, ...] = (
 )
 # Names of a folder's files that are looked at.
 _MOST_NAMES = 2000
+_MOST_FOLDERS = 20  # of these names, that are looked into
 
 
 def refuse_unknown(source: Path) -> None:
@@ -147,6 +149,21 @@ def _refuse_by_content(source: Path, names: list[str]) -> None:
         if images_in(source):
             list_loose_files(source)  # says what of a folder of photographs is not there
     _refuse_endings(source, names, _AFTER_IMAGES)
+    inner = next((name for name in names[:_MOST_FOLDERS] if _is_read(source / name)), None)
+    if inner is not None:
+        raise CaptureError(
+            "a folder around the one that is read", source=str(source), seen=listed(names),
+            remedy=f"name that itself: {source}/{printable(inner)}",
+        )  # fmt: skip
+
+
+def _is_read(folder: Path) -> bool:
+    """Whether a reader recognises what is in a folder."""
+    from rakelight.capture.readers import readers
+
+    with suppress(OSError, ValueError):
+        return folder.is_dir() and any(reader.sniff(folder) for reader in readers())
+    return False
 
 
 def _refuse_endings(source: Path, names: list[str], rules: tuple[_Rule, ...]) -> None:
