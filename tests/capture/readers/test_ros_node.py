@@ -182,6 +182,9 @@ def without(*names):
 
 
 REFUSED = {
+    "a recording of the Orbbec SDK.*k4arecorder": lambda make: {
+        f"/cam/sensor_{i}/frameType_{i}": node(make)[name] for i, name in enumerate((COLOR, DEPTH))
+    },
     "no pictures of colour in it .*Fix: record its pictures": without(COLOR),
     "no pictures of depth in it .*Fix: record its pictures": without(DEPTH),
     "where the depth camera is is not in it.*switch the alignment": without("tf"),

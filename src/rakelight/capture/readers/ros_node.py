@@ -62,6 +62,14 @@ class _Pictures:
 
 def node_recording(bag: Bag) -> Recording:
     """The recording of colour and depth; raises CaptureError."""
+    if any(name.startswith("/cam/sensor_") for name in bag.topics):
+        raise CaptureError(
+            "a recording of the Orbbec SDK, whose messages are laid out otherwise",
+            source=bag.source,
+            seen=listed(sorted(bag.topics)),
+            needed="a recording of its ROS node, or of k4arecorder",
+            remedy="record with one of these, or export photographs and depth into a folder",
+        )
     pictures = list(_pictures(bag))
     color = _one(bag, [each for of_depth, each in pictures if not of_depth], "colour")
     depth, place = _with_place(bag, [each for of_depth, each in pictures if of_depth], color)
