@@ -18,6 +18,7 @@ from tests.capture.readers import test_known_lights as datasets
 from tests.capture.readers.kinect_files import Take as KinectTake
 from tests.capture.readers.kinect_files import some_color, some_depth, write_mkv
 from tests.capture.readers.realsense_files import Take, write_bag
+from tests.capture.readers.ros_files import Messages, node, write_node
 from tests.capture.readers.test_photographs import fill
 from tests.faults.sound_recordings import read_all
 
@@ -38,6 +39,9 @@ def source_kinds(folder: Path) -> list[tuple[str, Path, Callable[[], object]]]:
     beside = RigidTransform(np.eye(3), np.array([0.015, 0.0, 0.0]))
     write_bag(path, Take(depth_to_color=beside))
     kinds.append(("realsense.bag", path, partial(load_capture, path)))
+
+    path = write_node(folder / "node.mcap", node(Messages(old=False), place=beside))
+    kinds.append(("node.mcap", path, partial(load_capture, path)))
 
     path = datasets.mat(folder / "set.mat")
     path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(_MAT_TEXT) + path.read_bytes()[_MAT_TEXT:])
