@@ -181,7 +181,20 @@ def without(*names):
     return change
 
 
+def described(model, D, K=None):
+    def change(make):
+        info = make.info(CAMERA, "c", model, D)
+        if K is not None:
+            info.k[:] = K
+        return node(make) | {COLOR_INFO: [info]}
+
+    return change
+
+
 REFUSED = {
+    "the camera is not calibrated .seen /camera/color/camera_info": described("", (), 0.0),
+    "another number of coefficients.*seen 3": described("plumb_bob", K8[:3]),
+    "this lens distortion is not read.*thin": described("thin prism", K8),
     "a recording of the Orbbec SDK.*k4arecorder": lambda make: {
         f"/cam/sensor_{i}/frameType_{i}": node(make)[name] for i, name in enumerate((COLOR, DEPTH))
     },
@@ -191,9 +204,6 @@ REFUSED = {
     "a part is missing .needed /camera/color/camera_info": without(COLOR_INFO),
     "more than one camera of colour": lambda make: node(make) | {
         "/second/color/image_raw": node(make)[COLOR]
-    },
-    "this lens distortion is not read.*thin": lambda make: node(make) | {
-        COLOR_INFO: [make.info(CAMERA, "c", "thin prism", K8)]
     },
     "this kind of picture is not read .seen bayer_rggb8": lambda make: node(make) | {
         COLOR: [make.image(e[..., 0], "bayer_rggb8", "camera_color_optical_frame")

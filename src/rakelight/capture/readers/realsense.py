@@ -26,7 +26,7 @@ from rakelight.capture.readers.ros_bag import AGAIN, Bag, Topic, is_bag, opened
 from rakelight.capture.readers.ros_node import node_recording
 from rakelight.capture.readers.ros_pixels import color_of, depth_of, stream_of
 from rakelight.capture.recording import Recording, capture_of
-from rakelight.errors import CaptureError, parsing
+from rakelight.errors import CaptureError, parsing, stated_in
 from rakelight.model import Array, Camera, Distortion, LensModel, RigidTransform
 
 _FRAMES = re.compile(
@@ -142,7 +142,8 @@ def _distortion(bag: Bag, stream: _Recorded, facts: _Intrinsics) -> Distortion |
             needed=", ".join(_LENSES),
             remedy=OWN_CALIBRATION,
         )
-    return Distortion(_LENSES[facts.model], facts.coefficients[: 4 if fisheye else 5])
+    with stated_in(bag.source, stream.name):
+        return Distortion(_LENSES[facts.model], facts.coefficients[: 4 if fisheye else 5])
 
 
 def _intrinsics(bag: Bag, stream: _Recorded) -> _Intrinsics:

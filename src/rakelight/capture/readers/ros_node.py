@@ -25,7 +25,7 @@ from rakelight.capture.readers.numbers import (
 from rakelight.capture.readers.ros_bag import TF, Bag
 from rakelight.capture.readers.ros_pixels import IMAGES, color_of, is_depth, metres_of, stream_of
 from rakelight.capture.recording import Recording
-from rakelight.errors import CaptureError, listed
+from rakelight.errors import CaptureError, listed, stated_in
 from rakelight.model import Camera, Distortion, Floats, RigidTransform
 
 _INFO = ("sensor_msgs/msg/CameraInfo",)
@@ -179,16 +179,24 @@ def _to_each_parent(bag: Bag, parents: _Parents, frame: str) -> dict[str, RigidT
 def _camera(bag: Bag, pictures: _Pictures) -> Camera:
     info = bag.message(pictures.info, 0, _INFO)
     K, P, D = (np.asarray(getattr(info, key if bag.old else key.lower())) for key in "KPD")
+    if not K.any():
+        raise CaptureError(
+            "the camera is not calibrated", source=bag.source, seen=f"{pictures.info}: K of zeros",
+            remedy=OWN_CALIBRATION,
+        )  # fmt: skip
     shape = info.height, info.width
     # Of rectified pictures P speaks, and the lens is taken out.
     rectified = "rect" in _TRANSPORT.sub("", pictures.name).rsplit("/", 1)[-1]
     matrix = P.reshape(3, 4)[:, :3] if rectified and P[0] else K.reshape(3, 3)
     camera = camera_of(matrix, shape, bag.source, pictures.info)
-    lens = None if rectified else _lens(info.distortion_model.lower(), D, bag, pictures.info)
+    if rectified:
+        return camera
+    with stated_in(bag.source, pictures.info):
+        lens = _lens(info.distortion_model.lower(), D)
     return replace(camera, distortion=lens)
 
 
-def _lens(model: str, D: Floats, bag: Bag, name: str) -> Distortion | None:
+def _lens(model: str, D: Floats) -> Distortion | None:
     """OpenCV's coefficients; "plumb_bob" is written of five, and by some nodes of eight, too."""
     coefficients: tuple[Any, ...] = tuple(D.tolist())
     if model == "equidistant" and len(D) == 4:
@@ -198,8 +206,7 @@ def _lens(model: str, D: Floats, bag: Bag, name: str) -> Distortion | None:
     if model not in ("plumb_bob", "rational_polynomial") or D[8:].any() or not np.isfinite(D).all():
         raise CaptureError(
             "this lens distortion is not read",
-            source=bag.source,
-            seen=f"{name}: {model[:60]}, {len(D)} coefficients",
+            seen=f"{model[:60]}, {len(D)} coefficients",
             needed="plumb_bob, rational_polynomial of 8, equidistant of 4, or none",
             remedy=OWN_CALIBRATION,
         )
