@@ -29,7 +29,7 @@ MILLIMETRES = 1000.0
 # A scale of depth by the names of ORB-SLAM, stella_vslam, NICE-SLAM, Open3D, BOP, nerfstudio and
 # instant-ngp.
 _STATED = re.compile(
-    rb"\b\w{0,20}?depth_?(?:map_?|unit_?)?(?:scale|factor)(?:_?factor)?[\"']?"
+    rb"\b\w{0,20}?depth_?(?:map_?|unit_?)?(?:scale|factor|units?)(?:_?factor)?[\"']?"
     rb"[ \t]{0,20}[:=][ \t]{0,20}([0-9]{0,9}\.?[0-9]{1,12}(?:e[-+]?[0-9]{1,2})?)",
     re.IGNORECASE,
 )

@@ -113,6 +113,7 @@ def test_the_unit_of_integers(tmp_path):
          "DepthMapFactor: 5000.0\n"),
         ("transforms.json", '{"fl_x": 40, "fl_y": 40.5, "cx": 15.75, "cy": 12.25, '
          '"integer_depth_scale": 0.0002}'),
+        ("a.json", '{"ppx": 15.25, "ppy": 11.75, "fx": 40, "fy": 40.5, "depth_units": 0.0002}'),
         ("camera.yaml", "fx: 40\nfy: 40.5\ncx: 15.25\ncy: 11.75\n"
          "depth_unit_scale_factor: 0.00019999999494757503\n"),
     ],
