@@ -181,6 +181,13 @@ def without(*names):
     return change
 
 
+def nameless(make):
+    topics = node(make)
+    for message in topics[COLOR] + topics[DEPTH]:
+        message.header.frame_id = ""
+    return topics
+
+
 def described(model, D, K=None):
     def change(make):
         info = make.info(CAMERA, "c", model, D)
@@ -192,6 +199,7 @@ def described(model, D, K=None):
 
 
 REFUSED = {
+    "where the depth camera is is not in it.*seen /camera/depth": nameless,
     "the camera is not calibrated .seen /camera/color/camera_info": described("", (), 0.0),
     "another number of coefficients.*seen 3": described("plumb_bob", K8[:3]),
     "this lens distortion is not read.*thin": described("thin prism", K8),

@@ -123,7 +123,7 @@ def _with_place(
     own = [each for each in depth if not each.aligned]
     if own or not depth:
         measured = _one(bag, own, "depth")
-        if measured.frame == color.frame:
+        if measured.frame and measured.frame == color.frame:
             return measured, None
         place = _place(bag, measured.frame, color.frame)
         if place is not None:
@@ -142,7 +142,7 @@ def _with_place(
 
 def _place(bag: Bag, of_depth: str, of_color: str) -> RigidTransform | None:
     """Depth to colour by the static transformations; None where they do not lead there."""
-    if "/tf_static" not in bag.topics:
+    if "/tf_static" not in bag.topics or not of_depth or not of_color:
         return None
     parents: _Parents = {}
     for number in range(min(len(bag.topics["/tf_static"].times_ns), _MOST_TRANSFORMS)):
