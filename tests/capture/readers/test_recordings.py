@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rakelight.capture import load_capture
-from rakelight.capture.images import decode_image
+from rakelight.capture.images import decode_image, encode_tiff
 from rakelight.capture.readers import find_reader, open3d_recorder, record3d, stray_scanner
 from rakelight.capture.readers import tum_rgbd as tum
 from rakelight.capture.recording import Recording
@@ -450,6 +450,18 @@ def test_tum_depth_of_two_scales_is_refused(tmp_path):
     for factor in (1000, 5000):
         (path / f"orb-{factor}.yaml").write_text(f"DepthMapFactor: {factor}\n")
     with pytest.raises(CaptureError, match=r"several scales of the depth \(seen 1000, 5000"):
+        tum.recording(path)
+
+
+@pytest.mark.parametrize("kind", ["floats", "colour"])
+def test_tum_depth_that_is_none_is_refused_whatever_its_scale(tmp_path, kind):
+    floats = encode_tiff(np.ones((90, 120), np.float32))
+    path = write_tum(tmp_path / "scan", frames()[:1], grown(depth_maps())[:1])
+    (path / "orb.yaml").write_text("DepthMapFactor: 1000")
+    (path / "depth" / "1305031102.185304.png").write_bytes(
+        floats if kind == "floats" else png(frames()[0])
+    )
+    with pytest.raises(CaptureError, match="this is no depth map"):
         tum.recording(path)
 
 

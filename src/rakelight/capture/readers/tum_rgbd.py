@@ -138,7 +138,10 @@ def _per_metre(path: Path, name: str) -> float:
     if (path / SCALE).is_file():
         return depth_scale(inside(path, SCALE))
     texts = [read_within(path, file.name, MAX_TEXT_BYTES) for file in _texts(path)]
-    return stated_scale(texts, depth_values(path, name), f"{path}/{name}") or _PER_METRE
+    values = depth_values(path, name)
+    if values.dtype != np.uint16:  # no depth map, which is said where it is read
+        return _PER_METRE
+    return stated_scale(texts, values, f"{path}/{name}") or _PER_METRE
 
 
 def _camera(path: Path, shape: tuple[int, int]) -> tuple[Camera, tuple[Finding, ...]]:
