@@ -118,6 +118,13 @@ def test_depth_in_metres_and_in_other_forms(tmp_path):
         assert np.nanmax(np.abs(found - want)) < (3e-5 if "depth " in form.lower() else 1e-7), form
 
 
+def test_colour_of_a_node_that_is_called_depth(tmp_path):
+    topics = node(Messages(False))
+    topics = {name.replace("/camera/", "/depth_camera/"): each for name, each in topics.items()}
+    path = write_node(tmp_path / "rec.db3", topics)
+    assert np.array_equal(read(path)[1], np.stack(some_color()))
+
+
 def test_compressed_colour_is_taken_where_there_is_no_other(tmp_path):
     make = Messages(False)
     topics, frame = node(make), "camera_color_optical_frame"
@@ -212,6 +219,9 @@ REFUSED = {
     "a part is missing .needed /camera/color/camera_info": without(COLOR_INFO),
     "more than one camera of colour": lambda make: node(make) | {
         "/second/color/image_raw": node(make)[COLOR]
+    },
+    "more than one camera of colour.*/camera/depth/image_rect_raw": lambda make: node(make) | {
+        DEPTH: [make.image(e, "rgb8", "d") for e in some_color()]  # by the node's colorizer
     },
     "this kind of picture is not read .seen bayer_rggb8": lambda make: node(make) | {
         COLOR: [make.image(e[..., 0], "bayer_rggb8", "camera_color_optical_frame")

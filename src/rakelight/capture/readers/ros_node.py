@@ -95,8 +95,9 @@ def _pictures(bag: Bag) -> Iterator[tuple[bool, _Pictures]]:
             continue
         if name == next(form for form in forms if form in bag.topics):
             first = bag.message(name, 0, IMAGES)
-            depth = "depth" in name.lower() or is_depth(first)
-            yield depth, _Pictures(name, first.header.frame_id)
+            # Packed pictures may not say their encoding: the name does, but for `depth_camera/rgb`.
+            named = base != name and "depth" in "/".join(name.split("/")[-3:])
+            yield named or is_depth(first), _Pictures(name, first.header.frame_id)
 
 
 def _one(bag: Bag, found: list[_Pictures], what: str) -> _Pictures:
