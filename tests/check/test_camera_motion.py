@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from rakelight.capture import load_capture
-from rakelight.check.camera_motion import camera_motion, detail, stood_still
+from rakelight.check.camera_motion import beside_most, camera_motion, confirmed, stood_still, views
 from rakelight.check.measured import Measured
+from rakelight.prepare.detail import detail
 from tests.check.moved_captures import still_scene, with_photographs_moved
+from tests.check.tiled_scene import ball, cloth, tiled_scene
 
 MITTEN = Path(__file__).parents[3] / "shared" / "captures" / "mitten"
 
@@ -69,16 +71,13 @@ def test_the_mitten_stood_still_and_a_pixel_is_seen():
     np.testing.assert_allclose(shifts[7], (0, 1.5), atol=0.3)
 
 
-def test_shifts_that_scatter_by_shadows_are_no_motion(still, monkeypatch):
+def test_shifts_that_scatter_by_shadows_are_no_motion():
     rng = np.random.default_rng(0)
     scattered = 0.28 * rng.standard_normal((16, 2))
     scattered[7] = (0.0, 0.7)
-    many = replace(still, photographs=np.repeat(still.photographs[:1], 16, axis=0))
 
     def tracked(shifts):
-        answer = shifts.copy(), np.full(16, 0.1)
-        monkeypatch.setattr("rakelight.check.camera_motion._tracked", lambda *_: answer)
-        return np.flatnonzero(stood_still(many)[1]).tolist()
+        return np.flatnonzero(beside_most(shifts, np.full(16, 0.1))[1]).tolist()
 
     assert tracked(scattered) == []
     assert tracked(0.2 * scattered + [[0.7 * (i == 7), 0] for i in range(16)]) == [7]
@@ -95,7 +94,7 @@ def test_nothing_is_said_of_a_surface_without_texture():
 def test_black_beside_texture_has_no_detail():
     photograph = np.zeros((112, 110, 3), np.uint8)
     photograph[8:59, 13:67] = np.random.default_rng(0).integers(0, 255, (51, 54, 3))
-    picture = detail(photograph, 1)
+    picture = detail(photograph)
     assert (picture[-10:] == 128).all()
     assert picture[8:59, 13:67].std() > 20
 
@@ -104,3 +103,37 @@ def test_black_photographs_and_tiny_ones_say_nothing(still):
     assert camera_motion(Measured(still_scene(size=0.05))) == ()
     black = replace(still, photographs=np.zeros_like(still.photographs))
     assert camera_motion(Measured(black)) == ()
+
+
+@pytest.mark.parametrize("relief", [cloth, ball])
+def test_shading_that_moves_over_a_relief_is_no_motion(relief):
+    assert camera_motion(Measured(tiled_scene(relief))) == ()
+
+
+def test_a_shift_that_moves_paint_and_outline_apart_is_not_confirmed():
+    """Corners of shading said that a photograph of a cloth had moved by a wave of it."""
+    capture = tiled_scene(cloth)
+    _, view = views(capture.mask)
+    which = np.arange(12) == 2
+    for wave in ((10.0, 0.0), (-10.0, 1.0), (1.0, 2.0)):
+        assert not confirmed(capture, view, which[:, None] * np.array(wave), which).any()
+    moved = with_photographs_moved(capture, [2], 1.0, 2.0)
+    assert confirmed(moved, view, which[:, None] * np.array((1.0, 2.0)), which)[2]
+
+
+@pytest.mark.parametrize("relief", [cloth, ball])
+def test_a_wall_behind_the_object_shows_a_camera_that_drifts(relief):
+    capture = tiled_scene(relief)
+    for i in range(len(capture.photographs)):
+        capture = with_photographs_moved(capture, [i], 0.29 * i, 0.2 * i)
+    (found,) = camera_motion(Measured(capture))
+    assert found.code == "camera-moved"
+    _, moved = stood_still(capture)
+    assert moved.sum() >= 5
+    assert moved[[0, -1]].any()
+
+
+def test_one_photograph_moved_before_tiles_is_named_alone():
+    shifts, moved = stood_still(with_photographs_moved(tiled_scene(ball), [5], 1.5, 1.3))
+    assert np.flatnonzero(moved).tolist() == [5]
+    np.testing.assert_allclose(shifts[5], (1.5, 1.3), atol=0.1)

@@ -18,8 +18,10 @@ from rakelight.model import Array, Floats, Mask
 BLUR_PX, FLOOR, FLAT = 25, 0.05, 0.02
 # Corners: most, least quality over the best one's, least distance in pixels.
 CORNERS, CORNER_QUALITY, APART_PX = 200, 0.02, 5
-# Window, pixels, and pyramid levels of Lucas-Kanade.
-WINDOW_PX, LEVELS = 15, 3
+# Window, pixels, and pyramid levels of Lucas-Kanade above the first: pixels of another one, as wide
+# as 8, would see no detail of less than `BLUR_PX` but its aliases, and tiles would be taken for
+# their neighbours.
+WINDOW_PX, LEVELS = 15, 2
 # Largest error, pixels, of a corner tracked there and back; largest distance from the median shift.
 BACK_PX, SAME_PX = 0.2, 0.5
 # Least number of corners for a shift, and least fraction of them that agree with the median.

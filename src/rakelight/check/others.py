@@ -1,0 +1,63 @@
+"""A photograph as the others explain it: the same paint, outline and relief under other lights.
+
+Under distant lights every photograph of a matte object is a linear combination of four images, its
+albedo and that times each coordinate of the normal (Basri & Jacobs 2003), whatever the lights are:
+the first principal components of the other photographs span them.  Edges of shading, which come and
+go with the light, are part of it; of a photograph that moved or is out of focus they are elsewhere,
+or softer, than the combination has them.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from rakelight.check.evidence import evidence_in_blocks
+from rakelight.model import Array, Floats, Mask
+
+# Principal components of the others: ambient light and three directions.
+COMPONENTS = 4
+# Least square of a component over the largest one's: smaller ones are rounding.
+ROUNDING = 1e-6
+# Added to squares, lest they be 0: white is 1, of 16 bits a step 2e-10 squared.
+TINY = 1e-20
+
+
+def combination(products: Floats, which: int) -> Floats:
+    """(N,) weights of the other images that explain one of N best; 0 for itself.
+
+    products : (N, N) inner products of the images
+
+    >>> images = np.array([[1.0, 0.0, 2.0], [0.0, 1.0, 1.0], [1.0, 1.0, 3.0]])
+    >>> combination(images @ images.T, 2).round(6).tolist()
+    [1.0, 1.0, 0.0]
+    """
+    others = np.arange(len(products)) != which
+    weights = np.zeros(len(products))
+    squares, turned = np.linalg.eigh(products[np.ix_(others, others)].astype(np.float64))
+    kept = squares > ROUNDING * max(float(squares[-1]), np.finfo(float).tiny)
+    kept[:-COMPONENTS] = False
+    along = turned[:, kept]
+    weights[others] = along @ ((along.T @ products[others, which]) / squares[kept])
+    return weights
+
+
+def band(image: Array, fine_px: float, coarse_px: float) -> Array:
+    """An image (h, w) blurred by a Gaussian of `fine_px`, less that blurred by `coarse_px`."""
+    fine, coarse = (cv2.GaussianBlur(image, (0, 0), sigma) for sigma in (fine_px, coarse_px))
+    return np.asarray(fine - coarse)
+
+
+def better_explained(before: Floats, after: Floats, which: int, where: Mask) -> float:
+    """Evidence that one of N images (N, P) is explained better by the others `after` than `before`.
+
+    The log-likelihood ratio of Gaussian residuals, each over the image's own variance, in blocks of
+    the pixels `where` (h, w), P of them (Vuong 1989; see `depth_orientation`).
+    """
+    likely = []
+    for images in (before, after):
+        products = images @ images.T
+        left = (images[which] - combination(products, which) @ images) ** 2
+        mean, own = float(left.mean()) + TINY, float(products[which, which]) + TINY
+        likely.append(-left / mean - np.log(mean / own))
+    return evidence_in_blocks(0.5 * (likely[1] - likely[0]), where)
