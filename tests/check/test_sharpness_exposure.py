@@ -8,12 +8,13 @@ from rakelight.check.exposure import exposure, exposure_findings
 from rakelight.check.measured import Measured
 from rakelight.check.sharpness import (
     OUT_OF_FOCUS_PX,
-    blurred_ones,
+    added_blur,
     edge_width,
     edge_widths,
     outline_widths,
     sharpness_findings,
 )
+from tests.check.tiled_scene import ball, cloth, mask_shape, tiled_scene
 from tests.check.wrong_captures import sound, with_photograph
 
 
@@ -31,9 +32,37 @@ def test_nothing_to_see_has_no_width():
     assert np.isnan(edge_width(np.zeros((5, 5, 3), np.uint8), np.ones((5, 5), bool)))
 
 
+def softened(capture, sigmas_px):
+    """The capture with its first photographs blurred by so many pixels."""
+    photographs = capture.photographs.copy()
+    for i, sigma in enumerate(sigmas_px):
+        photographs[i] = cv2.GaussianBlur(photographs[i], (0, 0), sigma)
+    return replace(capture, photographs=photographs)
+
+
 def test_soft_photographs_are_not_compared():
-    assert not blurred_ones(np.array([2.1, 2.1, 8.0, 2.2])).any()
-    assert not blurred_ones(np.array([0.4, 3.0])).any()
+    vase = sound("vase")[0]
+    assert not added_blur(softened(vase, (6, 6, 8, 6, 6, 6, 6, 6)))[1].any()
+    assert not added_blur(softened(vase.select([0, 1]), (0.4, 3.0)))[1].any()
+
+
+@pytest.mark.parametrize(("relief", "count"), [(cloth, 6), (cloth, 12), (ball, 12)])
+def test_edges_of_shading_that_the_light_makes_soft_are_not_out_of_focus(relief, count):
+    assert sharpness_findings(Measured(tiled_scene(relief, count=count))) == ()
+
+
+@pytest.mark.parametrize("which", [1, 3])
+def test_a_blurred_photograph_of_shading_is_told_with_its_blur(which):
+    capture = tiled_scene(cloth, count=8)
+    soft = cv2.GaussianBlur(capture.photographs[which], (0, 0), 2)
+    blur_px, blurred = added_blur(with_photograph(capture, which, lambda _: soft))
+    assert np.flatnonzero(blurred).tolist() == [which]
+    assert blur_px[which] == pytest.approx(2, abs=0.6)
+
+
+def test_what_is_saturated_says_nothing_of_focus():
+    burnt = tiled_scene(mask_shape, exposure=4.0)
+    assert not [f for f in sharpness_findings(Measured(burnt)) if f.code == "blurred"]
 
 
 @pytest.mark.parametrize("sigma_px", [3, 6])
@@ -89,7 +118,7 @@ def test_without_an_outline_soft_shading_says_nothing_of_focus():
 
 def test_the_blurred_one_of_a_capture():
     capture = with_photograph(sound("vase")[0], 5, lambda p: cv2.GaussianBlur(p, (0, 0), 3))
-    assert np.flatnonzero(blurred_ones(edge_widths(capture))).tolist() == [5]
+    assert np.flatnonzero(added_blur(capture)[1]).tolist() == [5]
 
 
 def test_shares_of_a_capture():

@@ -1,12 +1,22 @@
-"""How sharp each photograph is: the width of its sharpest edges, in pixels.
+"""How sharp each photograph is: the width of its edges in pixels, and beside the others.
 
 A step that is blurred by a Gaussian of standard deviation b has at its middle a gradient
 proportional to 1 / b.  Blurred once more, by u and by v > u, the ratio R of both gradients gives
 
     b^2 = (v^2 - R^2 u^2) / (R^2 - 1),    R^2 = (v^2 + b^2) / (u^2 + b^2)
 
-whatever the height of the step (Zhuo & Sim, Pattern Recognition 44, 2011).  Light changes the
-height of edges, not their width; edges of shadows are soft, so the sharpest ones count.
+whatever the height of the step (Zhuo & Sim, Pattern Recognition 44, 2011).  Edges of shading are
+soft, so the sharpest ones count.
+
+Which edges those are changes with the light, so widths do not tell a blurred photograph from the
+others.  What the others make of it does (others.py): their combination that is the photograph's at
+low frequencies has the same edges, of paint, outline and relief.  Between the blurs u and v a step
+blurred by b has the energy
+
+    E(b) = 2 sqrt((u^2 + v^2) / 2 + b^2) - sqrt(u^2 + b^2) - sqrt(v^2 + b^2)
+
+up to its squared height.  A photograph has at least as much as the combination, more by its noise
+and by what the others do not explain, unless it is blurred.
 """
 
 from __future__ import annotations
@@ -16,10 +26,14 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from rakelight.check.evidence import FEWEST as FEWEST_BLOCKS
+from rakelight.check.evidence import LIKELY, block_of, log_likelihood_ratio
 from rakelight.check.measured import Measured
+from rakelight.check.others import band, combination
 from rakelight.errors import listed
 from rakelight.geometry.grid import bounding_window
-from rakelight.model import Array, Capture, Finding, Floats, Mask
+from rakelight.model import SATURATED, Array, Capture, Finding, Floats, Mask
+from rakelight.prepare.linear import to_linear
 
 # Standard deviations u and v of the two further blurs, pixels: u calms noise, v is well above it.
 FINE_PX, COARSE_PX = 1.0, 2.0
@@ -33,12 +47,19 @@ EDGES, SHARPEST = 0.02, 0.25
 FEWEST, WIDEST_PX = 30, 8.0
 # Gradient over the largest value that is rounding of float32, not an edge.
 ROUNDING = 1e-4
-# A photograph is blurred whose edges are as many times as wide as the median photograph's, and as
-# many pixels wider.
-TIMES, WIDER_PX = 1.6, 0.8
-# Width of the median photograph's edges up to which photographs are compared: softer ones are those
-# of shading, which come and go with the light.
-SHARP_PX = 1.6
+# Standard deviation, pixels, of the blur between which and `COARSE_PX` photographs are matched: a
+# blur that counts changes little there.
+MATCHED_PX = 6.0
+# Least blur that is told, pixels: sharp edges, 0.8 pixels wide, are then 1.6 times as wide.
+LEAST_BLUR_PX = 1.0
+# Fewest photographs: three lights that explain a fourth.
+FEWEST_PHOTOGRAPHS = 4
+# Largest share of the photographs that are saturated at a pixel that is looked at.
+SATURATED_THERE = 0.1
+# Pixels around saturated ones that are left out: blurs carry the edges of clipping there.
+AROUND_SATURATED_PX = 4
+# Pixels around the mask that are looked at, for the outline.
+OUTLINE_PX = 2
 # Width of the median photograph's edges, the object's outline among them, above which all are out
 # of focus.  On 60 random captures (830 to 889, blurred by up to 1.5 pixels) it is 1.6 at most;
 # blurred by 3 pixels more, it is larger than this on 58, by 4 on all.  Of 58 others (890 to 949,
@@ -55,11 +76,10 @@ def edge_widths(capture: Capture) -> Floats:
 
     NaN where the object shows no edges.
     """
-    inside = _inside(capture.mask)
-    if not inside.any():
+    middle = _middle_window(capture.mask)
+    if middle is None:
         return np.full(len(capture.photographs), np.nan)
-    middle = tuple(_part((part.start + part.stop) // 2) for part in bounding_window(inside))
-    return _widths(capture, inside, [middle])
+    return _widths(capture, _inside(capture.mask), [middle])
 
 
 def outline_widths(capture: Capture) -> Floats:
@@ -67,18 +87,16 @@ def outline_widths(capture: Capture) -> Floats:
 
     NaN where it does not stand out, or is not in the picture.
     """
-    size = 2 * OUTWARDS_PX + 1
-    grown = cv2.dilate(capture.mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
-    band = grown & ~_inside(capture.mask)
-    places = np.argwhere(band)
+    border = _grown(capture.mask, OUTWARDS_PX) & ~_inside(capture.mask)
+    places = np.argwhere(border)
     if not len(places):
         return np.full(len(capture.photographs), np.nan)
-    box = bounding_window(band)
+    box = bounding_window(border)
     if max(part.stop - part.start for part in box) <= SIDE_PX:
-        return _widths(capture, band, [box])
+        return _widths(capture, border, [box])
     # Of a larger object its outermost parts on all four sides.
     ends = [places[each.argmin()] for each in (*places.T, *-places.T)]
-    return _widths(capture, band, [(_part(row, 2), _part(column, 2)) for row, column in ends])
+    return _widths(capture, border, [(_part(row, 2), _part(column, 2)) for row, column in ends])
 
 
 def _part(middle: int, parts: int = 1) -> slice:
@@ -148,31 +166,95 @@ def _gradients(image: Array) -> Floats:
     return np.asarray(np.hypot(cv2.Sobel(image, -1, 1, 0), cv2.Sobel(image, -1, 0, 1)))
 
 
-def blurred_ones(widths: Floats) -> Mask:
-    """(N,) which photographs are blurred beside the others, by their edges' widths (N,).
+def added_blur(capture: Capture) -> tuple[Floats, Mask]:
+    """(N,) by how many pixels each photograph is blurred beside the others, and (N,) which are.
 
-    >>> blurred_ones(np.array([1.0, 1.1, 0.9, 4.0])).tolist()
-    [False, False, False, True]
+    NaN where too few photographs, or too little of the object, tell.
     """
-    measured = widths[np.isfinite(widths)]
-    if measured.size < 3:
-        return np.zeros(len(widths), dtype=bool)
-    typical = float(np.median(measured))
-    if typical > SHARP_PX:
-        return np.zeros(len(widths), dtype=bool)
-    return np.nan_to_num(widths) > max(TIMES * typical, typical + WIDER_PX)
+    count = len(capture.photographs)
+    unknown = np.full(count, np.nan), np.zeros(count, dtype=bool)
+    window = _middle_window(capture.mask)
+    if window is None or count < FEWEST_PHOTOGRAPHS:
+        return unknown
+    here = (slice(None), *window)
+    saturated = np.asarray((capture.photographs[here] >= SATURATED * capture.white).any(axis=-1))
+    where = _grown(capture.mask, OUTLINE_PX)[window] & (saturated.mean(axis=0) <= SATURATED_THERE)
+    if np.count_nonzero(where) < FEWEST * FEWEST_BLOCKS:
+        return unknown
+    fine, coarse = [], []
+    for photograph in capture.photographs[here]:
+        light = np.asarray(to_linear(photograph, capture.encoding).mean(axis=-1), np.float32)
+        fine.append(band(light, FINE_PX, COARSE_PX)[where])
+        coarse.append(band(light, COARSE_PX, MATCHED_PX)[where])
+    images, matched = np.stack(fine), np.stack(coarse)
+    products, block = matched @ matched.T, block_of(where)
+    blur_px, evidence = np.full(count, np.nan), np.full(count, -np.inf)
+    for i in range(count):
+        good = ~_grown(saturated[i], AROUND_SATURATED_PX)[where]
+        expected = combination(products, i) @ images
+        found = _blur_beside(images[i][good], expected[good], block[good])
+        if found is not None:
+            blur_px[i], evidence[i] = found
+    return blur_px, evidence - float(np.log(count)) >= LIKELY  # any of so many may look blurred
+
+
+def _blur_beside(image: Floats, expected: Floats, block: Array) -> tuple[float, float] | None:
+    """The blur in pixels by which an image (P,) has less energy than expected (P,) of it.
+
+    And the evidence, in blocks (P,), that it is `LEAST_BLUR_PX` or more; None where too few tell.
+    """
+    own, others = (
+        np.asarray(np.bincount(block, each**2), np.float64) for each in (image, expected)
+    )
+    seen = (np.bincount(block) >= FEWEST) & (own > 0) & (others > 0)
+    if np.count_nonzero(seen) < FEWEST_BLOCKS:
+        return None
+    own, others = own[seen], others[seen]
+    least = np.log(_step_energy(0.0) / _step_energy(LEAST_BLUR_PX))
+    evidence = log_likelihood_ratio(np.log(others / own) - least, others)
+    return _blur_px(float(others.sum() / own.sum())), evidence
+
+
+def _middle_window(mask: Mask) -> tuple[slice, ...] | None:
+    """The window about the middle of the object; None without an object."""
+    inside = _inside(mask)
+    if not inside.any():
+        return None
+    return tuple(_part((part.start + part.stop) // 2) for part in bounding_window(inside))
+
+
+def _grown(mask: Mask, by_px: int) -> Mask:
+    size = 2 * by_px + 1
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0)
+
+
+def _step_energy(blur_px: float) -> float:
+    """E(b): that of a step blurred by so many pixels, between both blurs."""
+    fine, coarse = FINE_PX**2, COARSE_PX**2
+    middle = 2 * np.sqrt((fine + coarse) / 2 + blur_px**2)
+    return float(middle - np.sqrt(fine + blur_px**2) - np.sqrt(coarse + blur_px**2))
+
+
+def _blur_px(ratio: float) -> float:
+    """The blur of a step that divides its energy by `ratio`.
+
+    >>> round(_blur_px(_step_energy(0) / _step_energy(1.5)), 1)
+    1.5
+    """
+    blurs = np.linspace(0, WIDEST_PX, 81)
+    ratios = [_step_energy(0.0) / _step_energy(blur) for blur in blurs]
+    return float(np.interp(ratio, ratios, blurs))
 
 
 def sharpness_findings(measured: Measured) -> tuple[Finding, ...]:
     """Warnings about photographs blurred beside the others, and where all are out of focus."""
     widths = measured(edge_widths)
-    which = blurred_ones(widths)
-    typical = _median(widths)
+    blur_px, which = measured(added_blur)
     findings = []
     if which.any():
         message = (
-            f"blurred: {listed(measured.names, which)}, edges up to {widths[which].max():.1f} "
-            f"pixels wide where the others' are {typical:.1f}"
+            f"blurred: {listed(measured.names, which)}, the same edges by up to "
+            f"{blur_px[which].max():.1f} pixels softer than in the others"
         )
         remedy = "take these again with the camera fixed and the focus locked"
         findings.append(Finding("warning", "blurred", message, remedy))

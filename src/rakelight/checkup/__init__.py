@@ -18,7 +18,7 @@ from rakelight.check.depth_quality import depth_quality
 from rakelight.check.exposure import exposure
 from rakelight.check.findings import checks, ordered
 from rakelight.check.measured import Measured
-from rakelight.check.sharpness import blurred_ones, edge_widths
+from rakelight.check.sharpness import added_blur, edge_widths
 from rakelight.checkup.quick import Quick, any_lights, quick_options, quickly_refined
 from rakelight.checkup.report import CheckReport, PhotographCheck
 from rakelight.checkup.verdict import judged, refused_finding
@@ -110,7 +110,7 @@ def _names(capture: Capture) -> tuple[str, ...]:
 def _photographs(measured: Measured, quick: Quick) -> tuple[PhotographCheck, ...]:
     exposed, edge_px = measured(exposure), measured(edge_widths)
     shift_px, moved = measured(stood_still)
-    blurred = blurred_ones(edge_px)
+    _, blurred = measured(added_blur)
     rows = []
     for i, name in enumerate(measured.names):
         shift = shift_px[i]
