@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rakelight import check_capture, refine
 from rakelight.check.depth_orientation import (
     depth_orientation,
     evidence,
@@ -10,9 +11,11 @@ from rakelight.check.depth_orientation import (
     total,
     unexplained,
 )
+from rakelight.check.depth_shift import depth_shift
 from rakelight.check.evidence import LIKELY, SURELY
 from rakelight.check.measured import Measured
 from rakelight.errors import CaptureError
+from tests.check.tiled_scene import ball, cloth, mask_shape, tiled_scene, with_depth_turned
 from tests.check.wrong_captures import SOLIDS, noise_alone, one_lamp, sound, with_turned_photographs
 
 
@@ -95,3 +98,31 @@ def test_what_one_corner_says_is_no_evidence():
     corner = evidence(np.ones(3600), better.ravel(), both)
     assert 0 < corner < LIKELY
     assert evidence(as_it_is.ravel(), everywhere.ravel(), both) > SURELY
+
+
+@pytest.mark.parametrize("relief", [cloth, mask_shape])
+def test_half_a_turn_of_an_object_off_the_middle_is_no_shift(relief):
+    """Its outline lies beside the mask, and turned back on it."""
+    capture = with_depth_turned(tiled_scene(relief, off_px=8), lambda depth: depth[::-1, ::-1])
+    with pytest.raises(CaptureError, match="turned by 180 degrees"):
+        depth_orientation(Measured(capture))
+    assert depth_shift(Measured(capture)) == ()
+
+
+@pytest.mark.parametrize("refined", [refine, check_capture])
+def test_a_mirrored_depth_is_not_registered_to_the_photographs(refined):
+    capture = with_depth_turned(tiled_scene(mask_shape, off_px=8), lambda depth: depth[:, ::-1])
+    capture = replace(capture, register=True)
+    if refined is refine:
+        with pytest.raises(CaptureError, match="mirrored left to right"):
+            refine(capture)
+    else:
+        assert refined(capture).findings[0].code == "depth-turned"
+
+
+@pytest.mark.parametrize("relief", [ball, mask_shape])
+def test_what_over_exposure_leaves_is_not_explained_by_flat_parts(relief):
+    capture = tiled_scene(relief, off_px=8, exposure=4.0)
+    assert depth_orientation(Measured(capture)) == ()
+    for fit in orientation_fits(capture):
+        assert fit.evidence * fit.advantage >= 0 or abs(fit.evidence) < 1

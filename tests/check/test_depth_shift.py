@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from rakelight.capture import load_capture
-from rakelight.check.depth_shift import depth_shift, displacement, seen_by_sensor
+from rakelight.check.depth_shift import depth_shift
 from rakelight.check.measured import Measured
+from rakelight.check.outline import displacement, seen_by_sensor
 from rakelight.errors import CaptureError
 from rakelight.model import RigidTransform
 from rakelight.synthetic import DepthNoise

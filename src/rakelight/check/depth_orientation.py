@@ -4,10 +4,16 @@ Slopes of a surface determine its brightness under each light, so the principal 
 photographs' relative shading (`relative_shading`) explain the depth's slopes, by a linear
 combination, whatever the lights are.  The slopes that they leave unexplained are compared for the
 depth as it is and turned or mirrored in every way that fits the image, as likelihoods of Gaussian
-residuals.  Neither of the two models holds the other, and both miss shadows, near lights and the
-sensor's own correlated errors, so the variance of their log-likelihood ratio is that between
-blocks of pixels (Vuong 1989); an object that looks the same when turned gives a small one.
-Reversed relief is explained as well: of that see `inside_out`.
+residuals.  Turned, other slopes lie on the pixels that are well exposed, so residuals are taken in
+units of what there is to explain: else flat parts of the depth would always fit.  Neither of the
+two models holds the other, and both miss shadows, near lights and the sensor's own correlated
+errors, so the variance of their log-likelihood ratio is that between blocks of pixels (Vuong 1989);
+an object that looks the same when turned gives a small one.  Reversed relief is explained as well:
+of that see `inside_out`.
+
+Of an object off the image's middle the outline tells, too: turned depth lies beside the mask as if
+it were shifted, and turned back on it.  Shifted depth would do so only by chance, where an object
+that looks the same when turned is shifted by just twice its distance from the middle.
 """
 
 from __future__ import annotations
@@ -17,9 +23,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rakelight.check.depth_shift import Displacement, outline_shift
-from rakelight.check.evidence import LIKELY, SURELY, log_likelihood_ratio
+from rakelight.check.evidence import LIKELY, SURELY, evidence_in_blocks
 from rakelight.check.measured import Measured
+from rakelight.check.outline import LEAST_PX, outline_shift
 from rakelight.check.shading import RelativeShading, relative_shading
 from rakelight.errors import CaptureError
 from rakelight.geometry.blur import blurred
@@ -41,10 +47,6 @@ TURNS: dict[str, Callable[[Array], Array]] = {
 }
 # Difference of the advantage, see below, up to which two turns fit alike.
 ALIKE = 0.1
-# Blocks along the object's side.  Errors of depth sensors are correlated over up to a third of the
-# object in random captures; 4 blocks find a tenth less than 6, with 8 a ring counts as turned
-# (draws 3000 to 3099).
-BLOCKS = 6
 # Least fraction of the turned slopes' variance that the photographs explain.
 EXPLAINED = 0.25
 # Least fraction of the pixels that the turned depth covers, too.
@@ -75,62 +77,96 @@ def depth_orientation(measured: Measured) -> tuple[Finding, ...]:
 
     Raises CaptureError, which names the turn that fits, where that is beyond doubt.
     """
-    capture = measured.capture
-    fits = orientation_fits(capture)
-    most = max((fit.advantage for fit in fits), default=-np.inf)
-    best = next((fit for fit in fits if fit.advantage > most - ALIKE), None)
-    if best is None or best.turned < EXPLAINED:
+    found, capture = measured(turned), measured.capture
+    if found is None:
         return ()
-    evidence = best.evidence - float(np.log(len(fits)))  # the best of so many
-    if evidence < LIKELY or fits_moved_back(capture, measured(outline_shift)[0], best):
-        return ()
+    best, surely = found
     what = "the depth does not lie on the photographs the way it is turned"
     seen = (
         f"slopes explained by the photographs to {best.as_it_is:.0%} as it is, to "
         f"{best.turned:.0%} {best.turn}"
     )
     remedy = f"give the depth {best.turn} (or the photographs and the mask the other way)"
-    if evidence >= SURELY:
+    if surely:
         raise CaptureError(what, source=capture.source, seen=seen, remedy=remedy)
     return (Finding("warning", "depth-turned", f"{what}: {seen}", remedy),)
 
 
+def turned(capture: Capture) -> tuple[Fit, bool] | None:
+    """How the depth is turned, and whether that is beyond doubt; None where it does not seem so."""
+    shading, depth_m = relative_shading(capture), _depth(capture)
+    if shading is None:
+        return None
+    fits = orientation_fits(capture)
+    shift = outline_shift(capture)[0]
+    moved_m = None
+    if shift is not None and shift.plain:
+        right, down = np.rint(shift.shift).astype(int)
+        moved_m = np.roll(depth_m, (-down, -right), axis=(0, 1))
+        on_mask = [fit for fit in fits if fit.advantage > 0 and _on_mask(capture, depth_m, fit)]
+        best = _best(on_mask)
+        if best is not None:
+            beside = _fit(best.turn, moved_m, TURNS[best.turn](depth_m), shading, capture)
+            if beside is None or beside.evidence > -LIKELY:
+                return best, True
+    best = _best(fits)
+    evidence = -np.inf if best is None else best.evidence - np.log(len(fits))  # the best of so many
+    if best is None or evidence < LIKELY:
+        return None
+    if moved_m is None:
+        return best, bool(evidence >= SURELY)
+    beside = _fit(best.turn, moved_m, TURNS[best.turn](depth_m), shading, capture)
+    if beside is not None and beside.as_it_is > beside.turned:
+        return None
+    return best, True  # where it is it does not lie on the mask either
+
+
+def _best(fits: list[Fit]) -> Fit | None:
+    """The turn that fits best, of two alike the first; None where none explains the slopes."""
+    most = max((fit.advantage for fit in fits), default=-np.inf)
+    best = next((fit for fit in fits if fit.advantage > most - ALIKE), None)
+    return None if best is None or best.turned < EXPLAINED else best
+
+
+def _on_mask(capture: Capture, depth_m: Floats, fit: Fit) -> bool:
+    """Whether the outline of the turned depth lies on the mask's."""
+    turned_m = np.nan_to_num(TURNS[fit.turn](depth_m))[None]
+    there = replace(capture, depth_m=turned_m, depth_camera=None, depth_to_color=None)
+    found = outline_shift(there)[0]
+    return found is not None and found.length < LEAST_PX
+
+
+def _depth(capture: Capture) -> Floats:
+    return sensed(replace(capture, depth_m=capture.depth_m[:1]))[0]
+
+
 def orientation_fits(capture: Capture) -> list[Fit]:
     """The fit of each turn that the shape of the depth map allows; none without evidence."""
-    shading = relative_shading(capture)
+    shading, depth_m = relative_shading(capture), _depth(capture)
     if shading is None:
         return []
-    depth_m, _ = sensed(replace(capture, depth_m=capture.depth_m[:1]))
-    as_it_is = slopes(depth_m, shading, capture)
-    measured = shading.seen & np.isfinite(as_it_is).all(axis=-1)
-    fits = []
-    for name, turn in TURNS.items():
-        if turn(depth_m).shape != depth_m.shape:
-            continue
-        turned = slopes(turn(depth_m), shading, capture)
-        both = measured & np.isfinite(turned).all(axis=-1)
-        if np.count_nonzero(both) > COVERED * np.count_nonzero(measured):
-            components = shading.components[:, both]
-            squares = [unexplained(each[both], components) for each in (as_it_is, turned)]
-            before, after = (
-                1 - float(left.sum()) / total(each[both])
-                for left, each in zip(squares, (as_it_is, turned), strict=True)
-            )
-            fits.append(Fit(name, before, after, evidence(squares[0], squares[1], both)))
-    return fits
+    fits = [
+        _fit(name, depth_m, turn(depth_m), shading, capture)
+        for name, turn in TURNS.items()
+        if turn(depth_m).shape == depth_m.shape
+    ]
+    return [fit for fit in fits if fit is not None]
 
 
-def fits_moved_back(capture: Capture, shift: Displacement | None, turned: Fit) -> bool:
-    """Whether the depth fits better where its outline lies on the mask's: it is only shifted."""
-    shading = relative_shading(capture)
-    if shift is None or not shift.plain or shading is None:
-        return False
-    depth_m, _ = sensed(replace(capture, depth_m=capture.depth_m[:1]))
-    right, down = np.rint(shift.shift).astype(int)
-    moved = slopes(np.roll(depth_m, (-down, -right), axis=(0, 1)), shading, capture)
-    both = shading.seen & np.isfinite(moved).all(axis=-1)
-    left = unexplained(moved[both], shading.components[:, both])
-    return 1 - float(left.sum()) / total(moved[both]) > turned.turned
+def _fit(
+    turn: str, as_it_is_m: Floats, turned_m: Floats, shading: RelativeShading, capture: Capture
+) -> Fit | None:
+    """The fit of two depth maps (hs, ws); None where they have too little in common."""
+    both = slopes(as_it_is_m, shading, capture), slopes(turned_m, shading, capture)
+    where = shading.seen & np.isfinite(both[0]).all(axis=-1)
+    fewest = COVERED * np.count_nonzero(where)
+    where &= np.isfinite(both[1]).all(axis=-1)
+    if np.count_nonzero(where) <= fewest:
+        return None
+    components = shading.components[:, where]
+    left = [unexplained(each[where], components) / total(each[where]) for each in both]
+    before, after = (1 - float(each.sum()) for each in left)
+    return Fit(turn, before, after, evidence(left[0], left[1], where))
 
 
 def evidence(as_it_is: Floats, turned: Floats, both: Mask) -> float:
@@ -138,14 +174,9 @@ def evidence(as_it_is: Floats, turned: Floats, both: Mask) -> float:
 
     Per pixel that of two Gaussians of two dimensions, each with its own variance.
     """
-    rows, columns = np.nonzero(both)
-    side = max(float(np.sqrt(len(rows))) / BLOCKS, 1.0)
-    number = (rows // side) * both.shape[1] + columns // side
-    _, block = np.unique(number, return_inverse=True)
     means = [max(float(each.mean()), np.finfo(float).tiny) for each in (as_it_is, turned)]
     ratio = as_it_is / means[0] - turned / means[1] + np.log(means[0] / means[1])
-    pixels = np.bincount(block).astype(np.float64)
-    return log_likelihood_ratio(np.bincount(block, ratio) / pixels, pixels)
+    return evidence_in_blocks(ratio, both)
 
 
 def slopes(depth_m: Floats, shading: RelativeShading, capture: Capture) -> Floats:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from rakelight.capture.arrays import checked_capture
+from rakelight.check.depth_orientation import depth_orientation
 from rakelight.check.findings import checks
 from rakelight.check.measured import Measured
 from rakelight.errors import CaptureError, InputError, MethodError
@@ -271,6 +272,9 @@ def pose_corrected(
     """The capture with its depth camera's pose corrected, where it asks for that.
 
     With a finding in place of the correction where the method cannot do it.
+
+    Raises CaptureError where the depth is turned or mirrored beyond doubt: moved onto the
+    photographs it would look shifted, or right.
     """
     if not capture.register:
         return capture
@@ -280,6 +284,7 @@ def pose_corrected(
         return replace(capture, findings=(*capture.findings, note), register=False)
     from rakelight.pipeline.pose import registered
 
+    depth_orientation(Measured(capture))
     with one_blas_thread():
         return registered(capture, options, progress)
 
