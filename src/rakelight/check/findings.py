@@ -14,6 +14,7 @@ from rakelight.check.depth_quality import depth_findings, one_value
 from rakelight.check.depth_shift import depth_shift
 from rakelight.check.exposure import exposure_findings
 from rakelight.check.inside_out import inside_out
+from rakelight.check.inverted_mask import mask_inverted
 from rakelight.check.measured import Measured
 from rakelight.check.sharpness import sharpness_findings
 from rakelight.model import Finding
@@ -42,6 +43,7 @@ class Row:
 # First what makes the others meaningless; then the cause before its effects: a photograph that
 # moved does not fit the others either.  Warnings are said before all notes.
 FINDINGS = (
+    Row(("mask-inverted",), mask_inverted, in_refine=True),
     Row(("depth-turned",), depth_orientation, in_refine=True),
     Row(("depth-inside-out",), inside_out, in_refine=True),
     Row(("depth-shifted",), depth_shift, in_refine=True),

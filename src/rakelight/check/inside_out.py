@@ -43,6 +43,9 @@ LIKELY_WHERE_IT_FALLS = float(np.log(HOLLOW / PRIOR))
 # Where no background decides, the median slope (metres of depth per metre across) has to be as
 # steep as that of solid objects: rims of low relief are less so.
 STEEP = -0.25
+# Least share of each of the image's sides that a mask of the background takes; where an object
+# stands on one, it has less of it than the background.
+MOST_OF_SIDE = 0.5
 REMEDY = (
     "turn disparity d into depth, focal length * baseline / d; if the object is a hollow, let the "
     "depth maps go on beyond the mask"
@@ -88,9 +91,11 @@ def inside_out(measured: Measured) -> tuple[Finding, ...]:
     Raises CaptureError where the outline and what lies beyond say so beyond doubt.
     """
     capture = measured.capture
-    outline = outline_of(capture)
+    outline = measured(outline_of)
     if outline is None or outline.falls < LIKELY:
         return ()
+    if holds_the_frame(capture.mask) and outline.nearer >= LIKELY:
+        return ()  # the mask may be inverted; see `inverted_mask`
     seen = f"depth falls towards the outline on {outline.falling:.0%} of it"
     if outline.nearer >= LIKELY_WHERE_IT_FALLS:
         what = "the depth seems to be inside out: disparity taken for depth?"
@@ -102,6 +107,12 @@ def inside_out(measured: Measured) -> tuple[Finding, ...]:
     else:
         return ()
     return (Finding("warning", "depth-inside-out", f"{what} {seen}", REMEDY),)
+
+
+def holds_the_frame(mask: Mask) -> bool:
+    """Whether a mask (h, w) takes most of each of the image's four sides, and not all of it."""
+    sides = mask[0], mask[-1], mask[:, 0], mask[:, -1]
+    return not mask.all() and all(side.mean() > MOST_OF_SIDE for side in sides)
 
 
 def outline_of(capture: Capture) -> Outline | None:
