@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from rakelight.capture import load_capture, write_capture
+from rakelight.capture import load_capture, load_depth, write_capture
 from rakelight.capture.images import encode_png, encode_tiff
 from rakelight.errors import CaptureError
 from rakelight.model import Camera, RigidTransform, SensorNoise
@@ -225,12 +225,31 @@ def test_invalid_depth_is_a_hole_and_counted(folder):
 def test_the_largest_integer_is_no_measurement(folder):
     values = np.full((12, 16), 600, np.uint16)
     values[5, 5] = 65535
-    values[5, 6] = 65534
+    values[5, 6] = 19999
     set_depth(folder, values)
     capture = load_capture(folder)
     assert np.isnan(capture.depth_m[0, 5, 5])
-    assert capture.depth_m[0, 5, 6] == np.float32(65.534)
+    assert capture.depth_m[0, 5, 6] == np.float32(19.999)
     assert any("1 at the largest value" in finding.message for finding in capture.findings)
+
+
+def test_values_beyond_any_distance_and_a_far_one_that_many_share_are_holes(folder):
+    values = np.full((12, 16), 600, np.uint16)
+    values[5, 5:8] = 65534, 20001, 19999
+    values[:2] = 10000
+    set_depth(folder, values)
+    capture = load_capture(folder)
+    assert np.isnan(capture.depth_m[0, 5, 5:7]).all()
+    (missing,) = [f.message for f in capture.findings if f.code == "depth-missing"]
+    assert "2 beyond 20 m" in missing
+    assert capture.depth_m[0, 5, 7] == np.float32(19.999)
+    values[5, 7] = 601
+    set_depth(folder, values)
+    assert np.isnan(load_capture(folder).depth_m[0, :2]).all()
+    assert np.array_equal(load_depth(folder), load_capture(folder).depth_m, equal_nan=True)
+    values[:2] = 1100  # a wall without noise
+    set_depth(folder, values)
+    assert (load_capture(folder).depth_m[0, :2] == np.float32(1.1)).all()
 
 
 def test_no_depth_on_the_object(folder):

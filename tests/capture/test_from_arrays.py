@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from rakelight.capture import load_capture, write_capture
+from rakelight.capture.arrays import checked_capture
 from rakelight.errors import InputError
 from rakelight.model import Camera, Capture, RigidTransform, SensorNoise
 from tests.capture.capture_builder import HEIGHT, WIDTH, small_capture
@@ -118,6 +119,25 @@ def test_holes_on_the_object_are_counted_by_reason():
     depth[:, 5, 6:10] = 0, 0, -1, np.nan
     (holes,) = [f for f in made(depth=depth).findings if f.code == "depth-missing"]
     assert "4 zero, 2 negative, 2 not finite" in holes.message
+    assert "without depth in all 2 maps (values of single maps: 4 zero" in holes.message
+
+
+def test_sixteen_bit_nothing_divided_by_a_thousand_is_no_measurement():
+    depth = DEPTH.copy()
+    depth[:, 3:8, 3:6] = 65.535
+    capture = made(depth=depth)
+    assert np.isnan(capture.depth_m[:, 3:8, 3:6]).all()
+    (holes,) = [f for f in capture.findings if f.code == "depth-missing"]
+    assert "28 beyond 20 m" in holes.message
+    by_hand = checked_capture(replace(made(), depth_m=depth))
+    np.testing.assert_array_equal(by_hand.depth_m, capture.depth_m)
+    assert holes in by_hand.findings
+    depth[0, 3:8, 3:6] = 10.0
+    depth[1, 5, 7] = 1e9
+    assert np.isnan(made(depth=depth).depth_m[1, 5, 7])
+    assert np.isnan(checked_capture(replace(made(), depth_m=depth)).depth_m[1, 5, 7])
+    assert np.isnan(made(depth=depth).depth_m[:, 3:8, 3:6]).all()
+    assert made(depth=capture.depth_m).depth_m.tobytes() == capture.depth_m.tobytes()
 
 
 @pytest.mark.parametrize(
@@ -225,7 +245,7 @@ BAD = {
     "sizes": ({"depth": DEPTH[:, :, 1:]}, "sizes do not fit.*give the depth camera"),
     "wide": ({"depth": DEPTH[:, 1:-2]}, "seen depth 16x9, colour 32x24, needed .* to half a pixel"),
     "finer": ({"depth": DEPTH.repeat(3, 1).repeat(3, 2)}, "seen depth 48x36.*no larger"),
-    "far": ({"depth": one(DEPTH, (0, 5, 7), 1e9)}, "depth that none can be .seen 1e.09"),
+    "far": ({"depth": np.full_like(DEPTH, 1e9)}, "depth that none can be .seen 1e.09"),
     # mask
     "empty mask": ({"mask": np.zeros_like(MASK)}, "the mask is empty"),
     "mask NaN": ({"mask": one(MASK * 1.0, (0, 0), np.nan)}, "seen 1 NaN"),

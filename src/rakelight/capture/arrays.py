@@ -11,6 +11,7 @@ import numpy as np
 
 from rakelight.capture import validate
 from rakelight.capture.defaults import on_depth_grid
+from rakelight.capture.far_depth import mark_far
 from rakelight.capture.lights import checked_lights
 from rakelight.errors import CaptureError, check_is
 from rakelight.geometry.distortion import STEEPEST_RAY
@@ -96,8 +97,9 @@ def checked_arrays(capture: Capture) -> Capture:
 def checked_capture(capture: Capture) -> Capture:
     """As `checked_arrays`; and what the capture says is plausible, as `load_capture` has it.
 
-    Raises CaptureError for an empty mask, depth that is not positive or hardly measured on the
-    object, an implausible unit, depth camera or noise.
+    Depth that is too far to be a distance is NaN in it.  Raises CaptureError for an empty mask,
+    depth that is not positive or hardly measured on the object, an implausible unit, depth camera
+    or noise.
 
     >>> camera = Camera(8, 6, 10.0, 10.0, 3.5, 2.5)
     >>> checked_capture(Capture(np.zeros((3, 6, 8, 3), np.uint8), np.full((1, 6, 8), 600.0),
@@ -108,8 +110,16 @@ def checked_capture(capture: Capture) -> Capture:
     """
     capture = checked_arrays(capture)
     factor = check_sensor(capture)
-    check_object(capture, factor)
-    return capture
+    depth_m = capture.depth_m.copy()
+    holes = np.where(np.isfinite(depth_m), 0, validate.HOLES.index("not finite")).astype(np.uint8)
+    mark_far(depth_m, holes)
+    far = np.count_nonzero(np.isfinite(depth_m)) < np.count_nonzero(np.isfinite(capture.depth_m))
+    capture = replace(capture, depth_m=depth_m) if far else capture
+    found = check_object(capture, factor, holes)
+    if not far:  # whoever made the capture has said the rest
+        return capture
+    missing = tuple(each for each in found if each.code == "depth-missing")
+    return replace(capture, findings=(*capture.findings, *missing))
 
 
 def check_sensor(capture: Capture) -> float | None:
@@ -130,19 +140,16 @@ def check_sensor(capture: Capture) -> float | None:
     return None
 
 
-def check_object(
-    capture: Capture, factor: float | None, holes: Array | None = None
-) -> tuple[Finding, ...]:
+def check_object(capture: Capture, factor: float | None, holes: Array) -> tuple[Finding, ...]:
     """What a person should know of the mask and the depth on it.
 
-    factor : of `check_sensor`; holes : (K, h, w) indices into validate.HOLES, where known
+    factor : of `check_sensor`; holes : (K, h, w) indices into validate.HOLES
 
     Raises CaptureError for an empty mask, depth that is not positive, hardly measured on the object
     or in another unit.
     """
     depth_m, mask = capture.depth_m, capture.mask
     findings = validate.check_mask(mask, "mask")
-    known = np.isfinite(depth_m)
     impossible = ~(np.isnan(depth_m) | ((depth_m >= POSSIBLE_M[0]) & (depth_m <= POSSIBLE_M[1])))
     if impossible.any():
         raise CaptureError(
@@ -153,8 +160,6 @@ def check_object(
             remedy="depth[~(depth > 0)] = np.nan",
         )
     on_object = on_depth_grid(mask, factor, depth_m.shape[1:])
-    if holes is None:
-        holes = np.where(known, 0, validate.HOLES.index("not finite")).astype(np.uint8)
     return findings + validate.check_depth(depth_m, holes, on_object, "depth_m", None)
 
 

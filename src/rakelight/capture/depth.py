@@ -1,8 +1,8 @@
 """Depth files to metres.
 
 One channel of PNG or TIFF.  16-bit integers need `depth_scale`; float is metres and admits no
-other `depth_scale` than 1.  Zero, negative, NaN, infinity and the largest integer (a sensor's
-"too far") are no measurement.
+other `depth_scale` than 1.  Zero, negative, NaN, infinity, the largest integer (a sensor's "too
+far") and what rakelight.capture.far_depth finds are no measurement.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import numpy as np
 
 from rakelight.capture import validate
 from rakelight.capture.config import CONFIG, CaptureTable
+from rakelight.capture.far_depth import mark_far
 from rakelight.capture.headers import Header
 from rakelight.capture.listing import Images, Root, allocate
 from rakelight.errors import CaptureError
@@ -156,6 +157,7 @@ def read_depth(depth: Images, depth_scale: float | None) -> tuple[Floats, Array]
         depth_m[index] = np.where(holes[index] > 0, np.float32(np.nan), metres)
 
     in_threads(read, range(len(depth.names)))
+    mark_far(depth_m, holes)
     return depth_m, holes
 
 

@@ -23,6 +23,7 @@ from rakelight.capture.arrays import (
     require_plain,
 )
 from rakelight.capture.defaults import chosen_encoding, chosen_lighting, object_mask
+from rakelight.capture.far_depth import mark_far
 from rakelight.capture.listing import allocate
 from rakelight.errors import CaptureError, InputError, check_is
 from rakelight.model import (
@@ -257,7 +258,9 @@ def _depth(depth: Any) -> tuple[Floats, Array]:
         holes = np.select([depth_m == 0, depth_m < 0, ~np.isfinite(depth_m)], codes, default=0)
     _refuse_negative(depth_m)
     depth_m[holes > 0] = np.nan
-    return depth_m, holes.astype(np.uint8)
+    holes = holes.astype(np.uint8)
+    mark_far(depth_m, holes)
+    return depth_m, holes
 
 
 def _refuse_negative(depth_m: Floats) -> None:

@@ -35,7 +35,10 @@ LONGEST_BASELINE_M = 1.0
 NOISIEST = 0.2  # standard deviation over depth
 STEEPEST_GROWTH = 4.0
 # Why a depth value is none, in the order of the codes that the reader gives.
-HOLES = ("measured", "zero", "negative", "at the largest value", "not finite")
+HOLES = (
+    "measured", "zero", "negative", "at the largest value", "not finite",
+    f"beyond {PLAUSIBLE_M[1]:g} m", "at one far value",
+)  # fmt: skip
 
 
 def check_same_kind(headers: Mapping[str, Header], source: str) -> None:
@@ -468,13 +471,12 @@ def check_depth(
         )
     findings = [Finding("note", "median-depth", f"median depth {median_m:.2f} m")]
     if reasons and on_object is not None:
-        findings.append(
-            Finding(
-                "note",
-                "depth-missing",
-                f"{1 - share:.1%} of the object is without depth (values: {reasons})",
-            )
+        count = len(depth_m)
+        where, whose = (f" in all {count} maps", " of single maps") if count > 1 else ("", "")
+        message = (
+            f"{1 - share:.1%} of the object is without depth{where} (values{whose}: {reasons})"
         )
+        findings.append(Finding("note", "depth-missing", message))
     return tuple(findings)
 
 

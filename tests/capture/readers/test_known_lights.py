@@ -147,6 +147,10 @@ def test_a_mat_file_is_read(tmp_path, compressed, unit):
     assert np.array_equal(capture.mask, SMALL.mask)
     assert capture.camera == SMALL.camera
     assert len(load_capture(path, photographs=[1]).photographs) == 1
+    some = np.where(np.arange(16) < 10, 65.535 * unit, depth)  # most of it "too far"
+    far = load_capture(mat(tmp_path / "far.mat", compressed, z0=some)).depth_m
+    assert np.isnan(far[..., :10]).all()
+    assert np.array_equal(far[..., 10:], capture.depth_m[..., 10:], equal_nan=True)
     unit_note = next(f for f in capture.findings if f.code == "depth-unit-assumed")
     assert ("millimetres" in unit_note.message) == (unit == 1000)
 

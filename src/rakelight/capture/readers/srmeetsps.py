@@ -87,7 +87,8 @@ def _depth(z0: Array, source: str) -> tuple[Floats, tuple[Finding, ...]]:
             seen="z0 without positive values",
             remedy="save the depth, in metres or millimetres, as z0",
         )
-    middle, unit = float(np.median(measured)), "metres"
+    nearer = measured[measured < measured.max()]  # the largest may stand for "too far"
+    middle, unit = float(np.median(nearer if nearer.size else measured)), "metres"
     if middle > FARTHEST_M:
         depth, middle, unit = depth / np.float32(1000), middle / 1000, "millimetres"
     message = f"z0 counts as {unit}: median depth {middle:.3g} m"
