@@ -324,6 +324,13 @@ def test_implausible_intrinsics(folder, old, new, words):
     refusal(folder, "capture.toml", *words)
 
 
+def test_a_principal_point_far_off_the_middle_is_doubted(folder):
+    edit_config(folder, "cx = 15.25", "cx = 7.5")
+    assert "off-centre" in codes(folder)
+    edit_config(folder, "cx = 7.5", "cx = 11.5")
+    assert "off-centre" not in codes(folder)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [

@@ -140,6 +140,14 @@ def test_sixteen_bit_nothing_divided_by_a_thousand_is_no_measurement():
     assert made(depth=capture.depth_m).depth_m.tobytes() == capture.depth_m.tobytes()
 
 
+def test_intrinsics_of_a_smaller_image_are_doubted_and_those_of_a_crop_may_be():
+    half = Camera.from_matrix(np.diag([0.5, 0.5, 1]) @ CAMERA.matrix, CAMERA.shape)
+    (doubt,) = [f for f in made(camera=half).findings if f.severity == "warning"]
+    assert doubt.code == "off-centre"
+    assert "is the calibration of this size" in doubt.message
+    assert "off-centre" not in codes(made())
+
+
 @pytest.mark.parametrize(
     "mask", [MASK, MASK.astype(np.uint8) * 255, MASK.astype(int) * -3, MASK * 0.5]
 )
@@ -259,6 +267,10 @@ BAD = {
     "camera": ({"camera": CAMERA.matrix}, r"no Camera.*Camera\.from_matrix"),
     "camera size": ({"camera": CAMERA.scaled(2)}, r"does not fit the capture's camera"),
     "normalised": ({"camera": replace(CAMERA, fx=1.2, fy=1.2)}, "give pixels"),
+    "camera of a larger image": (
+        {"camera": Camera.from_matrix(np.diag([4, 4, 1]) @ CAMERA.matrix, CAMERA.shape)},
+        "camera: the principal point lies outside the image .seen cx = 6",
+    ),
     "camera NaN": ({"camera": replace(CAMERA, cx=np.nan)}, "cx is not a number"),
     "encoding": ({"encoding": "gamma"}, "unknown encoding.*linear, srgb"),
     "lighting": ({"lighting": "lamp"}, "unknown lighting.*moving-lamp, rgb-leds, ambient"),

@@ -246,7 +246,6 @@ def _check_numbers(value: Any, source: str) -> None:
 
 
 def _check_camera(camera: Camera, source: str) -> None:
-    """Wherever its image was cut out: a principal point beside it is no mistake here."""
     _check_numbers(camera, source)
     for key in ("width", "height", "fx", "fy"):
         if getattr(camera, key) <= 0:
@@ -273,6 +272,7 @@ def _check_camera(camera: Camera, source: str) -> None:
             needed="pixels of this image",
             remedy="give pixels: not millimetres, not fractions of a side",
         )
+    validate.check_principal_point(camera, source)
     if camera.distortion is not None:
         remedy = "rakelight.Camera.from_matrix(K, (height, width), distortion) makes one"
         check_is(camera.distortion, Distortion, f"{source}.distortion", remedy)

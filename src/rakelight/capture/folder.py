@@ -82,11 +82,9 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
     rgb, depth, lights = _list_all(root, table, photographs)
     validate.check_camera(camera, rgb.shape, root.shown(CONFIG), "intrinsics")
     depth_camera, depth_to_color = depth_geometry(table, depth.shape, root.shown(CONFIG))
-    factor = (
-        validate.depth_factor(depth.shape, rgb.shape, depth.source)
-        if depth_camera is None
-        else None
-    )
+    factor = None
+    if depth_camera is None:
+        factor = validate.depth_factor(depth.shape, rgb.shape, depth.source)
     depth_noise = _depth_noise(root, table)
 
     images = read_photographs(rgb)
@@ -126,6 +124,7 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
         lights=lights,
         findings=(
             *assumed,
+            *validate.principal_point_finding(camera),
             *light,
             *file_findings(rgb),
             *file_findings(depth),

@@ -104,8 +104,10 @@ def capture_from_arrays(
             marked = _mask(mask, camera.shape)
         capture = replace(capture, mask=marked)
         object_findings = check_object(capture, factor, holes)
+        off_centre = validate.principal_point_finding(camera)
         exposed = validate.check_exposure(pixels, capture.mask, shown, "photographs")
-    return replace(capture, findings=(*assumed, *found, *object_findings, *exposed))
+    findings = (*assumed, *off_centre, *found, *object_findings, *exposed)
+    return replace(capture, findings=findings)
 
 
 @contextmanager

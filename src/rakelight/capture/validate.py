@@ -32,6 +32,9 @@ PLAUSIBLE_M = (0.05, 20.0)
 # Values per metre: millimetres, TUM, 0.1 mm, L515, metres
 COMMON_DEPTH_SCALES = (1000.0, 5000.0, 10000.0, 4000.0, 1.0)
 LONGEST_BASELINE_M = 1.0
+# Principal point's distance from the middle over the image's side: lenses have up to 0.06,
+# intrinsics of half the size 0.25.
+FARTHEST_OFF_CENTRE = 0.15
 NOISIEST = 0.2  # standard deviation over depth
 STEEPEST_GROWTH = 4.0
 # Why a depth value is none, in the order of the codes that the reader gives.
@@ -101,7 +104,7 @@ def check_camera(camera: Camera, shape: tuple[int, int], source: str, table: str
             )
     _check_camera_size(camera, shape, source, table)
     _check_field_of_view(camera, source, table)
-    _check_principal_point(camera, source, table)
+    check_principal_point(camera, source, f"the principal point of [{table}]")
     check_distortion(camera, source, f"key '{table}.distortion'")
 
 
@@ -153,7 +156,15 @@ def _check_field_of_view(camera: Camera, source: str, table: str) -> None:
         )
 
 
-def _check_principal_point(camera: Camera, source: str, table: str) -> None:
+def check_principal_point(camera: Camera, source: str, name: str = "the principal point") -> None:
+    """The principal point, which messages call `name`, lies in the image, and not turned.
+
+    >>> check_principal_point(Camera(220, 170, 1680.0, 1580.0, 405.0, 362.0), "camera")
+    Traceback (most recent call last):
+    rakelight.errors.CaptureError: camera: the principal point lies outside the image (seen
+    cx = 405, cy = 362 in 220x170, needed a point near the centre). Fix: give cx and cy in ...
+    """
+
     def inside(u: float, v: float) -> bool:
         return 0 <= u <= camera.width - 1 and 0 <= v <= camera.height - 1
 
@@ -162,7 +173,6 @@ def _check_principal_point(camera: Camera, source: str, table: str) -> None:
         off = abs(u - (camera.width - 1) / 2), abs(v - (camera.height - 1) / 2)
         return max(off) <= near
 
-    seen = f"cx = {camera.cx:g}, cy = {camera.cy:g} in {camera.width}x{camera.height}"
     exchanged = central(camera.cy, camera.cx) and not central(camera.cx, camera.cy)
     if inside(camera.cx, camera.cy) and not exchanged:
         return
@@ -175,12 +185,32 @@ def _check_principal_point(camera: Camera, source: str, table: str) -> None:
         what = "lies outside the image"
         remedy = "give cx and cy in pixels of this image size"
     raise CaptureError(
-        f"the principal point of [{table}] {what}",
+        f"{name} {what}",
         source=source,
-        seen=seen,
+        seen=f"cx = {camera.cx:g}, cy = {camera.cy:g} in {camera.width}x{camera.height}",
         needed="a point near the centre",
         remedy=remedy,
     )
+
+
+def principal_point_finding(camera: Camera) -> tuple[Finding, ...]:
+    """A warning where the principal point is farther from the middle than lenses put it.
+
+    >>> principal_point_finding(Camera(220, 170, 210.0, 198.0, 50.0, 45.0))[0].code
+    'off-centre'
+    """
+    off = max(
+        abs(centre - (side - 1) / 2) / side
+        for side, centre in ((camera.width, camera.cx), (camera.height, camera.cy))
+    )
+    if off <= FARTHEST_OFF_CENTRE:
+        return ()
+    message = (
+        f"the principal point ({camera.cx:.4g}, {camera.cy:.4g}) is {off:.0%} of a side off the "
+        f"middle of the {camera.width}x{camera.height} image: is the calibration of this size?"
+    )
+    remedy = "take that of this image size, or scale it; where the image was cut out, all is well"
+    return (Finding("warning", "off-centre", message, remedy),)
 
 
 def _check_camera_size(camera: Camera, shape: tuple[int, int], source: str, table: str) -> None:

@@ -62,6 +62,7 @@ FINDINGS = (
     Row(("odd-photographs",)),
     Row(("single-photograph",)),
     Row(("depth-unit",), depth_findings),
+    Row(("off-centre",)),
     Row(("depth-holes",), depth_findings, instead_of=("depth-missing",)),
     Row(("depth-missing",)),
     Row(("holes-left-out",), depth_findings),
