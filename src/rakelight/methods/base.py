@@ -33,6 +33,13 @@ ONE_LAMP_POSITION = "one-lamp-position"
 # Root mean square angle of the lights off one plane, degrees.  At 2.5 normals are 1.5 to 2 times as
 # far off as at 10, at 0.7 three times (vase and cat under 12 lights on an arc).
 LEAST_THICKNESS_DEG = 4.0
+# What methods for one photograph say of their result.
+AMBIGUOUS = Finding(
+    "warning",
+    "single-photograph",
+    "one photograph does not tell paint from relief: fine detail may be painted, not real",
+    "take at least 4 photographs under a moving lamp and use the method multi-light",
+)
 
 
 @dataclass(frozen=True)

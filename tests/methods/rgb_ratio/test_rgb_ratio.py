@@ -186,6 +186,11 @@ def test_colours_of_paint_are_told_apart():
 # ---- findings
 
 
+def test_a_refined_surface_may_show_paint_and_says_so():
+    estimate = rgb_ratio(prepare(scene()[0]), RgbRatio(max_iterations=1), silent)
+    assert [(f.severity, f.code) for f in estimate.findings] == [("warning", "single-photograph")]
+
+
 def test_good_lights_need_no_warning():
     assert codes(scene()[0]) == []
 

@@ -23,6 +23,7 @@ import numpy as np
 from rakelight.geometry.averaging import data_terms
 from rakelight.geometry.grid import has_gradient, mean_gradient
 from rakelight.methods.base import (
+    AMBIGUOUS,
     Estimate,
     Method,
     brightest,
@@ -150,6 +151,7 @@ def rgb_ratio(prepared: Prepared, options: RgbRatio, progress: ProgressCallback)
         energy=tuple(energies),
         converged=rounds == 0 or moved <= options.tolerance,
         findings=(
+            *((AMBIGUOUS,) if rounds else ()),
             *first_only(prepared, "rgb-ratio"),
             *rgb_findings(prepared, level.image[mask], light),
         ),

@@ -30,6 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rakelight.methods.base import (
+    AMBIGUOUS,
     Estimate,
     Method,
     brightest,
@@ -39,7 +40,7 @@ from rakelight.methods.base import (
 )
 from rakelight.methods.single_image.ambient_occlusion import occlusion_height
 from rakelight.methods.single_image.depth_energy import Depth, Fit, View
-from rakelight.model import MAD_TO_SIGMA, Finding, Floats, Lights, ProgressCallback
+from rakelight.model import MAD_TO_SIGMA, Floats, Lights, ProgressCallback
 from rakelight.photometry.lighting import estimate_light
 from rakelight.photometry.piecewise_albedo import EdgeWeights, piecewise_smooth
 from rakelight.prepare import Prepared
@@ -50,12 +51,6 @@ DIM = 0.05
 TUKEY, LIGHT_ROUNDS = 4.685, 8
 # Relative residuals to which albedo and depth are solved: the photograph does not determine more.
 ALBEDO_ACCURACY, DEPTH_ACCURACY = 1e-2, 1e-1
-AMBIGUOUS = Finding(
-    "warning",
-    "single-photograph",
-    "one photograph does not tell paint from relief: fine detail may be painted, not real",
-    "take at least 4 photographs under a moving lamp and use the method multi-light",
-)
 
 
 @dataclass(frozen=True, slots=True)
