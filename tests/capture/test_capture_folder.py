@@ -281,4 +281,6 @@ def test_real_captures(name, photographs, lighting, median_m):
     assert capture.depth_m.shape == (photographs, 480, 640)
     assert (capture.lighting, capture.encoding) == (lighting, "linear")
     assert {finding.severity for finding in capture.findings} == {"note"}
-    assert capture.findings[0].message == f"median depth {median_m} m"
+    noted, median, *_ = capture.findings
+    assert noted.code == "linear-8-bit"
+    assert median.message == f"median depth {median_m} m"

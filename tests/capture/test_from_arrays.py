@@ -140,6 +140,13 @@ def test_sixteen_bit_nothing_divided_by_a_thousand_is_no_measurement():
     assert made(depth=capture.depth_m).depth_m.tobytes() == capture.depth_m.tobytes()
 
 
+@pytest.mark.parametrize(("dtype", "noted"), [(np.uint8, True), (np.uint16, False)])
+def test_eight_bits_that_are_said_to_be_linear_are_noted(dtype, noted):
+    pixels = small_capture(dtype=dtype).photographs
+    assert ("linear-8-bit" in codes(made(pixels, encoding="linear"))) is noted
+    assert "linear-8-bit" not in codes(made(pixels, encoding="srgb")) + codes(made(pixels))
+
+
 def test_intrinsics_of_a_smaller_image_are_doubted_and_those_of_a_crop_may_be():
     half = Camera.from_matrix(np.diag([0.5, 0.5, 1]) @ CAMERA.matrix, CAMERA.shape)
     (doubt,) = [f for f in made(camera=half).findings if f.severity == "warning"]

@@ -12,13 +12,17 @@ from rakelight.prepare.sensor import SensorGrid
 def chosen_encoding(
     given: Encoding | None, kind: str, remedy: str
 ) -> tuple[Encoding, tuple[Finding, ...]]:
-    """The encoding of photographs, with a note where it was not given.
+    """The encoding of photographs, with a note where it was not given, or is hardly right.
 
     kind : of their values: "8-bit" counts as sRGB, everything else as linear; remedy : for the note
 
     >>> chosen_encoding(None, "8-bit", "")[0], chosen_encoding(None, "16-bit", "")[0]
     ('srgb', 'linear')
     """
+    if given == "linear" and kind == "8-bit":
+        message = "8-bit photographs are said to be linear; those of cameras and phones are srgb"
+        remedy = "say srgb, unless these values are proportional to light"
+        return given, (Finding("note", "linear-8-bit", message, remedy),)
     if given is not None:
         return given, ()
     encoding: Encoding = "srgb" if kind == "8-bit" else "linear"

@@ -73,7 +73,8 @@ FINDINGS = (
     Row(("few-photographs",)),
     # What the reader assumed, changed or left out.
     Row((
-        "encoding-assumed", "intrinsics-from-exif", "default-intrinsics", "depth-unit-assumed",
+        "encoding-assumed", "linear-8-bit",
+        "intrinsics-from-exif", "default-intrinsics", "depth-unit-assumed",
         "ignored-files", "unread-images", "misnamed", "same-view",
         "jpeg", "compressed", "raw", "grey", "alpha-dropped", "display-p3", "exif-orientation",
         "ambient-subtracted", "flat-divided", "light-scaled", "undistorted",
