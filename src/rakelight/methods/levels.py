@@ -327,18 +327,6 @@ def unbiased_depth(prepared: Prepared) -> Floats:
     return np.asarray(prior + prepared.sensor.nearest_upsample(miss, prior.shape))
 
 
-def held_to_measurements(level: Level, prepared: Prepared) -> Level:
-    """The finest level with a p_0 that has the measurements themselves for means, unsmoothed.
-
-    The sensor then determines how high relief is whose width is a few of its pixels, which
-    `BIAS_PX` smooths away.  A start must not be held to it: what the sensor reports beside jumps
-    leads lights astray that are not known yet.
-    """
-    miss, _ = sensor_error(prepared, level.prior)
-    measured = level.prior + prepared.sensor.nearest_upsample(miss, level.prior.shape)
-    return replace(level, unbiased_prior=np.where(level.photographs.active, measured, level.prior))
-
-
 def sensor_error(prepared: Prepared, log_depth: Floats) -> tuple[Floats, Mask]:
     """(hs, ws) log measurements less the means of a log depth (h, w), and where there are any.
 

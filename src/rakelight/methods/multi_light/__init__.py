@@ -23,7 +23,7 @@ from dataclasses import replace
 import numpy as np
 
 from rakelight.methods.base import Estimate, Method, brightest, light_findings, require_photographs
-from rakelight.methods.levels import Level, finest_level, held_to_measurements, pyramid
+from rakelight.methods.levels import Level, finest_level, pyramid
 from rakelight.methods.multi_light.bas_relief_variance import bas_relief_variance, sensor_moment
 from rakelight.methods.multi_light.confidence import depth_sigma, normal_errors
 from rakelight.methods.multi_light.energy import Fit, evaluated, reset_scale
@@ -36,7 +36,7 @@ from rakelight.methods.multi_light.noise import (
 from rakelight.methods.multi_light.normals import fine_normals
 from rakelight.methods.multi_light.options import MultiLight
 from rakelight.methods.multi_light.outliers import remove_outliers
-from rakelight.methods.multi_light.steps import Descent, descend, relief_of_sensor
+from rakelight.methods.multi_light.steps import Descent, descend
 from rakelight.model import Finding, ProgressCallback
 from rakelight.photometry.specular import Highlights, trim_brightest
 from rakelight.prepare import Prepared
@@ -87,19 +87,14 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     # 5. The lights, the depth moving with them, until the energy has converged.  Outliers are
     # predicted again, and links cut at jumps that the sensor blurred or its noise hid: they are
     # steep by now.  One scale for all pixels: the lights do not follow those where the model errs.
-    # The sensor's measurements themselves, not smoothed, say how high fine relief is.
     level, fit, highlights = without_outliers(levels[0], descent.fit)
     level = level.weighted(weight / first_weight).cut(fit.log_depth)
-    measured = held_to_measurements(level, prepared)
-    equal_intensity = estimate_equal_intensity_weight(measured, fit.log_depth, prepared)
+    equal_intensity = estimate_equal_intensity_weight(level, fit.log_depth, prepared)
     fit = replace(fit, equal_intensity_weight=equal_intensity)
-    relief = relief_of_sensor(measured, fit)
-    start = relief if fit.model.near else fit  # under distant lights each step finds it anyway
-    both = descend(measured, start, options, progress, "refine, weighed", last=True)
-    # 6. The depth alone under these lights, from where step 4 left it but as high as the sensor
-    # says: the depth of step 5 has the measurements' noise, and errors of millimetres on steep
-    # sides, where one scale takes all of a pixel for outliers.
-    fit = evaluated(level, both.fit, relief.log_depth, both.fit.lights)
+    both = descend(level, fit, options, progress, "refine, weighed", last=True)
+    # 6. The depth alone under these lights, from where step 4 left it: the depth of step 5 has
+    # errors of millimetres on steep sides, where one scale takes all of a pixel for outliers.
+    fit = evaluated(level, both.fit, fit.log_depth, both.fit.lights)
     last = descend(level, fit, options, progress, "refine, depth", together=False, last=True)
     steps, converged = descent.steps + both.steps + last.steps, both.converged and last.converged
     descent = replace(last, steps=steps, converged=converged)

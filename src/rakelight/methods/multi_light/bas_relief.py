@@ -67,15 +67,13 @@ def relief_scaling(level: Level, log_depth: Floats) -> Floats:
 def _transformed(level: Level, log_depth: Floats, transform: Floats) -> tuple[Floats, Floats]:
     """(h, w) log depth after the transform (a, g), and the (3, 3) one of the lights.
 
-    With a below 0 dents and bumps change places, and the lights go to the other side: photographs
-    are the same then, too.  Unchanged where that would lie behind the camera, and where no normal
-    depends on the depth.
+    Unchanged where that would turn the surface around, and where no normal depends on the depth.
     """
     from scipy.ndimage import binary_dilation
 
     nearer = np.exp(-log_depth)
     inverse = np.where(level.mask, transform[0] * nearer + level.rays @ transform[1:], nearer)
-    if not inverse.min() > 0:
+    if not (transform[0] > 0 and inverse.min() > 0):
         return log_depth, np.eye(3)
     seen = binary_dilation(level.photographs.active)
     return np.where(seen, -np.log(inverse), log_depth), lights_transform(level, transform)

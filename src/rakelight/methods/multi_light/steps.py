@@ -15,7 +15,6 @@ from rakelight.methods.multi_light.energy import (
     depth_system,
     evaluated,
     light_system,
-    reset_scale,
     update_scale,
 )
 from rakelight.methods.multi_light.joint_step import damped_tensor, joint_step
@@ -68,7 +67,7 @@ def descend(
     together : whether the lights move with the depth
     last : whether the result is what it finds: sigma weighs the priors however large it is; and if
         lights move, one scale is that of all pixels (`update_scale`), and it has converged only
-        when no extrapolated step lowers the energy either; if they do not, they stay as they are
+        when no extrapolated step lowers the energy either
     """
     noisiest, thorough = 1.0 if last else LARGEST_NOISE, last and together
     energies: list[float] = []
@@ -84,8 +83,7 @@ def descend(
         fit = depth_step(level, fit, with_light_slope=together)
         if together:
             fit = joint_step(level, fit, options.coarse_pixels)
-        if together or not last:
-            fit = project_bas_relief(level, fit)
+        fit = project_bas_relief(level, fit)
         small = options.tolerance * before.energy
         if loss_fixed and (thorough or before.energy - fit.energy >= small):
             fit = extrapolated(level, before, fit)
@@ -132,25 +130,6 @@ def project_bas_relief(level: Level, fit: Fit) -> Fit:
     )
     lights = replace(fit.lights, vector=fit.lights.vector @ transform.T)
     return evaluated(level, fit, log_depth, lights)
-
-
-def relief_of_sensor(level: Level, fit: Fit) -> Fit:
-    """The state after the bas-relief transform nearest to the sensor's, under near lights as well.
-
-    Their fall-off determines the transform, but on a flat object so little that steps along it are
-    short.  There it is tried, with steps of the lights, and kept where the energy is lower.
-    Compared by least squares: losses that have adapted to one surface do not judge another.
-
-    fit : a state of another level too
-    """
-    if not fit.model.near or fit.model.directions is not None:
-        return project_bas_relief(level, fit)
-    weight = fit.equal_intensity_weight
-    fit = replace(reset_scale(level, fit), equal_intensity_weight=weight)
-    log_depth, transform = nearest_bas_relief(level, fit.log_depth, fit.lights, weight)
-    lights = replace(fit.lights, vector=fit.lights.vector @ transform.T)
-    tried = refine_lights(level, evaluated(level, fit, log_depth, lights, with_light_slope=True))
-    return min(fit, tried, key=lambda each: each.energy)
 
 
 def refine_lights(level: Level, fit: Fit) -> Fit:
