@@ -19,6 +19,7 @@ from rakelight.check.measured import Measured
 from rakelight.check.others import band, better_explained
 from rakelight.errors import listed
 from rakelight.geometry.grid import bounding_window
+from rakelight.geometry.masks import dilate
 from rakelight.model import Array, Capture, Finding, Floats, Mask
 from rakelight.prepare.detail import corners_of, detail, shift_between
 from rakelight.prepare.linear import to_linear
@@ -103,8 +104,8 @@ def views(mask: Mask) -> tuple[View, View]:
         step = max(round(max(height, across) / SIDE_PX), 1)
         found.append(View(window, step, np.ones((height // step, across // step), dtype=bool)))
     size = found[0].where.shape[::-1]
-    object_there = cv2.resize(mask[found[0].window].astype(np.uint8), size)
-    beside = cv2.dilate(object_there, np.ones((2 * BORDER_PX + 1,) * 2, np.uint8)) == 0
+    object_there = cv2.resize(mask[found[0].window].astype(np.uint8), size) > 0
+    beside = ~dilate(object_there, BORDER_PX)
     return View(found[0].window, found[0].step, beside), found[1]
 
 

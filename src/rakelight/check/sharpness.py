@@ -32,6 +32,7 @@ from rakelight.check.measured import Measured
 from rakelight.check.others import band, combination
 from rakelight.errors import listed
 from rakelight.geometry.grid import bounding_window
+from rakelight.geometry.masks import dilate
 from rakelight.model import SATURATED, Array, Capture, Finding, Floats, Mask
 from rakelight.prepare.linear import to_linear
 
@@ -87,7 +88,7 @@ def outline_widths(capture: Capture) -> Floats:
 
     NaN where it does not stand out, or is not in the picture.
     """
-    border = _grown(capture.mask, OUTWARDS_PX) & ~_inside(capture.mask)
+    border = dilate(capture.mask, OUTWARDS_PX) & ~_inside(capture.mask)
     places = np.argwhere(border)
     if not len(places):
         return np.full(len(capture.photographs), np.nan)
@@ -178,7 +179,7 @@ def added_blur(capture: Capture) -> tuple[Floats, Mask]:
         return unknown
     here = (slice(None), *window)
     saturated = np.asarray((capture.photographs[here] >= SATURATED * capture.white).any(axis=-1))
-    where = _grown(capture.mask, OUTLINE_PX)[window] & (saturated.mean(axis=0) <= SATURATED_THERE)
+    where = dilate(capture.mask, OUTLINE_PX)[window] & (saturated.mean(axis=0) <= SATURATED_THERE)
     if np.count_nonzero(where) < FEWEST * FEWEST_BLOCKS:
         return unknown
     fine, coarse = [], []
@@ -190,7 +191,7 @@ def added_blur(capture: Capture) -> tuple[Floats, Mask]:
     products, block = matched @ matched.T, block_of(where)
     blur_px, evidence = np.full(count, np.nan), np.full(count, -np.inf)
     for i in range(count):
-        good = ~_grown(saturated[i], AROUND_SATURATED_PX)[where]
+        good = ~dilate(saturated[i], AROUND_SATURATED_PX)[where]
         expected = combination(products, i) @ images
         found = _blur_beside(images[i][good], expected[good], block[good])
         if found is not None:
@@ -221,11 +222,6 @@ def _middle_window(mask: Mask) -> tuple[slice, ...] | None:
     if not inside.any():
         return None
     return tuple(_part((part.start + part.stop) // 2) for part in bounding_window(inside))
-
-
-def _grown(mask: Mask, by_px: int) -> Mask:
-    size = 2 * by_px + 1
-    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0)
 
 
 def _step_energy(blur_px: float) -> float:

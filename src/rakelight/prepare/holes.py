@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight.geometry.grid import has_gradient
+from rakelight.geometry.masks import dilate
 from rakelight.model import Array, Finding, Mask
-from rakelight.prepare.inpaint import dilate
 from rakelight.prepare.linear import usable
 
 # Distance, depth pixels, up to which a hole is filled.  Photographs determine slopes: over 16 depth

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from rakelight.geometry.masks import dilate
 from rakelight.model import Floats, Mask
 from rakelight.solve import assemble, solve
 
@@ -54,10 +55,3 @@ def nearest_fill(values: Floats, measured: Mask) -> Floats:
         return np.array(values, dtype=np.float64)
     index = distance_transform_edt(~measured, return_distances=False, return_indices=True)
     return np.asarray(values[tuple(index)], dtype=np.float64)
-
-
-def dilate(mask: Mask, pixels: int) -> Mask:
-    """`mask` grown by `pixels` in all eight directions."""
-    from scipy.ndimage import binary_dilation
-
-    return np.asarray(binary_dilation(mask, np.ones((3, 3), dtype=bool), iterations=pixels))

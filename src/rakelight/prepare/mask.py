@@ -9,8 +9,8 @@ import numpy as np
 
 from rakelight.geometry.camera import pixel_rays
 from rakelight.geometry.grid import bounding_window
+from rakelight.geometry.masks import dilate
 from rakelight.model import Array, Camera, Capture, Finding, Floats, Mask
-from rakelight.prepare.inpaint import dilate
 from rakelight.prepare.linear import to_linear
 from rakelight.prepare.sensor import SensorGrid, sensed
 from rakelight.prepare.surfaces import surfaces

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight.capture.video.frames import Frames
+from rakelight.geometry.masks import dilate
 from rakelight.model import Array, Floats, Progress, ProgressCallback
 from rakelight.prepare.detail import corners_of, shift_between
-from rakelight.prepare.inpaint import dilate
 
 # Pairs of each frame with others that are lit alike; least distance in time, frames.
 ALIKE, APART = 2, 10
