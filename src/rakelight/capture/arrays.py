@@ -11,7 +11,7 @@ import numpy as np
 
 from rakelight.capture import validate
 from rakelight.capture.defaults import on_depth_grid
-from rakelight.capture.far_depth import mark_far
+from rakelight.capture.far_depth import far_values, mark_far
 from rakelight.capture.lights import checked_lights
 from rakelight.errors import CaptureError, check_is
 from rakelight.geometry.distortion import STEEPEST_RAY
@@ -110,11 +110,12 @@ def checked_capture(capture: Capture) -> Capture:
     """
     capture = checked_arrays(capture)
     factor = check_sensor(capture)
-    depth_m = capture.depth_m.copy()
+    depth_m = capture.depth_m
     holes = np.where(np.isfinite(depth_m), 0, validate.HOLES.index("not finite")).astype(np.uint8)
-    mark_far(depth_m, holes)
-    far = np.count_nonzero(np.isfinite(depth_m)) < np.count_nonzero(np.isfinite(capture.depth_m))
-    capture = replace(capture, depth_m=depth_m) if far else capture
+    far = far_values(depth_m) is not None
+    if far:
+        capture = replace(capture, depth_m=depth_m.copy())
+        mark_far(capture.depth_m, holes)
     found = check_object(capture, factor, holes)
     if not far:  # whoever made the capture has said the rest
         return capture
