@@ -97,7 +97,9 @@ def turned(capture: Capture) -> tuple[Fit, bool] | None:
     shading, depth_m = relative_shading(capture), _depth(capture)
     if shading is None:
         return None
-    fits = orientation_fits(capture)
+    fits = _fits(depth_m, shading, capture)
+    if not any(fit.advantage > 0 for fit in fits):
+        return None
     shift = outline_shift(capture)[0]
     moved_m = None
     if shift is not None and shift.plain:
@@ -142,9 +144,12 @@ def _depth(capture: Capture) -> Floats:
 
 def orientation_fits(capture: Capture) -> list[Fit]:
     """The fit of each turn that the shape of the depth map allows; none without evidence."""
-    shading, depth_m = relative_shading(capture), _depth(capture)
-    if shading is None:
-        return []
+    shading = relative_shading(capture)
+    return [] if shading is None else _fits(_depth(capture), shading, capture)
+
+
+def _fits(depth_m: Floats, shading: RelativeShading, capture: Capture) -> list[Fit]:
+    """The fit of each turn that the shape of a depth map (hs, ws) allows; none without evidence."""
     fits = [
         _fit(name, depth_m, turn(depth_m), shading, capture)
         for name, turn in TURNS.items()
