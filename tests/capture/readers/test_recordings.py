@@ -489,7 +489,9 @@ def test_tum_pairs_that_are_none_are_refused(tmp_path, line):
     path = write_tum(tmp_path / "scan", frames()[:1], grown(depth_maps())[:1])
     (path / "rgb.txt").unlink()
     (path / "associations.txt").write_text(line)
-    with pytest.raises(CaptureError, match=r"line 1 is no time and file.*the same of depth"):
+    with pytest.raises(
+        CaptureError, match=r"line 1 is no time and file.*75\.png, and the same of depth"
+    ):
         tum.recording(path)
 
 

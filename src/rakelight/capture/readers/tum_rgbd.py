@@ -39,6 +39,7 @@ from rakelight.files import MAX_TEXT_BYTES, clear_errors
 from rakelight.model import Camera, Finding, Floats
 
 COLOR, DEPTH = "rgb.txt", "depth.txt"
+_AND_DEPTH = ", and the same of depth"
 PAIRS = ("associations.txt", "associated.txt", "association.txt", "associate.txt")
 _PER_METRE = 5000.0
 _TABLES = ("camera_intrinsic.json", "intrinsic.json")
@@ -99,7 +100,7 @@ def _listed(path: Path, name: str, depth: bool) -> tuple[Floats, list[str]]:
         if len(fields) != 2 or not abs(time_s) < 1e12:
             raise CaptureError(
                 f"line {number} is no time and file", source=source, seen=line[:80],
-                needed="1305031102.175 rgb/1305031102.175.png" + paired * ", and the same of depth",
+                needed="1305031102.175 rgb/1305031102.175.png" + (_AND_DEPTH if paired else ""),
                 remedy="correct the line, or take it out",
             )  # fmt: skip
         if time_s in found and found[time_s] != fields[1]:
