@@ -59,9 +59,10 @@ MOMENTS = {
     "  except KeyboardInterrupt: pass\n"
     "  raise KeyboardInterrupt\n"
     "m.surface = at\n",
-    "a lock that is never free": "import rakelight.export as e, threading\n"
+    # To the process: raised in one of the threads that write it would not wake the main one.
+    "a lock that is never free": "import rakelight.export as e, os, threading\n"
     "def at(*_):\n"
-    "  try: signal.raise_signal(SIGNAL)\n"
+    "  try: os.kill(os.getpid(), SIGNAL)\n"
     "  finally: (x := threading.Lock()).acquire(); x.acquire()\n"
     "e.lights_json = at\n",
     "twice, cleaning up": "import rakelight.export as e, shutil\n"
