@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 import signal
@@ -82,6 +83,7 @@ def local_client(workers: int, deaths: Deaths) -> Iterator[Any]:
         dask.config.set(_SETTINGS),
     ):
         cluster = client = None
+        levels = _silenced()
         try:
             cluster = _local_cluster(workers, scratch, deaths)
             client = Client(cluster, set_as_default=False)
@@ -93,15 +95,33 @@ def local_client(workers: int, deaths: Deaths) -> Iterator[Any]:
                 _kill_workers(cluster)
             raise
         finally:
-            for each in (client, cluster):
-                with suppress(Exception):
-                    if each is not None:
-                        each.close(timeout=CLOSE_S)
+            ended = [_closed(each) for each in (client, cluster) if each is not None]
+            if all(ended):  # else its threads go on, and tell of connections that are gone
+                for handler, level in levels.items():
+                    handler.setLevel(level)
+
+
+def _silenced() -> dict[logging.Handler, int]:
+    """The levels of Dask's log handlers, from now on above all that it says.
+
+    A cluster silences it only until it is closed itself, before its connections are.
+    """
+    levels = {handler: handler.level for handler in logging.getLogger("distributed").handlers}
+    for handler in levels:
+        handler.setLevel(logging.CRITICAL)
+    return levels
+
+
+def _closed(ends: Any) -> bool:
+    """Whether a client or a cluster could be closed, in time."""
+    try:
+        ends.close(timeout=CLOSE_S)
+    except Exception:
+        return False
+    return True
 
 
 def _local_cluster(workers: int, scratch: str, deaths: Deaths) -> Any:
-    import logging
-
     from distributed import LocalCluster, Nanny
 
     class Watched(Nanny):  # type: ignore[misc]

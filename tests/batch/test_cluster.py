@@ -1,0 +1,52 @@
+"""Dask's side of a batch, with a cluster and a client that do nothing."""
+
+import io
+import logging
+from typing import ClassVar
+
+import pytest
+
+from rakelight.batch import cluster
+
+distributed = pytest.importorskip("distributed")
+
+
+class Ends:
+    """A client or a cluster that tells of its end in Dask's log, as its connections do."""
+
+    workers: ClassVar = {}
+    fails = False
+
+    def __init__(self, *_, **__):
+        pass
+
+    def close(self, timeout):
+        logging.getLogger("distributed.batched").error("connection closed")
+        if self.fails:
+            raise TimeoutError
+
+
+@pytest.fixture
+def log(monkeypatch):
+    """A handler of Dask's log."""
+    monkeypatch.setattr(cluster, "_local_cluster", Ends)
+    monkeypatch.setattr(distributed, "Client", Ends)
+    handler = logging.StreamHandler(io.StringIO())
+    logger = logging.getLogger("distributed")
+    logger.addHandler(handler)
+    yield handler
+    logger.removeHandler(handler)
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_dask_says_nothing_of_a_cluster_that_is_closed(log, monkeypatch, fails):
+    monkeypatch.setattr(Ends, "fails", fails)
+    before = {handler: handler.level for handler in logging.getLogger("distributed").handlers}
+    with pytest.raises(KeyboardInterrupt), cluster.local_client(1, {}):
+        raise KeyboardInterrupt
+    assert log.stream.getvalue() == ""
+    levels = [handler.level for handler in before]
+    # What has not ended in time still has threads that would tell of it.
+    assert levels == [logging.CRITICAL] * len(before) if fails else levels == [*before.values()]
+    for handler, level in before.items():
+        handler.setLevel(level)
