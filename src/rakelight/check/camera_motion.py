@@ -21,7 +21,7 @@ from rakelight.errors import listed
 from rakelight.geometry.grid import bounding_window
 from rakelight.geometry.masks import dilate
 from rakelight.model import Array, Capture, Finding, Floats, Mask
-from rakelight.prepare.detail import corners_of, detail, shift_between
+from rakelight.prepare.detail import FEWEST, corners_of, detail, shift_between
 from rakelight.prepare.linear import to_linear
 
 # Margins around the object, over its width: of what shows the object and its border, and of what
@@ -117,10 +117,9 @@ def stood_still(capture: Capture) -> tuple[Floats, Array]:
     count = len(capture.photographs)
     known = np.full((count, 2), np.nan), np.zeros(count, dtype=bool)
     for view in views(capture.mask):
-        pictures = [detail(view.reduced(each)) for each in capture.photographs]
         brightness = [float(each[view.window][::4, ::4].mean()) for each in capture.photographs]
         reference = int(np.argsort(brightness)[count // 2])
-        shifts, moved = beside_most(*_tracked(pictures, reference, view.where))
+        shifts, moved = beside_most(*_tracked(capture, view, reference))
         moved &= confirmed(capture, view, shifts, moved)
         if moved.any() or np.isnan(known[0]).all():
             known = view.step * shifts, moved
@@ -176,15 +175,30 @@ def confirmed(capture: Capture, view: View, shifts: Floats, which: Array) -> Arr
     return found
 
 
-def _tracked(pictures: list[Array], reference: int, where: Mask) -> tuple[Floats, Floats]:
-    """(N, 2) shifts from the reference and (N,) the corners' median deviation; NaN = not known."""
-    shifts, deviation = np.full((len(pictures), 2), np.nan), np.full(len(pictures), np.nan)
-    first = pictures[reference]
-    corners = corners_of(first, where) if where.any() else None
-    if corners is None:
-        return shifts, deviation
-    for i, picture in enumerate(pictures):
-        found = shift_between(first, picture, corners)
+def _tracked(capture: Capture, view: View, reference: int) -> tuple[Floats, Floats]:
+    """(N, 2) shifts from the reference and (N,) the corners' median deviation; NaN = not known.
+
+    All are NaN as soon as those of too many photographs are, so the least alike are tried first.
+    """
+    count = len(capture.photographs)
+    shifts, deviation = np.full((count, 2), np.nan), np.full(count, np.nan)
+    unknown = shifts.copy(), deviation.copy()
+    first = detail(view.reduced(capture.photographs[reference]))
+    corners = corners_of(first, view.where) if view.where.any() else None
+    if corners is None or len(corners) < FEWEST:
+        return unknown
+    shifts[reference], deviation[reference] = 0.0, 0.0
+    pictures = [detail(view.reduced(each)) for each in capture.photographs]
+    alike = [_alike(first, each) for each in pictures]
+    for tried, i in enumerate([i for i in np.argsort(alike) if i != reference], 2):
+        found = shift_between(first, pictures[i], corners)
         if found is not None:
             shifts[i], deviation[i] = found
+        if np.isfinite(deviation).sum() + count - tried < MOST * count:
+            return unknown
     return shifts, deviation
+
+
+def _alike(one: Array, other: Array) -> float:
+    """Correlation of two pictures (h, w), of a ninth of their pixels."""
+    return float(np.corrcoef(one[::3, ::3].ravel(), other[::3, ::3].ravel())[0, 1])
