@@ -12,6 +12,10 @@ from rakelight.synthetic.noise import PERFECT, DepthNoise
 
 Conditions: TypeAlias = list[tuple[str, bool, str]]
 
+# Largest numbers: as many photographs as a capture may have lights for.  Beyond them the numbers
+# themselves fill the memory.
+_MOST = {"photographs": 10_000, "supersampling": 64, "depth_frames": 10_000}
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneOptions:
@@ -114,10 +118,13 @@ class SceneOptions:
             *all_of("0 <= angle < 90", lambda angle: 0 <= angle < 90, "led_tilt_deg"),
             *all_of("three angles", lambda angles: len(angles) == 3, "led_azimuth_deg"),
             *all_of("above 0, at most 1", lambda share: 0 < share <= 1, "peak_quantile"),
-            *all_of(
-                "a whole number from 1",
-                lambda count: isinstance(count, int) and count >= 1,
-                *("photographs", "supersampling", "depth_frames"),
+            *(
+                (
+                    name,
+                    isinstance(count := getattr(self, name), int) and 1 <= count <= most,
+                    f"a whole number from 1 to {most}",
+                )
+                for name, most in _MOST.items()
             ),
             ("depth_factor", 1 <= self.depth_factor <= 100, "1 to 100"),
             *all_of("at least 0", lambda value: value >= 0, "seed"),

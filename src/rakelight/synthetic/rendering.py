@@ -333,7 +333,7 @@ def require_samples(camera: Camera, options: SceneOptions, photographs: int = 0)
         pixels * (_BYTES_PER_RAY * rays + _BYTES_PER_FRAME * depth + held)
         + min(pixels * rays, SAMPLES) * _BYTES_PER_STRIP_RAY,
         source="the scene",
-        remedy="fewer --depth-frames, or a smaller --size",
+        remedy="fewer --depth-frames, less --supersampling, or a smaller --size",
     )
 
 
