@@ -67,6 +67,8 @@ def test_inline_directions_are_in_the_camera_frame_unless_it_says_otherwise(tmp_
         (f"[lights]\ndirections = {[[0, 0, 1]] * 4}\n", "all lights are behind the object"),
         (f"[lights]\ndirections = {[[0, 0, -3]] * 4}\n", "unit vectors"),
         (f"[lights]\npositions = {[[0, 0, 9]] * 4}\n", "all lights are behind the object"),
+        (f"[lights]\npositions = {[[0, 0, 9]] * 4}\n", "turn y and z round"),
+        (f"[lights]\npositions = {[[300, 0, 9]] * 4}\n", "divide by 1000"),
         (f"[lights]\ndirections = {[[0, 0, -1]] * 4}\nintensities = [1, 1, 1, 0]\n", "above 0"),
     ],
 )

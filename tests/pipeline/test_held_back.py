@@ -10,8 +10,8 @@ from rakelight.pipeline.held_back import (
     FEWEST,
     LARGEST_RATIO,
     NO_BETTER,
+    Sample,
     _left_out,
-    _Sample,
     kept,
     predict,
     prepared_lights,
@@ -22,7 +22,7 @@ from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shap
 
 def sample(images, good=None):
     good = np.ones(images.shape, bool) if good is None else good
-    return _Sample(images, good, np.arange(images.shape[1]))
+    return Sample(images, good, np.arange(images.shape[1]))
 
 
 @settings(max_examples=30, deadline=None)

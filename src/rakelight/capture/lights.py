@@ -30,6 +30,13 @@ Frame = Literal["opencv", "opengl"]
 
 # Length of a direction, beyond which it is no rounded unit vector but something else.
 UNIT_LENGTHS = (0.9, 1.1)
+# Distance of lights from the camera over the object's, beyond which positions are no metres; least
+# distance of an object, metres.
+TOO_FAR, LEAST_Z_M = 50.0, 0.05
+TURN_ROUND = (
+    "x is right, y down, z forward here, and directions point towards the light: "
+    'turn y and z round, or say frame = "opengl" in capture.toml'
+)
 # Ratio of the largest to the smallest intensity, beyond which one of them is a mistake.
 LARGEST_RATIO = 1e4
 # Bytes of a text of lights, and lights in it: a dome has some hundred.
@@ -89,7 +96,9 @@ def checked_lights(
         intensities = _checked_intensities(intensities, count, f"{source}.intensities")
     if lights.directions is None:
         positions_m = _numbers(lights.positions_m, count, (3,), f"{source}.positions_m")
-        _refuse_behind(positions_m[:, 2] - middle_z_m, f"{source}.positions_m")
+        far = np.median(np.linalg.norm(positions_m, axis=1)) > TOO_FAR * max(middle_z_m, LEAST_Z_M)
+        remedy = "divide by 1000 if they are millimetres" if far else TURN_ROUND
+        _refuse_behind(positions_m[:, 2] - middle_z_m, f"{source}.positions_m", remedy)
         return replace(lights, positions_m=positions_m, intensities=intensities)
     directions = _numbers(lights.directions, count, (3,), f"{source}.directions")
     length = np.linalg.norm(directions, axis=1, keepdims=True)
@@ -105,7 +114,7 @@ def checked_lights(
     return replace(lights, directions=directions / length, intensities=intensities)
 
 
-def _refuse_behind(forward: Floats, source: str) -> None:
+def _refuse_behind(forward: Floats, source: str, remedy: str = TURN_ROUND) -> None:
     """Raise CaptureError where no light (N,) is before the object: their z as seen from it."""
     if forward.min() >= 0:
         raise CaptureError(
@@ -113,8 +122,7 @@ def _refuse_behind(forward: Floats, source: str) -> None:
             source=source,
             seen=f"z from {forward.min():.3g} to {forward.max():.3g}",
             needed="z below 0, towards the camera",
-            remedy="x is right, y down, z forward here, and directions point towards the light: "
-            'turn y and z round, or say frame = "opengl" in capture.toml',
+            remedy=remedy,
         )
 
 

@@ -55,6 +55,7 @@ FINDINGS = (
     ),
     Row(("too-few-photographs", "no-surface")),
     Row(("few-lights", "one-lamp-position"), nothing_gained=True),
+    Row(("given-lights-wrong",)),
     Row(("camera-moved",), camera_motion, in_refine=True),
     Row(("overexposed", "underexposed"), exposure_findings, instead_of=("saturated", "black")),
     Row(("blurred", "out-of-focus"), sharpness_findings),

@@ -15,9 +15,11 @@ from rakelight.jit import one_blas_thread
 from rakelight.methods.base import ONE_LAMP_POSITION, Estimate, Method
 from rakelight.model import Finding, Floats, ProgressCallback, silent
 from rakelight.pipeline.degenerate import without_normals
+from rakelight.pipeline.given_lights import wrong_lights
 from rakelight.pipeline.held_back import (
     LARGEST_RATIO,
     NO_BETTER,
+    NO_BETTER_SO_LIT,
     ONE_PLACE,
     Prediction,
     kept,
@@ -38,12 +40,17 @@ def estimated(
         if degenerate is not None:
             return prepared, degenerate
         if chosen.starts_from_depth:
-            return guarded(chosen.run, prepared, options, progress)
+            wrong = wrong_lights(prepared) if chosen.given_lights == "use" else ()
+            return guarded(chosen.run, prepared, options, progress, wrong)
         return prepared, chosen.run(prepared, options, progress)
 
 
 def guarded(
-    run: Run[Options], prepared: Prepared, options: Options, progress: ProgressCallback
+    run: Run[Options],
+    prepared: Prepared,
+    options: Options,
+    progress: ProgressCallback,
+    wrong: tuple[Finding, ...] = (),
 ) -> tuple[Prepared, Estimate]:
     """The method's estimate, and the prepared capture with the photographs that it was made from.
 
@@ -53,10 +60,12 @@ def guarded(
     another, it looks until nothing more is left out, and refines again each time.  Where the
     refined surface predicts photographs that are held back no better than the prepared depth does,
     or the lights are found in nearly one place, the estimate is the prepared depth.
+
+    wrong : what is said of given lights that are wrong; no photograph is blamed for them
     """
     estimate, prediction = _predicted(run, prepared, options, progress)
-    findings = []
-    while prediction is not None:
+    findings = [*wrong]
+    while prediction is not None and not wrong:
         oddity = odd_photographs(prediction.refined, prediction.brightness, prediction.variation)
         if not oddity.either.any():
             break
@@ -75,6 +84,7 @@ def guarded(
         findings.append(odd_finding(prepared.names, oddity.either))
         prepared, estimate, prediction = rest, without, then
     if reason := reason_to_keep(prepared, estimate, prediction):
+        reason = NO_BETTER_SO_LIT if wrong and reason is NO_BETTER else reason
         findings += [each for each in estimate.findings if each.severity == "warning"]
         estimate = kept(prepared, reason)
     return prepared, replace(estimate, findings=(*findings, *estimate.findings))

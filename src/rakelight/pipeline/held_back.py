@@ -58,6 +58,14 @@ NO_BETTER = Finding(
     "unchanged",
 )
 
+NO_BETTER_SO_LIT = Finding(
+    "warning",
+    "photographs-say-nothing",
+    "under the given lights no refined surface predicts the photographs better than the depth as "
+    "it was: the depth is kept",
+    "correct the given lights, or leave them away",
+)
+
 ONE_PLACE = Finding(
     "warning",
     "photographs-say-nothing",
@@ -91,7 +99,7 @@ class Prediction:
 
 
 @dataclass(frozen=True)
-class _Sample:
+class Sample:
     """Values of some pixels: images (N, P, 3) linear light, good (N, P, 3) usable ones.
 
     chosen : (P,) indices of the pixels in the window, row by row
@@ -135,7 +143,7 @@ def predict(
         sample, shading, np.broadcast_to(slopes, (*shape, 2)), there - here,
         squared_normal_derivative(length, prepared.camera),
     )  # fmt: skip
-    lights = _lights_of(sample, sample.of(before))
+    lights = lights_of(sample, sample.of(before))
     plain = np.broadcast_to(shadings(sample.of(before), points, lights), shape)
     errors = _left_out(sample, plain)
     return Prediction(
@@ -148,9 +156,17 @@ def predict(
 
 def prepared_lights(prepared: Prepared) -> Lights:
     """White distant lights (N, 1) that explain the photographs best by the prepared depth."""
+    return lights_of(*sampled(prepared))
+
+
+def sampled(prepared: Prepared, pixels: int = SAMPLE_PIXELS) -> tuple[Sample, Floats]:
+    """Values of some pixels that have normals by the prepared depth, and these (P, 3) normals.
+
+    pixels : how many, about
+    """
     normals = surface_normals(prepared.depth_m, prepared.mask, prepared.camera)
-    sample = _sample(prepared, prepared.mask & np.isfinite(normals).all(axis=-1))
-    return _lights_of(sample, sample.of(normals))
+    sample = _sample(prepared, prepared.mask & np.isfinite(normals).all(axis=-1), pixels)
+    return sample, sample.of(normals)
 
 
 def kept(prepared: Prepared, reason: Finding) -> Estimate:
@@ -177,20 +193,20 @@ def kept(prepared: Prepared, reason: Finding) -> Estimate:
     )
 
 
-def _sample(prepared: Prepared, finite: Mask) -> _Sample:
-    """Values of about `SAMPLE_PIXELS` of the pixels (h, w) that have normals, evenly spaced."""
-    chosen, images, good = sampled_pixels(prepared, finite, SAMPLE_PIXELS)
-    return _Sample(images.astype(np.float64), good, chosen)
+def _sample(prepared: Prepared, finite: Mask, pixels: int = SAMPLE_PIXELS) -> Sample:
+    """Values of about so many of the pixels (h, w) that have normals, evenly spaced."""
+    chosen, images, good = sampled_pixels(prepared, finite, pixels)
+    return Sample(images.astype(np.float64), good, chosen)
 
 
-def _derivatives(normals: Floats, camera: Camera, sample: _Sample) -> tuple[Floats, Floats]:
+def _derivatives(normals: Floats, camera: Camera, sample: Sample) -> tuple[Floats, Floats]:
     """|m| (P,) and the derivatives (P, 3, 2) of the normals (h, w, 3) at a sample."""
     length = 1 / np.maximum(_facing(normals, camera), 1e-3)
     each = normal_derivatives(np.nan_to_num(normals), length, camera)
     return sample.of(length), np.stack([sample.of(one) for one in each], axis=-1)
 
 
-def _gradient(normals: Floats, camera: Camera, sample: _Sample) -> Floats:
+def _gradient(normals: Floats, camera: Camera, sample: Sample) -> Floats:
     """(P, 2) gradient of log depth that normals (h, w, 3) belong to, at a sample."""
     slope = normals[..., :2] / np.maximum(_facing(normals, camera), 1e-3)[..., None]
     return np.asarray(sample.of(slope) / np.array([camera.fx, camera.fy]))
@@ -204,7 +220,7 @@ def _facing(normals: Floats, camera: Camera) -> Floats:
 
 
 def _left_out(
-    sample: _Sample,
+    sample: Sample,
     shading: Floats,
     slopes: Floats | None = None,
     change: Floats | None = None,
@@ -243,7 +259,7 @@ def _left_out(
     return np.abs(np.linalg.solve((1 + 1e-6) * np.eye(3) - hat, error[..., None])[..., 0])
 
 
-def _lights_of(sample: _Sample, normals: Floats) -> Lights:
+def lights_of(sample: Sample, normals: Floats) -> Lights:
     """White distant lights (N, 1) that explain a sample best by normals (P, 3)."""
     images, good = sample.images, sample.good
     albedo = np.sum(good * images, axis=0) / np.maximum(good.sum(axis=0), 1)
