@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from rakelight.check.depth_quality import depth_quality
 from rakelight.prepare import prepare
 from rakelight.prepare.holes import REACH_PX, unseen, within_reach
 from tests.prepare.test_prepare_capture import CAMERA, COLUMNS, DISC, ROWS, make_capture, plane
@@ -39,6 +40,16 @@ def test_a_small_hole_is_carried_and_marked():
     (note,) = prepared.findings
     assert (note.severity, note.code) == ("note", "holes-carried")
     assert f"{64 / EVERYWHERE.size:.1%} of the result" in note.message
+
+
+@pytest.mark.parametrize(("every", "severity"), [(2, "note"), (3, "warning"), (20, "warning")])
+def test_depth_that_is_mostly_holes_is_a_warning(every, severity):
+    depth = plane(CAMERA)[None].astype(np.float32)
+    depth[0, np.arange(depth[0].size).reshape(depth[0].shape) % every > 0] = np.nan
+    capture = make_capture(1, depth_m=depth, mask=EVERYWHERE)
+    for findings in (prepare(capture).findings, depth_quality(capture)[1]):
+        (finding,) = (each for each in findings if each.code == "holes-carried")
+        assert (finding.severity, bool(finding.remedy)) == (severity, severity == "warning")
 
 
 def test_a_large_hole_leaves_the_mask():

@@ -13,6 +13,9 @@ from rakelight.prepare.linear import usable
 # pixels (16 mm for 1 mm pixels) a slope error of 2 degrees adds up to half a millimetre, the noise
 # of a good sensor.
 REACH_PX = 16
+# Share of the result without depth of its own above which that is a warning: most of it then rests
+# on slopes alone, which photographs know up to a bas-relief transform.
+MOSTLY_CARRIED = 0.5
 LISTED = 4  # parts that a message names
 
 
@@ -84,16 +87,18 @@ def hole_findings(
                 "them out of mask.png",
             )
         )
-    carried = np.count_nonzero(seen & ~measured)
-    if carried:
-        findings.append(
-            Finding(
-                "note",
-                "holes-carried",
-                f"{carried / np.count_nonzero(seen):.1%} of the result has no depth of its own: "
-                "the photographs carry it, its confidence is halved",
-            )
+    carried = seen & ~measured
+    if carried.any():
+        share = float(carried.sum() / seen.sum())
+        message = (
+            f"{share:.1%} of the result has no depth of its own: the photographs carry it, its "
+            "confidence is halved"
         )
+        if share > MOSTLY_CARRIED:
+            remedy = "let the sensor see more of it: other distance or angle, matt spray, more maps"
+            findings.append(Finding("warning", "holes-carried", message, remedy))
+        else:
+            findings.append(Finding("note", "holes-carried", message))
     return tuple(findings)
 
 
