@@ -48,6 +48,8 @@ SAMPLE_PIXELS = 4000
 # Alternations of lights and albedo for the prepared depth; more change the median error by less
 # than a per cent (ablation.md: halved 1.00).
 ALTERNATIONS = 6
+# Least precision of a gradient over its largest, and least one of all: below is rounding.
+ROUNDING, TINY = 1e-12, 1e-30
 
 NO_BETTER = Finding(
     "warning",
@@ -252,6 +254,8 @@ def _left_out(
     precision = noise**2 / max(change_variance, 1e-12) * dn_dg2
     matrix = tensor + precision[:, None, None] * np.eye(2)
     right = np.einsum("npci,npc->pi", projected, error) + precision[:, None] * change
+    # Invertible, too, where one direction is told by nothing but such a depth.
+    matrix += (ROUNDING * tensor.trace(axis1=1, axis2=2)[:, None, None] + TINY) * np.eye(2)
     inverse = np.linalg.inv(matrix)
     error = error - good * np.einsum("npci,pij,pj->npc", projected, inverse, right)
     hat = np.einsum("npci,pij,npdj->npcd", projected, inverse, projected)
