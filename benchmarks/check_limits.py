@@ -96,6 +96,9 @@ SPOILED: dict[str, Callable[[Capture], Capture]] = {
     "blurred 3 px": lambda capture: blurred(capture, 3.0),
     "holes 0.1": lambda capture: holed(capture, 0.1),
     "holes 0.3": lambda capture: holed(capture, 0.3),
+    "holes 0.5": lambda capture: holed(capture, 0.5),
+    "holes 0.7": lambda capture: holed(capture, 0.7),
+    "holes 0.9": lambda capture: holed(capture, 0.9),
 }
 
 

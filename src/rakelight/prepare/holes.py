@@ -14,7 +14,8 @@ from rakelight.prepare.linear import usable
 # of a good sensor.
 REACH_PX = 16
 # Share of the result without depth of its own above which that is a warning: most of it then rests
-# on slopes alone, which photographs know up to a bas-relief transform.
+# on slopes alone, which photographs know up to a bas-relief transform.  With 50, 70 and 90 % lost,
+# in patches, normals are 1.1, 1.3 and 2.6 times as far off (ablation.md).
 MOSTLY_CARRIED = 0.5
 LISTED = 4  # parts that a message names
 
