@@ -112,7 +112,8 @@ def views(mask: Mask) -> tuple[View, View]:
 def stood_still(capture: Capture) -> tuple[Floats, Array]:
     """(N, 2) shift of every photograph, pixels right and down, and (N,) which of them moved.
 
-    Shifts are those beside the position in which most photographs are; NaN = not known.
+    Shifts are those beside the position in which most photographs are; NaN = not known.  The object
+    is looked at unless its surroundings tell of every photograph.
     """
     count = len(capture.photographs)
     known = np.full((count, 2), np.nan), np.zeros(count, dtype=bool)
@@ -123,7 +124,7 @@ def stood_still(capture: Capture) -> tuple[Floats, Array]:
         moved &= confirmed(capture, view, shifts, moved)
         if moved.any() or np.isnan(known[0]).all():
             known = view.step * shifts, moved
-        if moved.any():
+        if moved.any() or np.isfinite(shifts).all():
             break
     return known
 
