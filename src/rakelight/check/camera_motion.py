@@ -201,5 +201,7 @@ def _tracked(capture: Capture, view: View, reference: int) -> tuple[Floats, Floa
 
 
 def _alike(one: Array, other: Array) -> float:
-    """Correlation of two pictures (h, w), of a ninth of their pixels."""
-    return float(np.corrcoef(one[::3, ::3].ravel(), other[::3, ::3].ravel())[0, 1])
+    """Correlation of two pictures (h, w), of a ninth of their pixels; 0 where one is plain."""
+    with np.errstate(invalid="ignore"):
+        correlation = np.corrcoef(one[::3, ::3].ravel(), other[::3, ::3].ravel())[0, 1]
+    return float(np.nan_to_num(correlation))
