@@ -14,6 +14,7 @@ from rakelight.methods.levels import (
     Level,
     find_small_components,
     finest_level,
+    held_to_measurements,
     pyramid,
 )
 from rakelight.model import Camera
@@ -335,6 +336,22 @@ def test_noise_is_not_taken_for_bias():
     noisy = replace(prepared, sensor=replace(prepared.sensor, depth_m=prepared.depth_m + noise))
     level = finest_level(noisy, unbiased=True)
     assert np.std(level.unbiased_prior - level.prior) < 0.1 * np.std(noise / prepared.depth_m)
+
+
+@pytest.mark.parametrize("factor", [1, 2])
+def test_held_to_measurements_its_means_are_theirs(factor):
+    prepared = make_prepared(48, 60, factor=factor)
+    shape = (48 // factor, 60 // factor)
+    measured = prepared.depth_m.mean() + np.random.default_rng(0).normal(0, 0.003, shape)
+    measured[:4, :4] = np.nan
+    prepared = replace(prepared, sensor=replace(prepared.sensor, depth_m=measured))
+    smooth = finest_level(prepared, unbiased=True)
+    level = held_to_measurements(smooth, prepared)
+    means = np.exp(prepared.sensor.averaging(prepared.mask).down(level.unbiased_prior))
+    inner = np.s_[4:-1, 4:-1]
+    np.testing.assert_allclose(means[inner], measured[inner], rtol=1e-4)
+    hole = np.s_[: 4 * factor, : 4 * factor]
+    np.testing.assert_array_equal(level.unbiased_prior[hole], smooth.unbiased_prior[hole])
 
 
 def test_parts_smaller_than_a_sensor_pixel_are_small_components():

@@ -117,7 +117,7 @@ def test_depth_about_as_fine_as_the_photographs(little, depth_factor, baseline_m
     result, _ = in_tiles(capture)
     scores = evaluate_maps(result.depth, result.normals, truth)
     before = evaluate_maps(result.prepared_depth, result.normals, truth)
-    assert scores.normals.mae_deg < 2.3  # at once 2.0
+    assert scores.normals.mae_deg < 2.4  # at once 2.06 and 2.02
     assert scores.depth.median_mm < 0.6 * before.depth.median_mm
 
 

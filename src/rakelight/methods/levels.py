@@ -327,6 +327,18 @@ def unbiased_depth(prepared: Prepared) -> Floats:
     return np.asarray(prior + prepared.sensor.nearest_upsample(miss, prior.shape))
 
 
+def held_to_measurements(level: Level, prepared: Prepared) -> Level:
+    """The finest level with a p_0 whose means are the measurements themselves, not smoothed.
+
+    The sensor then tells how high relief is that is a few of its pixels wide: `BIAS_PX` averages
+    that away.  Not for a start: lights that are not known yet follow what is wrong beside jumps.
+    """
+    smooth = level.unbiased_prior
+    miss, _ = sensor_error(prepared, smooth)
+    measured = smooth + prepared.sensor.nearest_upsample(miss, smooth.shape)
+    return replace(level, unbiased_prior=np.where(level.photographs.active, measured, smooth))
+
+
 def sensor_error(prepared: Prepared, log_depth: Floats) -> tuple[Floats, Mask]:
     """(hs, ws) log measurements less the means of a log depth (h, w), and where there are any.
 

@@ -106,16 +106,20 @@ def test_each_part_of_the_depths_error_counts():
     prepared, level, fit = make_fit()
     still = np.zeros(level.mask.shape)
     moment = sensor_moment(level, fit.log_depth)
-    least = depth_sigma(level, fit, prepared, still, moment)
-    more = depth_sigma(level, fit, prepared, still + np.radians(5.0) ** 2, moment)
+    least = depth_sigma(level, fit, prepared, still, moment, fit.log_depth)
+    more = depth_sigma(level, fit, prepared, still + np.radians(5.0) ** 2, moment, fit.log_depth)
     pixel_m = np.exp(fit.log_depth) / level.photographs.camera.fx
     walk = np.radians(5.0) * np.sqrt(sensor_length(level, fit)) * pixel_m
     np.testing.assert_allclose(more**2 - least**2, walk**2, rtol=1e-6)
     off = replace(
         level, unbiased_prior=level.unbiased_prior + 0.01 * np.linspace(-1, 1, level.mask.shape[1])
     )
-    loose = depth_sigma(off, fit, prepared, still, sensor_moment(off, fit.log_depth))
+    loosest = sensor_moment(off, fit.log_depth)
+    loose = depth_sigma(off, fit, prepared, still, loosest, fit.log_depth)
     assert (loose > 2 * least)[level.mask].mean() > 0.5
+    bent = fit.log_depth + 0.01 * np.linspace(-1, 1, level.mask.shape[1])
+    far = depth_sigma(level, fit, prepared, still, moment, bent)
+    assert (far > 1.5 * least)[level.mask].all()
 
 
 def test_expected_errors_of_a_result_are_about_its_errors():
@@ -135,7 +139,7 @@ def test_expected_errors_of_a_result_are_about_its_errors():
 
 
 def test_a_worse_sensor_makes_the_depth_less_certain():
-    """By about as much as it makes it worse."""
+    """The expected error is the true one, to less than a factor of two, for both."""
     sigmas, errors = [], []
     for rms_mm in (0.5, 4.0):
         capture, truth = make_scene(rms_mm)
@@ -143,4 +147,7 @@ def test_a_worse_sensor_makes_the_depth_less_certain():
         inside = truth.mask & result.mask
         sigmas.append(np.median(result.depth_sigma[inside]))
         errors.append(np.sqrt(np.mean((result.depth - truth.depth)[inside] ** 2)))
-    assert sigmas[1] / sigmas[0] == pytest.approx(errors[1] / errors[0], rel=0.1)
+    times = np.array(sigmas) / errors
+    assert (times > 0.8).all()
+    assert (times < 2).all()
+    assert sigmas[1] > 2.5 * sigmas[0]

@@ -23,7 +23,7 @@ from dataclasses import replace
 import numpy as np
 
 from rakelight.methods.base import Estimate, Method, brightest, light_findings, require_photographs
-from rakelight.methods.levels import Level, finest_level, pyramid
+from rakelight.methods.levels import Level, finest_level, held_to_measurements, pyramid
 from rakelight.methods.multi_light.bas_relief_variance import bas_relief_variance, sensor_moment
 from rakelight.methods.multi_light.confidence import depth_sigma, normal_errors
 from rakelight.methods.multi_light.energy import Fit, evaluated, reset_scale
@@ -36,8 +36,8 @@ from rakelight.methods.multi_light.noise import (
 from rakelight.methods.multi_light.normals import fine_normals
 from rakelight.methods.multi_light.options import MultiLight
 from rakelight.methods.multi_light.outliers import remove_outliers
-from rakelight.methods.multi_light.steps import Descent, descend
-from rakelight.model import Finding, ProgressCallback
+from rakelight.methods.multi_light.steps import Descent, descend, try_bas_relief
+from rakelight.model import Finding, Floats, ProgressCallback
 from rakelight.photometry.specular import Highlights, trim_brightest
 from rakelight.prepare import Prepared
 
@@ -87,18 +87,21 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     # 5. The lights, the depth moving with them, until the energy has converged.  Outliers are
     # predicted again, and links cut at jumps that the sensor blurred or its noise hid: they are
     # steep by now.  One scale for all pixels: the lights do not follow those where the model errs.
+    # The sensor's measurements themselves, not smoothed, say how high fine relief is.
     level, fit, highlights = without_outliers(levels[0], descent.fit)
     level = level.weighted(weight / first_weight).cut(fit.log_depth)
+    level = held_to_measurements(level, prepared)
     equal_intensity = estimate_equal_intensity_weight(level, fit.log_depth, prepared)
     fit = replace(fit, equal_intensity_weight=equal_intensity)
-    both = descend(level, fit, options, progress, "refine, weighed", last=True)
-    # 6. The depth alone under these lights, from where step 4 left it: the depth of step 5 has
-    # errors of millimetres on steep sides, where one scale takes all of a pixel for outliers.
-    fit = evaluated(level, both.fit, fit.log_depth, both.fit.lights)
+    start = try_bas_relief(level, fit, options)
+    both = descend(level, start, options, progress, "refine, weighed", last=True)
+    # 6. The depth alone under these lights, from where step 5 began: its depth has errors of
+    # millimetres on steep sides, where one scale takes all of a pixel for outliers.
+    fit = evaluated(level, both.fit, start.log_depth, both.fit.lights)
     last = descend(level, fit, options, progress, "refine, depth", together=False, last=True)
     steps, converged = descent.steps + both.steps + last.steps, both.converged and last.converged
     descent = replace(last, steps=steps, converged=converged)
-    return finished(prepared, level, descent, weight, highlights)
+    return finished(prepared, level, descent, weight, highlights, start.log_depth)
 
 
 def first_levels(prepared: Prepared, options: MultiLight) -> tuple[list[Level], list[float]]:
@@ -162,11 +165,17 @@ def stage(index: int) -> str:
 
 
 def finished(
-    prepared: Prepared, level: Level, descent: Descent, weight: float, highlights: Highlights
+    prepared: Prepared,
+    level: Level,
+    descent: Descent,
+    weight: float,
+    highlights: Highlights,
+    unfollowed: Floats,
 ) -> Estimate:
     """The estimate of the finest level, the albedo's 99th percentile set to 1.
 
     weight, highlights : the depth weight and what was left out, for the notes
+    unfollowed : (h, w) log depth before it was held to the measurements, see `depth_sigma`
     """
     fit = descent.fit
     normals, linearization = fine_normals(level, fit)
@@ -192,7 +201,7 @@ def finished(
         steps=descent.steps,
         converged=descent.converged,
         findings=(*light_findings(lights, prepared.names), *notes),
-        depth_sigma=depth_sigma(level, fit, prepared, local, moment),
+        depth_sigma=depth_sigma(level, fit, prepared, local, moment, unfollowed),
         normal_sigma=normal_sigma,
     )
 

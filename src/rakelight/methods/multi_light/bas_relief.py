@@ -13,6 +13,10 @@ from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.model import Floats
 from rakelight.photometry.images import LightParameters
 
+# Standard deviations, of the sensor's white noise, that a must be below 0 to turn a relief inside
+# out: three leave nothing to chance.  Where the sensor shows no relief, a is 0 within its noise.
+SURELY_TURNED = 3.0
+
 
 def nearest_bas_relief(
     level: Level, log_depth: Floats, lights: LightParameters, equal_intensity_weight: float = 0.0
@@ -49,7 +53,8 @@ def nearest_bas_relief(
         both = (minimize(cost, start, method="L-BFGS-B") for start in starts)
         offset = min(both, key=lambda found: found.fun).x
         transform = nearest + basis @ offset
-    return _transformed(level, log_depth, transform)
+    turned = nearest[0] < -SURELY_TURNED * np.linalg.norm(basis[0])
+    return _transformed(level, log_depth, transform, turned)
 
 
 def relief_scaling(level: Level, log_depth: Floats) -> Floats:
@@ -64,16 +69,21 @@ def relief_scaling(level: Level, log_depth: Floats) -> Floats:
     return np.where(level.mask, rays @ plane / nearer - 1, 0.0)
 
 
-def _transformed(level: Level, log_depth: Floats, transform: Floats) -> tuple[Floats, Floats]:
+def _transformed(
+    level: Level, log_depth: Floats, transform: Floats, turned: bool
+) -> tuple[Floats, Floats]:
     """(h, w) log depth after the transform (a, g), and the (3, 3) one of the lights.
 
-    Unchanged where that would turn the surface around, and where no normal depends on the depth.
+    Unchanged where that would lie behind the camera, and where no normal depends on the depth.
+
+    turned : whether a may be below 0: dents and bumps change places then, and lights come from the
+        other side, which leaves the photographs the same, too
     """
     from scipy.ndimage import binary_dilation
 
     nearer = np.exp(-log_depth)
     inverse = np.where(level.mask, transform[0] * nearer + level.rays @ transform[1:], nearer)
-    if not (transform[0] > 0 and inverse.min() > 0):
+    if not ((transform[0] > 0 or turned) and inverse.min() > 0):
         return log_depth, np.eye(3)
     seen = binary_dilation(level.photographs.active)
     return np.where(seen, -np.log(inverse), log_depth), lights_transform(level, transform)

@@ -15,6 +15,7 @@ from rakelight.methods.multi_light.energy import (
     depth_system,
     evaluated,
     light_system,
+    reset_scale,
     update_scale,
 )
 from rakelight.methods.multi_light.joint_step import damped_tensor, joint_step
@@ -130,6 +131,24 @@ def project_bas_relief(level: Level, fit: Fit) -> Fit:
     )
     lights = replace(fit.lights, vector=fit.lights.vector @ transform.T)
     return evaluated(level, fit, log_depth, lights)
+
+
+def try_bas_relief(level: Level, fit: Fit, options: MultiLight) -> Fit:
+    """The state after one step of both, under near lights after the sensor's transform if lower.
+
+    Their fall-off determines the transform, but on a flat object so little that steps along it are
+    short.  Compared by least squares: losses that have adapted to one surface do not judge another.
+    """
+    if not fit.model.near or fit.model.directions is not None:
+        return fit
+    weight = fit.equal_intensity_weight
+    fit = replace(reset_scale(level, fit), equal_intensity_weight=weight)
+    log_depth, transform = nearest_bas_relief(level, fit.log_depth, fit.lights, weight)
+    lights = replace(fit.lights, vector=fit.lights.vector @ transform.T)
+    turned = evaluated(level, fit, log_depth, lights, with_light_slope=True)
+    both = (depth_step(level, refine_lights(level, each)) for each in (fit, turned))
+    moved = (joint_step(level, each, options.coarse_pixels) for each in both)
+    return min(moved, key=lambda each: each.energy)
 
 
 def refine_lights(level: Level, fit: Fit) -> Fit:
