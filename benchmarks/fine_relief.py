@@ -4,7 +4,8 @@
 
 Preparing smooths such relief away: photographs show its shape, and only the measurements how high
 it is.  Per plate the share of the true height, and the normals' mean angle, degrees, prepared and
-refined.  The height is the slope of the regression of depth on true depth, each less its mean.
+refined.  The height is the slope of the regression of depth on true depth, both without the plate's
+tilt and bend: less the second-order polynomial that fits best.
 """
 
 from __future__ import annotations
@@ -22,11 +23,13 @@ from rakelight.model import Floats
 from rakelight.synthetic import DepthNoise, SceneOptions, Shape, make_albedo, make_shape
 from rakelight.synthetic.implicit import Solid, trace
 from rakelight.synthetic.scene import render_scene
-from random_captures import lights_deg, processes, seeds
+from random_captures import processes, seeds
 
 DISTANCE_M = 0.6
 CAMERA = make_shape("coin").camera.scaled(0.2)
 PIXEL_M = DISTANCE_M / CAMERA.fx
+# What is printed of every plate, prepared and refined: share of the true height, degrees.
+UNITS = ("height", "angle")
 
 
 def plate(seed: int) -> tuple[Capture, Truth, str]:
@@ -99,11 +102,10 @@ def scores(seed: int) -> dict[str, Any]:
     return {
         "what": what,
         "height": [height(before), height(result.depth)],
-        "deg": [
+        "angle": [
             angle(before, surface_normals(before, np.isfinite(before), capture.camera)),
             angle(result.depth, result.normals),
         ],
-        "lights": lights_deg(result.lights, truth.lights),
     }
 
 
@@ -119,9 +121,8 @@ def main() -> None:
     with processes(arguments.jobs) as pool:
         for seed, found in zip(arguments.seeds, pool.imap(scores, arguments.seeds), strict=True):
             heights.append(found["height"])
-            angles.append(found["deg"])
-            cells = [f"{name} {a:5.2f} to {b:5.2f}" for name, (a, b) in
-                     (("height", found["height"]), ("angle", found["deg"]))]  # fmt: skip
+            angles.append(found["angle"])
+            cells = (f"{name} {found[name][0]:5.2f} to {found[name][1]:5.2f}" for name in UNITS)
             print(f"{seed:4d} {found['what']}", *cells, sep=" | ", flush=True)
     off = np.abs(np.log(np.maximum(np.array(heights), 1e-3)))
     for index, name in enumerate(("prepared", "refined")):

@@ -96,7 +96,7 @@ def checked_lights(
         intensities = _checked_intensities(intensities, count, f"{source}.intensities")
     if lights.directions is None:
         positions_m = _numbers(lights.positions_m, count, (3,), f"{source}.positions_m")
-        far = np.median(np.linalg.norm(positions_m, axis=1)) > TOO_FAR * max(middle_z_m, LEAST_Z_M)
+        far = too_far(positions_m, max(middle_z_m, LEAST_Z_M))
         remedy = "divide by 1000 if they are millimetres" if far else TURN_ROUND
         _refuse_behind(positions_m[:, 2] - middle_z_m, f"{source}.positions_m", remedy)
         return replace(lights, positions_m=positions_m, intensities=intensities)
@@ -112,6 +112,11 @@ def checked_lights(
         )
     _refuse_behind(directions[:, 2], f"{source}.directions")
     return replace(lights, directions=directions / length, intensities=intensities)
+
+
+def too_far(positions_m: Floats, object_m: float) -> bool:
+    """Whether positions (N, 3) are no metres, of an object at that distance from the camera."""
+    return bool(np.median(np.linalg.norm(positions_m, axis=1)) > TOO_FAR * object_m)
 
 
 def _refuse_behind(forward: Floats, source: str, remedy: str = TURN_ROUND) -> None:

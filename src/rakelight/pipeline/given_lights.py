@@ -14,7 +14,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rakelight.capture.lights import TOO_FAR
+from rakelight.capture.lights import too_far
 from rakelight.check.depth_orientation import evidence
 from rakelight.check.evidence import LIKELY
 from rakelight.errors import listed
@@ -67,7 +67,8 @@ def wrong_lights(prepared: Prepared) -> tuple[Finding, ...]:
     free = _squares(sample, shadings(normals, points_m, lights))
     # Rivals, and what the given lights may leave unexplained beside them.
     rivals = [(free, flat - MOST_EXPLAINED * (flat - float(free.sum())))]
-    if _too_far(given, points_m):
+    object_m = float(np.linalg.norm(points_m.mean(axis=0)))
+    if given.positions_m is not None and too_far(given.positions_m, object_m):
         nearer = _of_given(sample, normals, points_m, _mended(given, MENDED[METRES]))
         rivals.append((nearer, float(nearer.sum())))
     enough = min(most for _, most in rivals)
@@ -96,14 +97,6 @@ def wrong_lights(prepared: Prepared) -> tuple[Finding, ...]:
         f"away (the median); those of {listed(named, off_deg > NAMED_DEG)}"
     )
     return (Finding("warning", CODE, message, remedy),)
-
-
-def _too_far(given: GivenLights, points_m: Floats) -> bool:
-    """Whether positions are too far from an object of points (P, 3) to be in metres."""
-    if given.positions_m is None:
-        return False
-    distance_m = float(np.median(np.linalg.norm(given.positions_m, axis=1)))
-    return distance_m > TOO_FAR * float(np.linalg.norm(points_m.mean(axis=0)))
 
 
 def _mended(given: GivenLights, mended: Callable[[Floats], Floats]) -> GivenLights:

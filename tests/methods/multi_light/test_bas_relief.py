@@ -116,12 +116,24 @@ def test_deepening_is_the_slope_of_a_relief_that_grows_above_its_plane():
     assert not found[~seen].any()
 
 
-def test_a_hollow_that_the_sensor_sees_as_a_bump_becomes_one():
-    level = make_level()
+def hollow_of(level):
+    """The level's depth with dents for bumps."""
     inverse = np.exp(-level.unbiased_prior)
     middle = inverse[level.mask].mean()
-    hollow = np.where(level.mask, -np.log(2 * middle - inverse), level.unbiased_prior)
-    found, turn = nearest_bas_relief(level, hollow, alike())
+    return np.where(level.mask, -np.log(2 * middle - inverse), level.unbiased_prior)
+
+
+def test_a_hollow_that_the_sensor_sees_as_a_bump_becomes_one():
+    level = make_level()
+    found, turn = nearest_bas_relief(level, hollow_of(level), alike())
     np.testing.assert_allclose(found[level.mask], level.unbiased_prior[level.mask], atol=1e-9)
     # Lights from the other side, as far from the optical axis.
     np.testing.assert_allclose(turn @ [0.3, 0.2, -1.0], [-0.3, -0.2, -1.0], atol=0.05)
+
+
+def test_a_hollow_stays_where_the_sensor_may_err_about_it():
+    level = make_level().weighted(1e-8)
+    hollow = hollow_of(level)
+    found, turn = nearest_bas_relief(level, hollow, alike())
+    assert found is hollow
+    assert (turn == np.eye(3)).all()

@@ -170,12 +170,12 @@ def finished(
     descent: Descent,
     weight: float,
     highlights: Highlights,
-    unfollowed: Floats,
+    start: Floats,
 ) -> Estimate:
     """The estimate of the finest level, the albedo's 99th percentile set to 1.
 
     weight, highlights : the depth weight and what was left out, for the notes
-    unfollowed : (h, w) log depth before it was held to the measurements, see `depth_sigma`
+    start : (h, w) log depth where the last descents began, see `depth_sigma`
     """
     fit = descent.fit
     normals, linearization = fine_normals(level, fit)
@@ -201,7 +201,7 @@ def finished(
         steps=descent.steps,
         converged=descent.converged,
         findings=(*light_findings(lights, prepared.names), *notes),
-        depth_sigma=depth_sigma(level, fit, prepared, local, moment, unfollowed),
+        depth_sigma=depth_sigma(level, fit, prepared, local, moment, start),
         normal_sigma=normal_sigma,
     )
 

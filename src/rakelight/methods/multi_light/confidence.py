@@ -83,14 +83,14 @@ def depth_sigma(
     prepared: Prepared,
     local: Floats,
     moment: Floats,
-    unfollowed: Floats,
+    start: Floats,
 ) -> Floats:
     """(h, w) expected error of the refined depth, metres.
 
     local : (h, w) expected squared error of each normal, radians^2, without the whole shape's
     moment : (4, 4) of the whole shape, see `sensor_moment`
-    unfollowed : (h, w) log depth before the surface was held to the measurements: it shows their
-        errors, which the refined one has followed
+    start : (h, w) log depth where the last descents began: against it the sensor's errors show,
+        which the refined surface has followed
     """
     depth_m = np.exp(fit.log_depth)
     # 1/z' = a/z + g . ray: derivatives of 1/z' with a and g.
@@ -100,7 +100,7 @@ def depth_sigma(
     length_px = sensor_length(level, fit)
     pixel_m = depth_m / level.camera.fx
     walk = local * length_px * pixel_m**2
-    shared = depth_m**2 * mean_error_variance(prepared, unfollowed, length_px)
+    shared = depth_m**2 * mean_error_variance(prepared, start, length_px)
     return np.asarray(np.sqrt(whole + shared + walk))
 
 

@@ -126,29 +126,34 @@ def project_bas_relief(level: Level, fit: Fit) -> Fit:
     """
     if fit.model.near or fit.model.directions is not None:
         return fit
-    log_depth, transform = nearest_bas_relief(
-        level, fit.log_depth, fit.lights, fit.equal_intensity_weight
-    )
-    lights = replace(fit.lights, vector=fit.lights.vector @ transform.T)
-    return evaluated(level, fit, log_depth, lights)
+    return after_bas_relief(level, fit)
 
 
 def try_bas_relief(level: Level, fit: Fit, options: MultiLight) -> Fit:
-    """The state after one step of both, under near lights after the sensor's transform if lower.
+    """The state after one step of lights and depth under near lights; under others as it is.
 
-    Their fall-off determines the transform, but on a flat object so little that steps along it are
-    short.  Compared by least squares: losses that have adapted to one surface do not judge another.
+    The step starts from the sensor's bas-relief transform as well, and the lower state is returned.
+    The fall-off of near lights determines the transform, but on a flat object so little that steps
+    along it are short.  Compared by least squares: losses that have adapted to one surface do not
+    judge another.
     """
     if not fit.model.near or fit.model.directions is not None:
         return fit
     weight = fit.equal_intensity_weight
     fit = replace(reset_scale(level, fit), equal_intensity_weight=weight)
-    log_depth, transform = nearest_bas_relief(level, fit.log_depth, fit.lights, weight)
-    lights = replace(fit.lights, vector=fit.lights.vector @ transform.T)
-    turned = evaluated(level, fit, log_depth, lights, with_light_slope=True)
-    both = (depth_step(level, refine_lights(level, each)) for each in (fit, turned))
+    starts = fit, after_bas_relief(level, fit, with_light_slope=True)
+    both = (depth_step(level, refine_lights(level, start)) for start in starts)
     moved = (joint_step(level, each, options.coarse_pixels) for each in both)
     return min(moved, key=lambda each: each.energy)
+
+
+def after_bas_relief(level: Level, fit: Fit, with_light_slope: bool = False) -> Fit:
+    """The state after the bas-relief transform nearest to the sensor's, lights and depth alike."""
+    log_depth, transform = nearest_bas_relief(
+        level, fit.log_depth, fit.lights, fit.equal_intensity_weight
+    )
+    lights = replace(fit.lights, vector=fit.lights.vector @ transform.T)
+    return evaluated(level, fit, log_depth, lights, with_light_slope=with_light_slope)
 
 
 def refine_lights(level: Level, fit: Fit) -> Fit:
