@@ -39,7 +39,6 @@ def too_few_for(capture, shrink=1):
 def little(monkeypatch):
     """Small tiles; and a function that leaves so many bytes free, whatever the machine has."""
     monkeypatch.setattr(lower_resolution, "FIXED_BYTES", 0)
-    monkeypatch.setattr(tiles, "MARGIN", 8)
     monkeypatch.setattr(tiles, "LARGEST_TILE", 70**2)
     return lambda free: monkeypatch.setattr(memory, "free_memory", lambda: free)
 
@@ -150,6 +149,16 @@ def test_too_little_for_any_resolution(monkeypatch):
         refine(capture)
     with pytest.raises(InputError, match="limit of memory"):
         refine(capture, memory=0)
+
+
+def test_maps_that_do_not_fit_are_refused_before_the_work(little, monkeypatch):
+    capture, _ = scene(width=120)
+    little(too_few_for(capture))
+    monkeypatch.setattr(tiles, "MAP_BYTES", METHOD.bytes_per_pixel)
+    steps = []
+    with pytest.raises(MachineError, match="too little memory"):
+        refine(capture, progress=steps.append)
+    assert not any(step.stage.startswith("refine") for step in steps)
 
 
 def test_shares_of_tiles_add_up_to_one():

@@ -15,7 +15,7 @@ import numpy as np
 
 from rakelight.geometry.grid import row_strips
 from rakelight.jit import one_blas_thread, side_by_side, worth_side_by_side
-from rakelight.memory import available_memory, require_memory
+from rakelight.memory import available_memory, give_memory_back, require_memory
 from rakelight.methods.base import Estimate, Method, brightest, lights_unused
 from rakelight.model import Capture, Finding, Floats, Mask, Progress, ProgressCallback
 from rakelight.pipeline.guarded import estimated, surface
@@ -28,8 +28,9 @@ if TYPE_CHECKING:
     from rakelight.methods.multi_light.tiles import Whole
 
 # Pixels of the lower resolution by which a tile reaches beyond its share: agreement with the lower
-# resolution makes the influence of a tile's border fade within a few.
-MARGIN = 12
+# resolution makes the influence of a tile's border fade within four.  12 is no better, 4 shows at
+# rims (scale.md).
+MARGIN = 8
 # Bytes of the maps for each pixel of the image, and of a tile for each of its own.
 MAP_BYTES, TILE_BYTES = 48, 2000
 # Most pixels of a tile: larger ones save little time.
@@ -111,7 +112,7 @@ def spans(window: slice, side: int, shrink: int, most: int) -> list[Span]:
     """The tiles of at most about `most` pixels, margins included, along one side of a window.
 
     >>> [(s.first, s.last, s.refined) for s in spans(slice(3, 203), 210, 2, 150)]
-    [(2, 104, slice(2, 128, None)), (104, 204, slice(80, 204, None))]
+    [(2, 104, slice(2, 120, None)), (104, 204, slice(88, 204, None))]
     """
     margin = MARGIN * shrink
     first, last = window.start // shrink, -(-window.stop // shrink)
@@ -138,12 +139,14 @@ def tiled_maps(
     Raises MachineError where the memory does not suffice for the lower resolution, or for a tile.
     """
     shrink = lower_resolution(capture, view, chosen)
+    maps_bytes, least = MAP_BYTES * view.mask.size, TILE_BYTES * (3 * MARGIN * shrink) ** 2
+    require_memory(maps_bytes + least, source=capture.source, remedy=REMEDY)
     coarse = coarse_view(capture, view, shrink)
     prepared = coarse.window(*coarse.object_window)
     unused = lights_unused(prepared, chosen)
     prepared, estimate = estimated(chosen, prepared, options, progress)
     del coarse
-    maps_bytes, least = MAP_BYTES * view.mask.size, TILE_BYTES * (3 * MARGIN * shrink) ** 2
+    give_memory_back()
     require_memory(maps_bytes + least, source=capture.source, remedy=REMEDY)
     room = TILE_SHARE * (available_memory() - maps_bytes)
     workers = worth_side_by_side() if room > 2 * least else 1
