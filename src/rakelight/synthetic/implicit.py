@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rakelight.geometry.camera import ALL, pixel_rays
+from rakelight.geometry.grid import row_strips
 from rakelight.model import Camera, Floats, Mask, RigidTransform
 
 Values: TypeAlias = npt.NDArray[np.inexact[Any]]
@@ -91,16 +92,17 @@ def seen_from(solid: Solid, pose: RigidTransform) -> Solid:
 
 MARCH_STEPS = 300
 NEAR_M = 5e-5
-"""Marching ends this close to the surface; Newton's method takes over."""
+"""Marching ends this close to the surface; the secant method takes over."""
 GRAZING_STEP_M = 1e-4
-NEWTON_STEPS = 6
+SECANT_STEPS = 12
 LONGEST_STEP_M = 5e-4
-SETTLED_M = 1e-8
-"""After a shorter step Newton's method, which squares the error, is exact to rounding."""
+SETTLED_M2 = 1e-18
+"""The secant method's error is the last two steps' product times at most about 1e4 / m."""
 COMPLEX_STEP = 1e-30
-TILE = 8
-"""Rays that march together, along each side, until their cone meets the surface."""
-BLOCK = 1 << 14
+TILES = (2, 4)
+"""Rays march together until their cone meets the surface: in squares of 2 x 2, and before that
+4 x 4 of these squares."""
+BLOCK = 1 << 13
 """Rays at a time: their intermediate values stay in the processor's cache."""
 
 
@@ -115,17 +117,22 @@ def trace(solid: Solid, camera: Camera, rows: slice = ALL) -> Surface:
     ([[nan, 0.7, nan]], -1.0)
     """
     x, y = _rays(camera, rows)
-    start = _march_tiles(solid, camera, rows)
-    depth = np.full(x.shape, np.nan)
+    depth = first_hits(solid, camera, rows)
     normals = np.full((*x.shape, 3), np.nan)
-    candidates = np.flatnonzero(np.isfinite(start))
-    for first in range(0, candidates.size, BLOCK):
-        block = candidates[first : first + BLOCK]
-        z = _first_hit(solid, x.flat[block], y.flat[block], start.flat[block])
-        hit = block[np.isfinite(z)]
-        depth.flat[hit] = z[np.isfinite(z)]
-        normals.reshape(-1, 3)[hit] = _normals(solid, x.flat[hit], y.flat[hit], depth.flat[hit])
+    hit = np.flatnonzero(np.isfinite(depth))
+    for block in row_strips(hit.size, BLOCK):
+        at = hit[block]
+        normals.reshape(-1, 3)[at] = _normals(solid, x.flat[at], y.flat[at], depth.flat[at])
     return Surface(depth, normals)
+
+
+def first_hits(solid: Solid, camera: Camera, rows: slice = ALL) -> Floats:
+    """(h, W) the depth of `trace` alone."""
+    x, y = _rays(camera, rows)
+    depth = _free_depths(solid, camera, rows, TILES)
+    some = np.flatnonzero(np.isfinite(depth))
+    depth.flat[some] = _first_hit(solid, x.flat[some], y.flat[some], depth.flat[some])
+    return depth
 
 
 def _rays(camera: Camera, rows: slice) -> tuple[Floats, Floats]:
@@ -135,33 +142,40 @@ def _rays(camera: Camera, rows: slice) -> tuple[Floats, Floats]:
     return x, y
 
 
-def _march_tiles(solid: Solid, camera: Camera, rows: slice) -> Floats:
-    """(h, W) depths up to which whole tiles of rays run free; NaN where they miss for certain."""
-    tiles = replace(
-        camera.scaled(1 / TILE), width=-(-camera.width // TILE), height=-(-camera.height // TILE)
-    )
-    slope = float(np.hypot(0.5 / tiles.fx, 0.5 / tiles.fy))
+def _free_depths(solid: Solid, camera: Camera, rows: slice, tiles: tuple[int, ...]) -> Floats:
+    """(h, W) depths up to which rays run free; NaN where they miss for certain.
+
+    tiles : pixels along each side of the squares that march together, then squares in these
+    """
     top, bottom, _ = rows.indices(camera.height)
-    first = top // TILE
-    x, y = _rays(tiles, slice(first, -(-bottom // TILE)))
-    shape, x, y = x.shape, x.ravel(), y.ravel()
-    z = np.full(x.size, solid.distance_m - solid.radius_m)
-    z, met = _march(solid, x, y, z, NEAR_M, slope=slope)
-    z[~met] = np.nan
-    grown = z.reshape(shape).repeat(TILE, axis=0).repeat(TILE, axis=1)
-    return grown[top - first * TILE : bottom - first * TILE, : camera.width]
+    if not tiles:
+        return np.full((bottom - top, camera.width), solid.distance_m - solid.radius_m)
+    side, first = tiles[0], top // tiles[0]
+    width, height = -(-camera.width // side), -(-camera.height // side)
+    coarse = replace(camera.scaled(1 / side), width=width, height=height)
+    coarse_rows = slice(first, -(-bottom // side))
+    z = _free_depths(solid, coarse, coarse_rows, tiles[1:])
+    some = np.flatnonzero(np.isfinite(z))
+    x, y = (axis.flat[some] for axis in _rays(coarse, coarse_rows))
+    slope = float(np.hypot(0.5 / coarse.fx, 0.5 / coarse.fy))
+    free, clear = _march(solid, x, y, z.flat[some], NEAR_M, slope=slope)
+    z.flat[some] = np.where(clear < NEAR_M, free, np.nan)
+    grown = z.repeat(side, axis=0).repeat(side, axis=1)
+    return grown[top - first * side : bottom - first * side, : camera.width]
 
 
 def _first_hit(solid: Solid, x: Floats, y: Floats, z: Floats) -> Floats:
     """Depth at which each ray enters the solid; NaN where it does not."""
-    near, met = _march(solid, x, y, z, NEAR_M)
+    z, clear = _march(solid, x, y, z, NEAR_M)
     found = np.full(z.size, np.nan)
-    found[met] = _newton(solid, x[met], y[met], near[met])
+    met = np.flatnonzero(clear < NEAR_M)
+    found[met] = _root(solid, x[met], y[met], z[met], clear[met])
     # rays that came near without a clear hit are followed in small steps until they are inside
-    grazing = np.flatnonzero(met & np.isnan(found))
-    x, y, near = x[grazing], y[grazing], near[grazing]
-    inside, met = _march(solid, x, y, near, 0.0, least_step_m=GRAZING_STEP_M)
-    found[grazing[met]] = _newton(solid, x[met], y[met], inside[met])
+    grazing = met[np.isnan(found[met])]
+    x, y = x[grazing], y[grazing]
+    z, clear = _march(solid, x, y, z[grazing], 0.0, least_step_m=GRAZING_STEP_M)
+    inside = clear < 0
+    found[grazing[inside]] = _root(solid, x[inside], y[inside], z[inside], clear[inside])
     return found
 
 
@@ -174,49 +188,64 @@ def _march(
     *,
     slope: float = 0.0,
     least_step_m: float = 0.0,
-) -> tuple[Floats, Mask]:
-    """Sphere tracing from depth z until the field is below `near_m`, and whether it came to be.
+) -> tuple[Floats, Floats]:
+    """Sphere tracing from depth z on: where it ends, and how far off the surface is at the least.
 
-    With `slope` a whole cone of that slope about the ray stays outside.
+    It ends where that is below `near_m`, or behind the solid.  With `slope` a whole cone of that
+    slope about the ray stays outside.
     """
-    z = z.copy()
-    met = np.zeros(z.size, bool)
+    z, clear = z.copy(), np.full(z.size, np.inf)
     length = np.sqrt(1 + x**2 + y**2)
     active = np.arange(z.size)
     for _ in range(MARCH_STEPS):
         at = z[active]
-        clear = solid.along(x[active], y[active], at) / solid.steepness - slope * at
-        met[active] = arrived = clear < near_m
-        z[active] += np.where(arrived, 0, np.maximum(clear / length[active], least_step_m))
-        active = active[~arrived & (z[active] < solid.distance_m + solid.radius_m)]
+        left = _values(solid, x[active], y[active], at) / solid.steepness - slope * at
+        clear[active] = left
+        z[active] += np.where(left < near_m, 0, np.maximum(left / length[active], least_step_m))
+        active = active[(left >= near_m) & (z[active] < solid.distance_m + solid.radius_m)]
         if not active.size:
             break
-    return z, met
+    return z, clear
 
 
-def _newton(solid: Solid, x: Floats, y: Floats, z: Floats) -> Floats:
-    """Roots of the field along the rays near z; NaN where the method does not come to rest."""
-    z = z.copy()
-    active = np.arange(z.size)
-    for _ in range(NEWTON_STEPS):
-        value = solid.along(x[active], y[active], z[active] + 1j * COMPLEX_STEP)
+def _root(solid: Solid, x: Floats, y: Floats, z: Floats, clear: Floats) -> Floats:
+    """Roots of the field along the rays, by secants; NaN where the method does not come to rest.
+
+    z, clear : of `_march`
+    """
+    found, active = np.full(z.size, np.nan), np.arange(z.size)
+    value, step = clear * solid.steepness, clear / np.sqrt(1 + x**2 + y**2)
+    for _ in range(SECANT_STEPS):
+        z = z + step
+        last, value = value, _values(solid, x, y, z)
+        before = step
         with np.errstate(divide="ignore", invalid="ignore"):
-            step = value.real * COMPLEX_STEP / value.imag
+            step = step * value / (last - value)
         step = np.clip(np.nan_to_num(step, nan=np.inf), -LONGEST_STEP_M, LONGEST_STEP_M)
-        z[active] -= step
-        active = active[np.abs(step) >= SETTLED_M]
+        rest = np.abs(step * before) < SETTLED_M2
+        found[active[rest]] = z[rest] + step[rest]
+        left = ~rest
+        active, value, step = active[left], value[left], step[left]
+        x, y, z = x[left], y[left], z[left]
         if not active.size:
             break
-    z[active] = np.nan
-    return z
+    return found
+
+
+def _values(solid: Solid, x: Floats, y: Floats, z: Floats) -> Floats:
+    """(M,) the field at these points of these rays."""
+    values = np.empty(z.size)
+    for block in row_strips(z.size, BLOCK):
+        values[block] = solid.along(x[block], y[block], z[block])
+    return values
 
 
 def _normals(solid: Solid, x: Floats, y: Floats, z: Floats) -> Floats:
     """(M, 3) outward normals in the camera frame: the field's unit gradient."""
-    point = np.stack([z * x, -z * y, solid.distance_m - z])
+    point = z * x, -z * y, solid.distance_m - z
     slope = np.empty((z.size, 3))
     for axis, sign in enumerate((1, -1, -1)):  # the camera's y is down, its z away
-        moved = point.astype(complex)
-        moved[axis] += 1j * COMPLEX_STEP
+        moved: list[Values] = list(point)
+        moved[axis] = point[axis] + 1j * COMPLEX_STEP
         slope[:, axis] = sign * solid.field(*moved).imag / COMPLEX_STEP
     return np.asarray(slope / np.linalg.norm(slope, axis=1, keepdims=True))

@@ -31,7 +31,7 @@ from rakelight.model import (
 from rakelight.photometry.cast_shadows import Occluder
 from rakelight.prepare.linear import srgb
 from rakelight.synthetic.albedo import Albedo
-from rakelight.synthetic.implicit import seen_from, trace
+from rakelight.synthetic.implicit import first_hits, seen_from
 from rakelight.synthetic.noise import add_depth_noise
 from rakelight.synthetic.options import SceneOptions
 from rakelight.synthetic.quantile import count_values, quantile
@@ -373,12 +373,13 @@ def _depth_view(
     own = camera.resized(width, max(round(camera.height * width / camera.width), 1))
     rays, pose = max(round(options.depth_factor), 2), options.depth_to_color
     fine = own.scaled(rays)
-    solid = None if pose is None or shape.solid is None else seen_from(shape.solid, pose)
+    solid = shape.solid if pose is None or shape.solid is None else seen_from(shape.solid, pose)
 
     def means(rows: slice) -> Floats:
         lines = slice(rays * rows.start, rays * rows.stop)
-        seen = shape.render(fine, lines) if solid is None else trace(solid, fine, lines)
-        return area_mean(seen.depth, rays)
+        if solid is None:
+            return area_mean(shape.render(fine, lines).depth, rays)
+        return area_mean(first_hits(solid, fine, lines), rays)
 
     depth_m = np.concatenate(list(_on_all_cores(means, iter(_strips(own, rays, 1)))))
     return (None if pose is None else own), depth_m
