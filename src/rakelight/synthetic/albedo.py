@@ -19,6 +19,7 @@ import numpy as np
 from rakelight.errors import InputError
 from rakelight.files import read_bytes
 from rakelight.geometry.camera import ALL
+from rakelight.geometry.grid import row_strips
 from rakelight.model import Camera, Floats
 
 T = TypeVar("T")
@@ -110,13 +111,19 @@ def _cover(texture: Floats, camera: Camera) -> Floats:
 
 Pattern = Callable[[Floats, Floats, np.random.Generator], Floats]
 
+BLOCK = 1 << 15
+"""Pixels at a time: their intermediate values stay in the processor's cache."""
+
 
 def _paint(pattern: Pattern, seed: int, camera: Camera, rows: slice = ALL) -> Floats:
     u, v = np.arange(camera.width), np.arange(camera.height)[rows]
     x = (u[None, :] + 0.5 - camera.width / 2) / camera.height
     y = (v[:, None] + 0.5 - camera.height / 2) / camera.height
     x, y = np.broadcast_arrays(x, y)
-    return np.asarray(pattern(x, y, np.random.default_rng(seed)), dtype=np.float32)
+    paint = np.empty((*x.shape, 3), np.float32)
+    for block in row_strips(v.size, max(BLOCK // camera.width, 1)):
+        paint[block] = pattern(x[block], y[block], np.random.default_rng(seed))
+    return paint
 
 
 def _white(x: Floats, y: Floats, rng: np.random.Generator) -> Floats:
@@ -168,12 +175,13 @@ def _pattern(x: Floats, y: Floats, rng: np.random.Generator) -> Floats:
     striped = 0.45 * _edge(stripes - 0.5, 0.5)[..., None]
     cloth = IVORY * (1 - striped) + PALETTE[ground] * striped
     corner = np.hypot(0.5 - np.abs(u), 0.5 - np.abs(v))
+    petals = np.cos(5 * angle + row)
     layers = (
         (PALETTE[ground], 0.135 - corner),
         (IVORY, 0.060 - corner),
         (PALETTE[ring], 0.030 - np.abs(radius - 0.435)),
-        (PALETTE[flower], 0.25 + 0.12 * np.cos(5 * angle + row) - radius),
-        (IVORY, 0.13 + 0.05 * np.cos(5 * angle + row) - radius),
+        (PALETTE[flower], 0.25 + 0.12 * petals - radius),
+        (IVORY, 0.13 + 0.05 * petals - radius),
         (PALETTE[heart], 0.085 - radius),
     )
     for color, inside in layers:
