@@ -114,6 +114,16 @@ def test_one_map_or_several_and_what_is_no_measurement():
     np.testing.assert_array_equal(capture.depth_m, expected)
 
 
+@pytest.mark.parametrize("nothing", [-1, -9999, np.finfo(np.float32).min])
+def test_negative_values_for_nothing_may_be_most_of_the_depth(nothing):
+    depth = DEPTH.copy()
+    depth[:, 6:] = nothing
+    with np.errstate(all="raise"):
+        capture = made(depth=depth)
+    np.testing.assert_array_equal(capture.depth_m[:, :6], DEPTH[:, :6])
+    assert np.isnan(capture.depth_m[:, 6:]).all()
+
+
 def test_holes_on_the_object_are_counted_by_reason():
     depth = DEPTH.copy()
     depth[:, 5, 6:10] = 0, 0, -1, np.nan

@@ -40,9 +40,6 @@ from rakelight.model import (
     SensorNoise,
 )
 
-# Depth cameras whose z axis points backwards give negative depth: this share of it is no noise.
-_MOSTLY_NEGATIVE = 0.5
-
 
 def capture_from_arrays(
     photographs: Array,
@@ -266,13 +263,16 @@ def _depth(depth: Any) -> tuple[Floats, Array]:
 
 
 def _refuse_negative(depth_m: Floats) -> None:
-    """Raise CaptureError where most of the depth (K, h, w) is negative: another frame's z."""
+    """Raise CaptureError where all of the depth (K, h, w) is negative: another frame's z.
+
+    Beside positive depth, negative values are holes, and may be most of them: -1, -9999.
+    """
     nonzero_m = depth_m[np.isfinite(depth_m) & (depth_m != 0)]
-    if nonzero_m.size and np.mean(nonzero_m < 0) > _MOSTLY_NEGATIVE:
+    if nonzero_m.size and np.mean(nonzero_m > 0) < validate.LEAST_MEASURED:
         raise CaptureError(
             "negative depth",
             source="depth",
-            seen=f"median {float(np.median(nonzero_m)):.3g} m",
+            seen=f"median {float(np.median(nonzero_m.astype(np.float64))):.3g} m",
             needed="metres along the optical axis, positive",
             remedy="-depth, if z points backwards in its frame",
         )
