@@ -2,6 +2,8 @@
 
 import io
 import logging
+import socket
+from contextlib import suppress
 from typing import ClassVar
 
 import pytest
@@ -50,3 +52,15 @@ def test_dask_says_nothing_of_a_cluster_that_is_closed(log, monkeypatch, fails):
     assert levels == [logging.CRITICAL] * len(before) if fails else levels == [*before.values()]
     for handler, level in before.items():
         handler.setLevel(level)
+
+
+def test_another_cluster_on_this_machine_is_no_matter(tmp_path, recwarn):
+    with socket.socket() as taken:
+        with suppress(OSError):  # somebody else has it already
+            taken.bind(("", 8787))
+        with cluster._local_cluster(1, str(tmp_path), {}) as local:
+            (port,) = {service.port for service in local.scheduler.services.values()}
+            address = local.scheduler.http_server.address
+    assert not recwarn.list
+    assert port != 8787
+    assert address == "127.0.0.1"

@@ -138,6 +138,8 @@ def _local_cluster(workers: int, scratch: str, deaths: Deaths) -> Any:
         threads_per_worker=1,
         memory_limit=int(share) if isfinite(share) else "auto",
         worker_class=Watched,
+        # Without a dashboard it still listens, and warns where the port is taken: any free one.
+        scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
         dashboard_address=None,
         silence_logs=logging.CRITICAL,
         local_directory=scratch,
