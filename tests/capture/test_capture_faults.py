@@ -523,6 +523,44 @@ def test_two_photographs_may_be_saturated(tmp_path):
 # --- 17: mask ---
 
 
+@pytest.mark.parametrize("colour", [0, 255, "photograph"])
+def test_a_cut_out_is_a_mask_where_it_is_not_transparent(folder, colour):
+    capture = small_capture()
+    colours = np.full((HEIGHT, WIDTH, 3), colour if colour != "photograph" else 0, np.uint8)
+    if colour == "photograph":
+        colours[:] = capture.photographs[0]
+    opaque = np.where(capture.mask, 255, 0).astype(np.uint8)
+    (folder / "mask.png").write_bytes(encode_png(np.dstack([colours, opaque])))
+    np.testing.assert_array_equal(load_capture(folder).mask, capture.mask)
+
+
+@pytest.mark.parametrize("alpha", [0, 255])
+def test_a_mask_that_is_transparent_everywhere_or_nowhere_goes_by_its_colours(folder, alpha):
+    mask = small_capture().mask
+    colours = np.repeat(np.where(mask, 255, 0).astype(np.uint8)[..., None], 3, axis=-1)
+    layers = [colours, np.full(mask.shape, alpha, np.uint8)]
+    (folder / "mask.png").write_bytes(encode_png(np.dstack(layers)))
+    np.testing.assert_array_equal(load_capture(folder).mask, mask)
+
+
+@pytest.mark.parametrize("wrong", ["mask.jpg", "MASK.TIF", "ambient.JPG", "flat.bmp"])
+def test_a_picture_that_would_be_passed_over_for_its_format_is_refused(folder, wrong):
+    (folder / wrong).write_bytes(b"whatever is in it")
+    name = wrong.split(".")[0].lower() + ".png"
+    if name == "mask.png":
+        assert load_capture(folder).mask.any()  # a copy beside it is nobody's concern
+        (folder / name).unlink()
+    refusal(folder, wrong, "not read under this name", f"needed {name}", f"Fix: save it as {name}")
+
+
+@pytest.mark.parametrize("wrong", ["Capture.toml", "capture.toml.txt"])
+def test_a_misnamed_config_is_named(folder, wrong):
+    (folder / "capture.toml").rename(folder / wrong)
+    if (folder / "capture.toml").exists():
+        pytest.skip("capitals do not count on this disk")
+    refusal(folder, "", "no capture.toml in it", f"seen {wrong}", "Fix: rename it to capture.toml")
+
+
 def test_masks(folder):
     mask = folder / "mask.png"
     mask.write_bytes(encode_png(np.zeros((HEIGHT, WIDTH), np.uint8)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Any, NoReturn, get_args
 
 import msgspec
@@ -108,6 +109,15 @@ _CHOICES = {
     "depth_intrinsics.distortion.model": get_args(LensModel),
     "lights.frame": get_args(Frame),
 }
+
+
+def misnamed_config(folder: Path) -> str | None:
+    """The file in a folder that is capture.toml but for its name; None where there is none.
+
+    Windows' editor adds .txt and does not show it.  Raises OSError.
+    """
+    wrong = (CONFIG, f"{CONFIG}.txt")
+    return next((path.name for path in folder.iterdir() if path.name.lower() in wrong), None)
 
 
 def parse_config(data: bytes, source: str = "capture.toml") -> CaptureTable:

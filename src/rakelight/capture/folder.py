@@ -5,8 +5,8 @@ The format is in docs/reference/files.md.  What a file may be:
 - photographs: PNG or TIFF, 8 or 16 bit; JPEG with a warning.  Grey is repeated to three
   channels, alpha is dropped, each with a note.  EXIF orientation is ignored, with a warning.
 - depth: see rakelight.capture.depth.
-- mask.png: PNG; a pixel is object where any colour channel is not zero.  Without it the object
-  nearest to the camera is cut out.
+- mask.png: PNG; a pixel is object where any colour channel is not zero, of a picture that is
+  transparent in parts where it is not.  Without it the object nearest to the camera is cut out.
 - ambient.png, flat.png: see rakelight.capture.ambient_and_flat.
 - hidden files are skipped, files of other kinds listed in a note.
 """
@@ -24,7 +24,14 @@ import numpy as np
 from rakelight.capture import validate
 from rakelight.capture.ambient_and_flat import check_fits, corrected
 from rakelight.capture.arrays import checked_arrays, checked_truth
-from rakelight.capture.config import CONFIG, EXAMPLE, CaptureTable, format_config, parse_config
+from rakelight.capture.config import (
+    CONFIG,
+    EXAMPLE,
+    CaptureTable,
+    format_config,
+    misnamed_config,
+    parse_config,
+)
 from rakelight.capture.defaults import (
     chosen_encoding,
     chosen_lighting,
@@ -44,6 +51,7 @@ from rakelight.capture.listing import (
     numbered,
     read_mask,
     read_photographs,
+    refuse_misnamed,
 )
 from rakelight.capture.tone_curve import stated_encoding
 from rakelight.capture.truth import write_truth
@@ -78,6 +86,7 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
     root = Root(folder)
     table = _read_config(root)
     camera = table.intrinsics.camera("intrinsics", root.shown(CONFIG))
+    refuse_misnamed(root, ("mask.png", "ambient.png", "flat.png"))
 
     rgb, depth, lights = _list_all(root, table, photographs)
     validate.check_camera(camera, rgb.shape, root.shown(CONFIG), "intrinsics")
@@ -243,9 +252,11 @@ def _config_bytes(root: Root) -> bytes:
             remedy="name a capture folder",
         )
     if not os.path.lexists(root.path / CONFIG):
+        meant = misnamed_config(root.path)
         raise CaptureError(
-            f"no {CONFIG} in it", source=root.shown(), remedy=f"write one: {EXAMPLE}"
-        )
+            f"no {CONFIG} in it", source=root.shown(), seen=printable(meant or ""),
+            remedy=f"rename it to {CONFIG}" if meant else f"write one: {EXAMPLE}",
+        )  # fmt: skip
     return read_bytes(root.path / CONFIG, source=root.shown(CONFIG), max_bytes=_LARGEST_CONFIG)
 
 

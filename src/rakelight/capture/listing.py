@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,7 +14,7 @@ from rakelight.capture.headers import Header, read_header
 from rakelight.capture.images import as_rgb, decode_image
 from rakelight.capture.tone_curve import read_photograph_header
 from rakelight.capture.validate import check_mask_size, check_same_kind
-from rakelight.errors import CaptureError, InputError, listed
+from rakelight.errors import CaptureError, InputError, listed, printable
 from rakelight.files import clear_errors, in_threads, read_bytes
 from rakelight.model import Array, Finding, Mask
 from rakelight.scratch import large_empty, release
@@ -134,6 +135,27 @@ def looked_at(folder: Path, source: str, names: Sequence[str], ignored: Sequence
     return Images(folder, source, tuple(names), tuple(headers), tuple(ignored))
 
 
+def refuse_misnamed(root: Root, names: Sequence[str]) -> None:
+    """Raise CaptureError for an image in the folder that is one of `names` but for its format.
+
+    Capitals do not count.  Where a file of the right name is there, the other is somebody's copy.
+    """
+    with clear_errors(root.shown(), "cannot be read"):
+        present = sorted(path.name for path in root.path.iterdir())
+    for name in names:
+        stem, others = Path(name).stem, (*SUFFIXES, *UNREAD)
+        meant = [
+            each
+            for each in present
+            if Path(each).stem.lower() == stem and Path(each).suffix.lower() in others
+        ]
+        if meant and not os.path.lexists(root.path / name):
+            raise CaptureError(
+                "not read under this name", source=root.shown(printable(meant[0])), needed=name,
+                remedy=f"save it as {name}, or move it away",
+            )  # fmt: skip
+
+
 def by_number(path: Path) -> tuple[tuple[int, str], ...]:
     """2.png before 10.png: digits compare as numbers, and before letters."""
     parts = re.split(r"([0-9]+)", path.name)
@@ -187,6 +209,7 @@ def read_photographs(rgb: Images) -> Array:
 def read_mask(path: Path, source: str, shape: tuple[int, int], formats: tuple[str, ...]) -> Mask:
     """(H, W) True where any colour channel of a picture is not zero; its size is checked first.
 
+    Of a picture that is transparent in parts, a cut-out, True where it is not transparent.
     Raises CaptureError where it is not of `shape`, or of none of the `formats`.
     """
     data = read_bytes(path, source=source)
@@ -200,7 +223,12 @@ def read_mask(path: Path, source: str, shape: tuple[int, int], formats: tuple[st
             needed=" or ".join(formats),
             remedy="export it as PNG",
         )
-    red, green, blue = np.moveaxis(as_rgb(decode_image(data, source)) != 0, 2, 0)
+    pixels = decode_image(data, source)
+    if header.channels in (2, 4):
+        opaque = pixels[..., -1] != 0
+        if opaque.any() and not opaque.all():
+            return np.asarray(opaque)
+    red, green, blue = np.moveaxis(as_rgb(pixels) != 0, 2, 0)
     return np.asarray(red | green | blue)
 
 
