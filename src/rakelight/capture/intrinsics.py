@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from rakelight.capture import npy
 from rakelight.errors import CaptureError, parsing, stated_in
 from rakelight.files import read_bytes
 from rakelight.model import Camera, Distortion, Floats
@@ -75,6 +76,16 @@ def named_intrinsics(stem: str) -> bool:
     return name == "k" or any(word in name for word in ("intrinsic", "calib", "camera"))
 
 
+def may_state(path: Path) -> bool:
+    """Whether intrinsics are looked for in a file of this name: a text, or an array of that name.
+
+    >>> [may_state(Path(name)) for name in ("poses.txt", "K.npy", "depth.npy")]
+    [True, True, False]
+    """
+    suffix = path.suffix.lower()
+    return suffix in SUFFIXES or (suffix == ".npy" and named_intrinsics(path.stem))
+
+
 def small_texts(paths: Iterable[Path]) -> dict[Path, bytes]:
     """The content of those files that are no larger than files with intrinsics are."""
     small = (path for path in paths if path.is_file() and path.stat().st_size <= MAX_BYTES)
@@ -102,6 +113,9 @@ def parse_intrinsics(data: bytes, source: str = "", named: bool = False) -> Came
     """
     if len(data) > MAX_BYTES:
         return None
+    if data.startswith(npy.MAGIC):
+        K = npy.decode_npy(data, source)
+        return _made(K, (0, 0), (), source) if K.shape == (3, 3) else None
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:

@@ -1,10 +1,10 @@
 """A folder of photographs and depth: which file is what, by names and by content.
 
 Names come first: a file, or its folder, with `depth` in its name is depth, one with the word `mask`
-the mask, `ambient` and `flat` are pictures for the correction of the light, `depth_scale` is the
-number of depth values per metre.  A file without such a name is depth where its format holds
-nothing else (PFM, NPY, EXR without colour), or where it is one channel of 16 bit or floating point
-beside photographs in colour.  The other images are the photographs.
+the mask, `ambient` and `flat` are pictures for the correction of the light, `confidence` and `conf`
+are left out, `depth_scale` is the number of depth values per metre.  A file without such a name is
+depth where its format holds nothing else (PFM, NPY, EXR without colour), or where it is one channel
+of 16 bit or floating point beside photographs in colour.  The other images are the photographs.
 """
 
 from __future__ import annotations
@@ -24,10 +24,11 @@ from rakelight.errors import CaptureError, listed
 from rakelight.files import clear_errors, read_bytes
 
 Kind = Literal["PNG", "JPEG", "TIFF", "heic", "raw", "exr", "pfm", "npy"]
-Role = Literal["photograph", "depth", "mask", "ambient", "flat"]
+Role = Literal["photograph", "depth", "mask", "ambient", "flat", "confidence"]
 
 # Endings of files that are images, or damaged.
 _IMAGES = (*SUFFIXES, *raw.SUFFIXES, ".heic", ".heif", ".exr")
+_CONFIDENCE = r"(?<![a-z])conf(idence)?(?![a-z])"
 _MOST_FILES = 2000  # that are looked at; more are a recording or a disk
 _WHERE = "put the photographs in one folder, or name the others depth, mask, ambient, flat"
 
@@ -70,6 +71,7 @@ class LooseFiles:
 
     texts : files that might hold intrinsics; depth_scale : the file that says it
     unused : names of pictures that are left out, for a note
+    confidence : names of pictures of how sure the depth is, which are not read, for a note
     unread : names of images of formats that are not read, for a warning
     """
 
@@ -81,6 +83,7 @@ class LooseFiles:
     texts: tuple[Path, ...]
     depth_scale: Path | None
     unused: tuple[str, ...]
+    confidence: tuple[str, ...] = ()
     unread: tuple[str, ...] = ()
 
 
@@ -113,8 +116,12 @@ def role_of(name: str) -> Role | None:
 
     >>> role_of("depth/000.png"), role_of("IMG_1.jpg"), role_of("object mask.png")
     ('depth', None, 'mask')
+    >>> role_of("conf_00000.png"), role_of("confidence/0.png"), role_of("confetti.png")
+    ('confidence', 'confidence', None)
     """
     path = Path(name.lower())
+    if re.search(_CONFIDENCE, path.stem) or re.search(_CONFIDENCE, path.parent.name):
+        return "confidence"
     for word in ("mask", "ambient", "flat"):
         if re.search(rf"(?<![a-z]){word}(?![a-z])", path.stem) or path.parent.name == word:
             return word
@@ -169,14 +176,14 @@ def list_loose_files(folder: Path, photographs: Sequence[str] = ()) -> LooseFile
     """
     with clear_errors(str(folder), "cannot be read"):
         paths = candidates(folder)
-    texts = [p for p in paths if p.suffix.lower() in intrinsics.SUFFIXES]
+    texts = [p for p in paths if intrinsics.may_state(p)]
     scales = [p for p in texts if re.fullmatch(r"depth[-_ ]?scale", p.stem.lower())]
     images = [file for path in paths if path not in texts and (file := _looked_at(folder, path))]
     stated = dict.fromkeys(photographs, "photograph")
     roles = {file.name: stated.get(file.name) or role_of(file.name) for file in images}
     named = {
         word: [file for file in images if roles[file.name] == word]
-        for word in ("depth", "mask", "ambient", "flat")
+        for word in ("depth", "mask", "ambient", "flat", "confidence")
     }
     for word in ("mask", "ambient", "flat"):
         if len(named[word]) > 1:
@@ -188,11 +195,13 @@ def list_loose_files(folder: Path, photographs: Sequence[str] = ()) -> LooseFile
             )
     rest = [file for file in images if roles[file.name] is None]
     known = {file.name for file in images}
-    others = [p.relative_to(folder).as_posix() for p in paths if p.suffix.lower() in UNREAD]
-    unread = [name for name in others if name not in known]
+    names = [p.relative_to(folder).as_posix() for p in paths]
+    others = [name for name in names if name not in known]
+    unread = [name for name in others if Path(name).suffix.lower() in UNREAD]
     if not images:
         _check_photographs(folder, [], [], unread)
-    depth, unused = _depth_among(folder, named["depth"], rest, unread)
+    meant = [name for name in others if name in unread or role_of(name) == "depth"]
+    depth, unused = _depth_among(folder, named["depth"], rest, meant)
     if photographs:
         rest = _listed(folder, images, photographs)
     taken, paired = _without_pairs([file for file in rest if file not in depth])
@@ -207,6 +216,7 @@ def list_loose_files(folder: Path, photographs: Sequence[str] = ()) -> LooseFile
         tuple(p for p in texts if p not in scales),
         scales[0] if scales else None,
         tuple(file.name for file in (*unused, *paired)),
+        tuple(file.name for file in named["confidence"]),
         tuple(unread),
     )
 
@@ -258,11 +268,11 @@ def _listed(folder: Path, images: Sequence[LooseFile], names: Sequence[str]) -> 
 
 
 def _depth_among(
-    folder: Path, named: list[LooseFile], rest: list[LooseFile], unread: list[str]
+    folder: Path, named: list[LooseFile], rest: list[LooseFile], meant: list[str]
 ) -> tuple[list[LooseFile], list[LooseFile]]:
     """The depth maps, and pictures of depth that are left out.
 
-    unread : names of images of other formats
+    meant : names of files that are not read and may be meant for depth
     """
     if named:
         real = [file for file in named if file.one_channel or file.only_depth]
@@ -274,7 +284,7 @@ def _depth_among(
         raise CaptureError(
             "no depth map in it",
             source=str(folder),
-            seen=listed([*unread, *(file.name for file in rest)]),
+            seen=listed([*meant, *(file.name for file in rest)]),
             needed="photographs and their depth: 16-bit PNG or TIFF, float TIFF, PFM, NPY, EXR",
             remedy="put it there as depth.png (16 bit, millimetres) or depth.tiff (floating point, "
             'metres), or several into a folder "depth"',

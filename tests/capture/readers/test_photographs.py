@@ -223,6 +223,44 @@ def test_depth_in_a_format_that_is_not_read_is_named(tmp_path):
     refusal(tmp_path, "no depth map in it (seen depth.pgm, img9.png")
 
 
+@pytest.mark.parametrize("name", ["depth.npz", "depth.raw", "depth.csv", "scan/depth.bin"])
+def test_a_file_of_depth_that_is_not_read_is_named(tmp_path, name):
+    fill(tmp_path, depth=False)
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_bytes(b"PK\3\4")
+    refusal(tmp_path, f"no depth map in it (seen {name}, img9.png")
+
+
+@pytest.mark.parametrize(
+    "name", ["confidence.png", "conf_00000.png", "depth/conf.npy", "conf/0.exr", "conf/9.png"]
+)
+def test_confidence_is_neither_a_photograph_nor_depth(tmp_path, name):
+    made = fill(tmp_path)
+    path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    sure = np.full(made.depth_m.shape[1:], 2, np.uint8)
+    if name.endswith("exr"):
+        exr(path, R=sure.astype(np.float32))
+    else:
+        path.write_bytes(as_npy(sure) if name.endswith("npy") else encode_png(sure))
+    capture = load_capture(tmp_path)
+    assert len(capture.photographs) == len(made.photographs)
+    np.testing.assert_array_equal(capture.depth_m, made.depth_m[:1])
+    (left_out,) = [f for f in capture.findings if f.code == "ignored-files"]
+    assert left_out.severity == "warning"
+    assert name in left_out.message
+
+
+@pytest.mark.parametrize("name", ["K.npy", "calib/intrinsics.NPY"])
+def test_a_matrix_as_an_array(tmp_path, name):
+    made = fill(tmp_path, texts=False)
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_bytes(as_npy(made.camera.matrix))
+    assert load_capture(tmp_path).camera == made.camera
+    (tmp_path / name).write_bytes(as_npy(np.eye(2)))
+    refusal(tmp_path, f"{name}: no intrinsics in it")
+
+
 def test_depth_that_is_turned(tmp_path):
     fill(tmp_path, depth=False)
     (tmp_path / "depth.tiff").write_bytes(encode_tiff(np.full((16, 12), 0.6, np.float32)))

@@ -12,7 +12,7 @@ from rakelight.capture.decoder_process import DecoderProcess
 from rakelight.capture.exif import ROUGHNESS, camera_of
 from rakelight.capture.from_arrays import capture_from_arrays
 from rakelight.capture.intrinsics import (
-    SUFFIXES,
+    may_state,
     named_intrinsics,
     parse_intrinsics,
     small_texts,
@@ -55,7 +55,7 @@ def sniff(path: Path) -> bool:
     if (path / "result.json").is_file():
         return False
     try:
-        texts = any(file.suffix.lower() in SUFFIXES for file in candidates(path))
+        texts = any(map(may_state, candidates(path)))
         images = images_in(path)
     except (CaptureError, MachineError):
         return False
@@ -213,6 +213,10 @@ def _unused(files: LooseFiles, lights: GivenLights | None) -> tuple[Finding, ...
     if files.unused:
         message = f"left out, a better file is there: {listed(files.unused)}"
         found.append(Finding("note", "ignored-files", message))
+    if files.confidence:
+        message = f"not read, all depth counts as measured: {listed(files.confidence)}"
+        remedy = "set depth that is not sure to 0"
+        found.append(Finding("warning", "ignored-files", message, remedy))
     if files.unread:
         found.append(unread_finding(files.unread))
     return tuple(found)
