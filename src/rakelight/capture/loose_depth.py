@@ -102,8 +102,9 @@ def _pixels(file: LooseFile, decoder: DecoderProcess) -> Array:
 def depth_scale(path: Path) -> float:
     """Depth values per metre, a number in a text file such as `SCALE`; raises CaptureError."""
     source = str(path)
-    text = read_bytes(path, source=source, max_bytes=1000).decode("latin-1").strip()
-    number = float(text) if re.fullmatch(r"[0-9]{1,9}(\.[0-9]{1,9})?", text) else 0.0
+    text = read_bytes(path, source=source, max_bytes=1000).decode("utf-8-sig", "replace").strip()
+    stated = re.fullmatch(r"[0-9]{1,9}(\.[0-9]{0,9})?(e\+?[0-9]{1,2})?", text, re.IGNORECASE)
+    number = float(text) if stated else 0.0
     if number <= 0:
         raise CaptureError(
             "no depth scale", source=source, seen=text[:40], needed="depth values per metre",

@@ -382,6 +382,15 @@ def test_open3d_intrinsics_of_another_size_are_refused(tmp_path):
         open3d_recorder.recording(path)
 
 
+def test_stray_tables_that_an_editor_has_marked(tmp_path):
+    path = write_stray(tmp_path / "scan", frames()[:2], depth_maps()[:2])
+    for name in ("camera_matrix.csv", "odometry.csv"):
+        (path / name).write_bytes(b"\xef\xbb\xbf" + (path / name).read_bytes())
+    recording, _ = stray_scanner.recording(path)
+    assert recording.camera == CAMERA
+    assert len(recording.depth) == 2
+
+
 def test_open3d_frames_in_jpeg_are_noted(tmp_path):
     path = write_open3d(tmp_path / "scan", suffix="jpg")
     assert "compressed" in codes(path)
@@ -413,7 +422,8 @@ def test_tum_intrinsics_beside_the_lists(tmp_path, text, camera):
     seen = recording.camera
     assert (seen.fx, seen.fy, seen.cx, seen.cy) == camera
     lens = Distortion("brown-conrady", (0.26, -0.95, 0, 0, 1.16)) if "0.26" in text else None
-    assert (seen.distortion, recording.findings) == (lens, ())
+    assert seen.distortion == lens
+    assert "default-intrinsics" not in [finding.code for finding in recording.findings]
 
 
 ORB_SLAM = f"""%YAML:1.0
@@ -443,6 +453,26 @@ def test_tum_depth_of_another_scale(tmp_path, name, text):
     want = np.rint(np.nan_to_num(grown(depth_maps())) * 1000) / 1000
     want = np.where(want == 0, np.nan, want).astype(np.float32)
     assert np.array_equal(depth_of(recording), want, equal_nan=True)
+
+
+def test_tum_says_that_it_assumes_the_benchmarks_scale(tmp_path):
+    path = write_tum(tmp_path / "scan", frames()[:1], grown(depth_maps())[:1])
+    (note,) = tum.recording(path)[0].findings
+    assert note.code == "depth-unit-assumed"
+    assert "5000 depth values per metre" in note.message
+    (path / "depth_scale.txt").write_text("5000")
+    assert not tum.recording(path)[0].findings
+
+
+def test_tum_lists_of_windows(tmp_path):
+    path = write_tum(tmp_path / "scan")
+    for name in ("rgb.txt", "depth.txt"):
+        _, text = (path / name).read_text().split("\n", 1)
+        lines = text.replace("# timestamp filename\n", "").replace("/", "\\").replace("\n", "\r\n")
+        (path / name).write_bytes(b"\xef\xbb\xbf" + lines.encode())
+    recording, _ = tum.recording(path)
+    assert np.array_equal(images_of(recording), frames())
+    assert len(recording.depth) == len(frames())
 
 
 def test_tum_depth_of_two_scales_is_refused(tmp_path):
@@ -499,14 +529,16 @@ def test_tum_without_intrinsics_takes_the_benchmarks_with_a_warning(tmp_path):
     large = np.zeros((1, 480, 640, 3), np.uint8), np.ones((1, 480, 640), np.float32)
     recording, _ = tum.recording(write_tum(tmp_path / "large", *large, intrinsics=""))
     assert recording.camera.fx == 525.0
-    assert [finding.code for finding in recording.findings] == ["default-intrinsics"]
+    found = [finding.code for finding in recording.findings]
+    assert found == ["default-intrinsics", "depth-unit-assumed"]
     path = write_tum(tmp_path / "small", frames()[:1], grown(depth_maps())[:1], intrinsics="")
     with pytest.raises(CaptureError, match=r"not known.*120x90.*intrinsics\.txt"):
         tum.recording(path)
 
 
 @pytest.mark.parametrize(
-    "name", ["../secret.png", "/etc/passwd", "rgb/../../secret.png", "link/secret.png"]
+    "name",
+    ["../secret.png", "/etc/passwd", "rgb/../../secret.png", "link/secret.png", "..\\secret.png"],
 )
 def test_tum_names_stay_in_the_folder(tmp_path, name):
     path = write_tum(tmp_path / "scan", frames()[:2], grown(depth_maps())[:2])
@@ -514,6 +546,13 @@ def test_tum_names_stay_in_the_folder(tmp_path, name):
     (path / "link").symlink_to(tmp_path)
     (path / "rgb.txt").write_text(f"1.0 {name}\n")
     with pytest.raises(CaptureError, match="outside the folder"):
+        tum.recording(path)
+
+
+def test_tum_names_of_nothing_are_said(tmp_path):
+    path = write_tum(tmp_path / "scan", frames()[:2], grown(depth_maps())[:2])
+    (path / "rgb").rename(path / "color")
+    with pytest.raises(CaptureError, match=r"rgb\.txt: none of the files.*seen rgb/13050"):
         tum.recording(path)
 
 

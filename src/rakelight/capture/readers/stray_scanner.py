@@ -77,7 +77,7 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
 
 def _table(path: Path, name: str) -> list[list[str]]:
     """The fields of every line that has some."""
-    text = read_within(path, name, MAX_TEXT_BYTES).decode("utf-8", "replace")
+    text = read_within(path, name, MAX_TEXT_BYTES).decode("utf-8-sig", "replace")
     rows = [[field.strip() for field in line.split(",")] for line in text.splitlines()]
     return [row for row in rows if any(row)]
 

@@ -42,6 +42,12 @@ COLOR, DEPTH = "rgb.txt", "depth.txt"
 _AND_DEPTH = ", and the same of depth"
 PAIRS = ("associations.txt", "associated.txt", "association.txt", "associate.txt")
 _PER_METRE = 5000.0
+_ASSUMED = Finding(
+    "note",
+    "depth-unit-assumed",
+    f"{_PER_METRE:.0f} depth values per metre assumed, which are the benchmark's",
+    f"where they are others, as the median depth shows, write the number into {SCALE}",
+)
 _TABLES = ("camera_intrinsic.json", "intrinsic.json")
 # The benchmark's recommended intrinsics, of 640x480: fx, fy, cx, cy.
 _DEFAULT, _DEFAULT_SHAPE = (525.0, 525.0, 319.5, 239.5), (480, 640)
@@ -58,8 +64,11 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
     color_times, names = _listed(path, of_color, depth=False)
     depth_times, depth_names = _listed(path, of_depth, depth=True)
     color = color_stream(path, names, color_times)
-    depth = depth_stream(path, depth_names, depth_times, _per_metre(path, depth_names[0]))
+    per_metre = _per_metre(path, depth_names[0])
+    depth = depth_stream(path, depth_names, depth_times, per_metre or _PER_METRE)
     camera, findings = _camera(path, color.shape)
+    if per_metre is None:
+        findings = (*findings, _ASSUMED)
     made = recording_of_one_view(
         path,
         camera,
@@ -85,7 +94,8 @@ def _listed(path: Path, name: str, depth: bool) -> tuple[Floats, list[str]]:
     depth : whether those of depth are meant, of a list of pairs
     """
     source, found, paired = f"{path}/{name}", dict[float, str](), name in PAIRS
-    text = read_within(path, name, MAX_TEXT_BYTES).decode("utf-8", "replace")
+    text = read_within(path, name, MAX_TEXT_BYTES).decode("utf-8-sig", "replace")
+    text = text.replace("\\", "/")  # as programs on Windows write paths
     for number, line in enumerate(text.splitlines(), 1):
         fields = re.split(r"[\s,]+", line.split("#")[0].strip(), maxsplit=3 if paired else 1)
         if fields == [""]:
@@ -122,8 +132,9 @@ def _listed(path: Path, name: str, depth: bool) -> tuple[Floats, list[str]]:
     kept = {time: file for time, file in sorted(found.items()) if _is_there(path / file)}
     if not kept:
         raise CaptureError(
-            "none of the files in it is there", source=source, remedy="copy the folder again, whole"
-        )
+            "none of the files in it is there", source=source, seen=next(iter(found.values()), ""),
+            remedy="copy the folder again, whole",
+        )  # fmt: skip
     return np.array(list(kept)), list(kept.values())
 
 
@@ -131,8 +142,8 @@ def _is_there(path: Path) -> bool:
     return os.path.isfile(path)  # noqa: PTH113 - False for impossible names, where Path raises
 
 
-def _per_metre(path: Path, name: str) -> float:
-    """Depth values per metre: as depth_scale.txt or another file says, else the benchmark's.
+def _per_metre(path: Path, name: str) -> float | None:
+    """Depth values per metre, as depth_scale.txt or another file says; None where none does.
 
     name : of a depth map
     """
@@ -141,8 +152,8 @@ def _per_metre(path: Path, name: str) -> float:
     texts = [read_within(path, file.name, MAX_TEXT_BYTES) for file in _texts(path)]
     values = depth_values(path, name)
     if values.dtype != np.uint16:  # no depth map, which is said where it is read
-        return _PER_METRE
-    return stated_scale(texts, values, f"{path}/{name}") or _PER_METRE
+        return None
+    return stated_scale(texts, values, f"{path}/{name}")
 
 
 def _camera(path: Path, shape: tuple[int, int]) -> tuple[Camera, tuple[Finding, ...]]:
