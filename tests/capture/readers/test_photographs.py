@@ -99,6 +99,9 @@ def test_the_unit_of_integers(tmp_path):
     refusal(tmp_path, "the unit of the depth is not known", "depth_scale.txt")
     (tmp_path / "depth_scale.txt").write_text("50\n")
     assert np.nanmedian(load_capture(tmp_path).depth_m) == pytest.approx(0.58, abs=0.001)
+    for text in (b"\xef\xbb\xbf50\r\n", b"5e1", b"5.E+01"):
+        (tmp_path / "depth_scale.txt").write_bytes(text)
+        assert np.nanmedian(load_capture(tmp_path).depth_m) == pytest.approx(0.58, abs=0.001)
     (tmp_path / "depth_scale.txt").write_text("-1")
     refusal(tmp_path, "no depth scale")
 
@@ -291,6 +294,17 @@ def test_a_file_of_intrinsics_that_states_none(tmp_path, text):
     fill(tmp_path)
     (tmp_path / "intrinsics.txt").write_text(text)
     refusal(tmp_path, "intrinsics.txt: no intrinsics in it", f"seen {text or 'nothing'}", "fx 0 cx")
+
+
+def test_two_files_of_the_same_intrinsics(tmp_path):
+    made = fill(tmp_path)
+    stated = {"fx": 40, "fy": 40.5, "cx": 15.25, "cy": 11.75}
+    for i, width in enumerate((32, 32, 16)):
+        text = json.dumps({**stated, "width": width, "height": width * 3 // 4})
+        (tmp_path / f"camera{i}.json").write_text(text)
+        if width == 32:
+            assert load_capture(tmp_path).camera == made.camera
+    refusal(tmp_path, "several files with intrinsics")
 
 
 def open_cv(name, K, distortion):

@@ -172,7 +172,9 @@ def _stated(folder: Path, files: LooseFiles) -> tuple[str, Camera] | None:
                 needed=_FORMATS,
                 remedy=f"write {_MATRIX}",
             )
-    if len(set(found.values())) > 1:
+    sized = {name: camera for name, camera in found.items() if camera.width}
+    alike = {replace(camera, width=0, height=0) for camera in found.values()}
+    if len(alike) > 1 or len(set(sized.values())) > 1:
         raise CaptureError(
             "several files with intrinsics",
             source=str(folder),
@@ -180,7 +182,7 @@ def _stated(folder: Path, files: LooseFiles) -> tuple[str, Camera] | None:
             needed="those of the camera that took the photographs",
             remedy="keep one of them",
         )
-    return next(iter(found.items()), None)
+    return next(iter((sized or found).items()), None)
 
 
 def _depth_camera(
