@@ -297,6 +297,59 @@ def test_damaged_packbits_is_seen():
     assert flips_refused(data, 200) > 50
 
 
+def tiff_of(*images, subfile=0, size=slice(None)):
+    file = io.BytesIO()
+    with tifffile.TiffWriter(file) as writer:
+        for i, image in enumerate(images):
+            if i and subfile == 4:
+                writer.write(image[size] > 3, photometric="mask", subfiletype=subfile)
+            elif i:
+                writer.write(image[size], photometric="minisblack", subfiletype=subfile)
+            else:
+                writer.write(image, photometric="minisblack")
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("kind", [0, 2])
+def test_a_tiff_of_several_images_is_refused(kind):
+    image = np.arange(12, dtype=np.uint16).reshape(3, 4)
+    with pytest.raises(CaptureError, match=r"s\.tif: several images in one TIFF .* second of 4x3"):
+        read_header(tiff_of(image, image + 1, subfile=kind), "s.tif")
+
+
+@pytest.mark.parametrize(
+    ("kind", "size"), [(1, slice(None)), (4, slice(None)), (0, slice(1)), (1, slice(1))]
+)
+def test_previews_and_masks_in_a_tiff_are_no_images(kind, size):
+    image = np.arange(12, dtype=np.uint16).reshape(3, 4)
+    data = tiff_of(image, image + 1, subfile=kind, size=size)
+    np.testing.assert_array_equal(decode_image(data), image)
+
+
+def test_what_follows_a_tiff_where_no_image_can_be_is_nothing():
+    image = np.arange(12, dtype=np.uint16).reshape(3, 4)
+    data = bytearray(tiff_of(image))
+    at = int.from_bytes(data[4:8], "little")
+    after = at + 2 + 12 * int.from_bytes(data[at : at + 2], "little")
+    assert data[after : after + 4] == bytes(4)
+    for place in (len(data), 0xFFFFFFFF):
+        data[after : after + 4] = place.to_bytes(4, "little")
+        np.testing.assert_array_equal(decode_image(bytes(data)), image)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"II+\0" + bytes(60), r"seen a BigTIFF.*Fix: export it as PNG"),
+        (tiff(np.zeros((3, 4), np.float16)), "1 channels of 16 bit, floating point"),
+    ],
+    ids=["BigTIFF", "half"],
+)
+def test_tiffs_that_are_not_read_are_told_what_they_are(data, words):
+    with pytest.raises(CaptureError, match=words):
+        read_header(data, "d.tif")
+
+
 def test_jpeg_inside_tiff_is_refused():
     file = io.BytesIO()
     Image.fromarray(SMOOTH[..., 0]).save(file, "TIFF", compression="jpeg")

@@ -43,6 +43,7 @@ _OTHER_FORMATS = (
         for magic in (b"\x1f\x8b", b"7z\xbc\xaf", b"Rar!", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd")
     ),
 )
+_OTHER_IMAGES = ("a BigTIFF", "a GIF", "a BMP", "a WebP or an AVI", "HEIC or a video", "an OpenEXR")
 # By colour type: channels (a palette is expanded), and the bits that a sample may have.
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}
 _PNG_BITS = {0: (1, 2, 4, 8, 16), 2: (8, 16), 3: (1, 2, 4, 8), 4: (8, 16), 6: (8, 16)}
@@ -58,7 +59,9 @@ _TIFF_DTYPES = {  # by bits and sample format
 }
 _TIFF_INTEGERS = {1: "B", 3: "H", 4: "I"}
 _TIFF_UNDEFINED = 7
+_SMALLER_OR_MASK = 1 | 4  # bits of a subfile's type: a preview, or the transparency of the image
 _TIFF_TAGS = {
+    "subfile": 254,
     "width": 256,
     "height": 257,
     "bits": 258,
@@ -140,9 +143,10 @@ def read_header(data: bytes, source: str = "") -> Header:
         raise damaged(source, "its header is cut short") from error
     if not data:
         raise CaptureError("the file is empty", source=source, remedy="copy or export it again")
+    seen = what_it_is(data)
     raise CaptureError(
-        "not an image file", source=source, seen=what_it_is(data), needed="PNG or TIFF",
-        remedy="copy, download or export it again",
+        "not an image file", source=source, seen=seen, needed="PNG or TIFF",
+        remedy="export it as PNG" if seen in _OTHER_IMAGES else "copy, download or export it again",
     )  # fmt: skip
 
 
@@ -169,15 +173,18 @@ def png_chunks(data: bytes, source: str = "") -> Iterator[tuple[bytes, int, int]
 
 
 class TiffTags:
-    """The integers of the tags that describe the first image of a TIFF; raises struct.error.
+    """The integers of the tags that describe one image of a TIFF; raises struct.error.
 
+    directory : where they are listed; if left away, those of the first image.  The attribute
+        `following` is where those of the next image are, 0 without one.
     Only what is asked for is read, so that a lying count costs nothing.
     """
 
-    def __init__(self, data: bytes) -> None:
+    def __init__(self, data: bytes, directory: int | None = None) -> None:
         self.data = data
         self.order: Literal["<", ">"] = "<" if data.startswith(b"II") else ">"
-        (directory,) = struct.unpack_from(self.order + "I", data, 4)
+        if directory is None:
+            (directory,) = struct.unpack_from(self.order + "I", data, 4)
         (entries,) = struct.unpack_from(self.order + "H", data, directory)
         self.places: dict[int, tuple[np.dtype[np.generic], int, int]] = {}  # dtype, start, count
         self.blocks: dict[int, tuple[int, int]] = {}  # start, count of bytes
@@ -195,6 +202,8 @@ class TiffTags:
             if at + dtype.itemsize * count > len(data):
                 raise struct.error("tag outside the file")
             self.places[tag] = dtype, at, count
+        after = data[directory + 2 + 12 * entries :][:4]
+        self.following = struct.unpack(self.order + "I", after)[0] if len(after) == 4 else 0
 
     def __contains__(self, name: str) -> bool:
         return _TIFF_TAGS[name] in self.places
@@ -313,9 +322,10 @@ def _tiff_header(data: bytes, source: str) -> Header:
     dtype = _TIFF_DTYPES.get((bits, tags.first("sample_format", 1)))
     photometric = tags.first("photometric", 1)
     if dtype is None or channels not in (1, 3) or photometric not in (1, 2):
+        half = ", floating point" if tags.first("sample_format", 1) == 3 else ""
         raise _unread_tiff(
             source,
-            seen=f"{channels} channels of {bits} bit, photometric {photometric}",
+            seen=f"{channels} channels of {bits} bit{half}, photometric {photometric}",
             needed="grey or RGB without alpha, 8, 16 or 32 bit",
         )
     compression = tags.first("compression", 1)
@@ -325,10 +335,27 @@ def _tiff_header(data: bytes, source: str) -> Header:
             seen=f"compression {_OTHER_COMPRESSIONS.get(compression, compression)}",
             needed="none, deflate, LZW or PackBits",
         )
+    _refuse_others(tags, (width, height), source)
     predictor, fill_order = tags.first("predictor", 1), tags.first("fill_order", 1)
     if predictor not in (1, 2, 3) or (predictor == 3 and dtype[0] != "f") or fill_order != 1:
         raise _unread_tiff(source, seen=f"predictor {predictor}, fill order {fill_order}")
     return Header("TIFF", width, height, channels, dtype, tags.first("orientation", 1))
+
+
+def _refuse_others(tags: TiffTags, size: tuple[int, int], source: str) -> None:
+    """Raise CaptureError where a second image of this size follows, which would be left out."""
+    if not tags.following:
+        return
+    try:
+        second = TiffTags(tags.data, tags.following)
+    except struct.error:  # no image there
+        return
+    alike = (second.first("width", 0), second.first("height", 0)) == size
+    if alike and not second.first("subfile", 0) & _SMALLER_OR_MASK:
+        raise CaptureError(
+            "several images in one TIFF", source=source, seen=f"a second of {size[0]}x{size[1]}",
+            needed="one in each file", remedy="save each as a file of its own",
+        )  # fmt: skip
 
 
 def _unread_tiff(source: str, *, seen: str, needed: str = "") -> CaptureError:
