@@ -343,10 +343,22 @@ def test_a_principal_point_far_off_the_middle_is_doubted(folder):
         ("fx = 40.0", "fx = 40.0\nfx = 41.0", ("key 'fx' is there twice", "line 9")),
         ("cy = 11.75", "cy = 11.75\n[intrinsics]", ("key '[intrinsics]' is there twice",)),
         ("fx = 40.0\n", "", ("key 'intrinsics.fx' is missing", "for example")),
-        ("fx = 40.0", 'fx = "40"', ("key 'intrinsics.fx'", "seen str, needed float")),
+        ("fx = 40.0", 'fx = "40"', ("key 'intrinsics.fx'", "seen text in quotes, needed a number")),
         ("width = 32", "width = 32.5", ("key 'intrinsics.width'",)),
-        ("fx = 40.0", "fx = true", ("key 'intrinsics.fx'", "seen bool")),
-        ("encoding", 'register = "yes"\nencoding', ("key 'register'", "seen str, needed bool")),
+        ("fx = 40.0", "fx = 40,5", ("fx = 40,5", "Fix: write fx = 40.5")),
+        ("cy = ", "lights = 'lights.lp'\ncy = ", ("'intrinsics.lights'", "[lights]")),
+        ("cy = ", "distortion = [0.1]\ncy = ", ("seen a list, needed a table", "distortion = {")),
+        (
+            "[intrinsics]",
+            '[lights]\nfile = "C:\\lights.lp"\n[intrinsics]',
+            ("line ", "write / in paths"),
+        ),
+        ("fx = 40.0", "fx = true", ("key 'intrinsics.fx'", "seen true or false")),
+        (
+            "encoding",
+            'register = "yes"\nencoding',
+            ("key 'register'", "seen text in quotes, needed true or false"),
+        ),
         ("fx = 40.0", "fx = ", ("not valid TOML", "line 8: 'fx ='")),
         ('"linear"', '"sRGB"', ("'encoding' has an unknown value", "did you mean 'srgb'?")),
         ('"linear"', "7", ("'encoding' has an unknown value", "seen 7")),
@@ -365,7 +377,7 @@ def test_no_intrinsics_or_no_table(folder):
     config.write_text("depth_scale = 1000.0")
     refusal(folder, "capture.toml", "key 'intrinsics' is missing", "fx = 525.0")
     config.write_text("depth_scale = 1000.0\nintrinsics = 5")
-    refusal(folder, "capture.toml", "key 'intrinsics' has a wrong value", "seen int")
+    refusal(folder, "capture.toml", "key 'intrinsics' has a wrong value", "needed a table")
     config.write_bytes(b"encoding = \xff")
     refusal(folder, "capture.toml", "not UTF-8")
     config.write_text("a = " + "[" * 5000)

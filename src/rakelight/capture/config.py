@@ -29,6 +29,17 @@ EXAMPLE = (
     "fx = 525.0, fy = 525.0, cx = 319.5, cy = 239.5 (one per line)"
 )
 _LENS = 'distortion = { model = "brown-conrady", k = [k1, k2, p1, p2, k3] }'
+# What msgspec calls the types of values.
+_TYPES = {
+    "int": "a whole number",
+    "float": "a number",
+    "float | null": "a number",
+    "str": "text in quotes",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "a table",
+    "object | null": "a table",
+}
 _HUGE = 1 << 63  # no integer here is that large; much larger ones are no floating-point number
 
 
@@ -227,8 +238,22 @@ def _syntax_error(text: str, message: str, source: str) -> CaptureError:
         source=source,
         seen=f"line {number}: {line[:60]!r}",
         needed="key = value",
-        remedy="write the line as key = value, texts in quotes",
+        remedy=_syntax_remedy(line),
     )
+
+
+def _syntax_remedy(line: str) -> str:
+    """What to do about a line that is no TOML.
+
+    >>> _syntax_remedy("cx = 319,5"), _syntax_remedy("scale: 1000")
+    ('write cx = 319.5', 'write the line as key = value, texts in quotes')
+    """
+    comma = re.fullmatch(r"(\w{1,40}\s*=\s*[-+]?\d{1,20}),(\d{1,20})\s*(#.*)?", line)
+    if comma:
+        return f"write {comma[1]}.{comma[2]}"
+    if re.search(r"=\s*\".*\\", line):
+        return "write / in paths, or put the text into 'single quotes'"
+    return "write the line as key = value, texts in quotes"
 
 
 def _refuse_unknown(keys: dict[str, Any], table: str, source: str) -> None:
@@ -238,10 +263,12 @@ def _refuse_unknown(keys: dict[str, Any], table: str, source: str) -> None:
             continue
         near = get_close_matches(key.lower(), allowed, n=1)
         home = next((name for name in _TABLES if key in _keys_of(name)), None)
-        if near:
-            remedy = f"did you mean {near[0]!r}?"
-        elif home is not None:
+        if key in _TABLES:
+            remedy = f"write a table of that name: [{key}]"
+        elif home is not None:  # written rightly, in the wrong place
             remedy = f"it belongs in [{home}]" if home else "it belongs above the first [table]"
+        elif near:
+            remedy = f"did you mean {near[0]!r}?"
         else:
             remedy = f"the keys here are {', '.join(allowed)}"
         raise CaptureError(f"unknown key {_dotted(table, key)!r}", source=source, remedy=remedy)
@@ -279,17 +306,15 @@ def _refuse_value(content: dict[str, Any], message: str, source: str, cause: Exc
             needed=" or ".join(map(repr, choices)),
             remedy=f"did you mean {near[0]!r}?" if near else "",
         ) from cause
-    if path.endswith(".distortion"):
-        raise CaptureError(
-            f"key {path!r} has a wrong value", source=source, seen=what, remedy=f"write {_LENS}"
-        ) from cause
     types = re.search(r"Expected `(.+)`, got `(.+)`", what)
+    seen, needed = (_TYPES.get(types[i], types[i]) for i in (2, 1)) if types else (what, "")
+    lens = path.endswith(".distortion")
     raise CaptureError(
         f"key {path!r} has a wrong value",
         source=source,
-        seen=types[2] if types else what,
-        needed=types[1] if types else "",
-        remedy="write it as docs/reference/files.md has it",
+        seen=seen,
+        needed=needed,
+        remedy=f"write {_LENS}" if lens else "write it as docs/reference/files.md has it",
     ) from cause
 
 
