@@ -146,27 +146,28 @@ def stated_scale(texts: Iterable[bytes], values: Array, source: str) -> float | 
     return possible.pop()
 
 
+def _measured(raw: Array) -> Array:
+    """(n,) The values that are measurements."""
+    return raw[(raw > 0) & (raw < _nothing_from(raw))]
+
+
 def _median(raw: Array) -> float:
-    """Of the values of integers that are measurements; 0 where there is none."""
-    measured = raw[(raw > 0) & (raw < np.iinfo(raw.dtype).max)]
+    """Of the values that are measurements; 0 where there is none."""
+    measured = _measured(raw)
     return float(np.median(measured)) if measured.size else 0.0
 
 
 def _unit(raw: Array, stated: float | None, file: LooseFile) -> tuple[float, tuple[Finding, ...]]:
     """Depth values per metre, and a note where they were assumed."""
     if raw.dtype.kind == "f":
+        # Most of a picture may be far: what the object's distance is shows with the mask.
+        if stated is None and _measured(raw).min(initial=np.inf) > PLAUSIBLE_M[1]:
+            _refuse_unit(raw, None, "in metres", file)
         return stated or 1.0, ()
     median = _median(raw)
-    metres = median / (stated or MILLIMETRES)
-    if median and not PLAUSIBLE_M[0] <= metres <= PLAUSIBLE_M[1]:
+    if median and not PLAUSIBLE_M[0] <= median / (stated or MILLIMETRES) <= PLAUSIBLE_M[1]:
         at = "in millimetres" if stated is None else f"at {stated:g} values per metre"
-        raise CaptureError(
-            "the unit of the depth is not known" if stated is None else "not the unit of the depth",
-            source=file.source,
-            seen=f"median value {median:g}, which is no distance {at}",
-            needed="depth values per metre",
-            remedy=f"write the number into {SCALE} beside it; " + plausible_scales(median),
-        )
+        _refuse_unit(raw, stated, at, file)
     if stated is not None:
         return stated, ()
     message = "16-bit depth taken for millimetres: median {median_m:.3g} m"
@@ -174,12 +175,29 @@ def _unit(raw: Array, stated: float | None, file: LooseFile) -> tuple[float, tup
     return MILLIMETRES, (Finding("note", "depth-unit-assumed", message, remedy),)
 
 
+def _refuse_unit(raw: Array, stated: float | None, at: str, file: LooseFile) -> None:
+    """Raise CaptureError for depth that is no distance; nothing where nothing is measured."""
+    if not (median := _median(raw)):
+        return
+    raise CaptureError(
+        "the unit of the depth is not known" if stated is None else "not the unit of the depth",
+        source=file.source,
+        seen=f"median value {median:g}, which is no distance {at}",
+        needed="depth values per metre",
+        remedy=f"write the number into {SCALE} beside it; " + plausible_scales(median),
+    )
+
+
+def _nothing_from(raw: Array) -> float:
+    """A sensor's "too far", and a renderer's: Blender writes 1e10, of half floats the largest."""
+    return np.iinfo(raw.dtype).max if raw.dtype.kind in "iu" else _LARGEST_HALF
+
+
 def _metres(raw: Array, scale: float) -> Floats:
     """(h, w) float32 metres, NaN = no measurement."""
     with np.errstate(over="ignore", invalid="ignore"):  # of wild values, NaN afterwards
         metres = (raw / scale).astype(np.float32)
         nothing = ~(np.isfinite(metres) & (metres != 0))
-    # A sensor's "too far", and a renderer's: Blender writes 1e10, of half floats the largest.
-    nothing |= raw >= (np.iinfo(raw.dtype).max if raw.dtype.kind in "iu" else _LARGEST_HALF)
+    nothing |= raw >= _nothing_from(raw)
     metres[nothing] = np.nan
     return metres

@@ -136,6 +136,23 @@ def test_the_unit_that_a_file_of_another_program_states(tmp_path, name, text):
     assert np.array_equal(load_capture(tmp_path).depth_m, capture.depth_m, equal_nan=True)
 
 
+@pytest.mark.parametrize("name", ["depth.npy", "depth.tiff", "depth.pfm"])
+def test_floating_point_that_is_no_metres_is_told_of_its_scale(tmp_path, name):
+    made = fill(tmp_path, depth=False)
+    (tmp_path / "mask.png").write_bytes(encode_png(made.mask.astype(np.uint8)))
+    encode = {"npy": as_npy, "pfm": pfm}.get(name[-3:], encode_tiff)
+    (tmp_path / name).write_bytes(encode(1000 * made.depth_m[0]))
+    refusal(tmp_path, f"{name}: the unit of the depth is not known", "depth_scale = 1000 would")
+    (tmp_path / "depth_scale.txt").write_text("1000")
+    np.testing.assert_allclose(load_capture(tmp_path).depth_m, made.depth_m[:1], rtol=1e-6)
+    # A background at any distance says nothing of the unit.
+    (tmp_path / "depth_scale.txt").unlink()
+    depth_m = np.where(made.mask[::2, ::2], made.depth_m[0], np.float32(500))
+    depth_m[0] = 900
+    (tmp_path / name).write_bytes(encode(depth_m))
+    assert np.nanmedian(load_capture(tmp_path).depth_m[0][made.mask[::2, ::2]]) < 1
+
+
 @pytest.mark.parametrize("far", [1e10, 65504.0])
 def test_what_is_too_far_for_a_renderer_is_no_measurement(tmp_path, far):
     """Blender writes 1e10 where there is nothing, which is 65504 in half floats."""
