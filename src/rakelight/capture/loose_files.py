@@ -2,9 +2,10 @@
 
 Names come first: a file, or its folder, with `depth` in its name is depth, one with the word `mask`
 the mask, `ambient` and `flat` are pictures for the correction of the light, `confidence` and `conf`
-are left out, `depth_scale` is the number of depth values per metre.  A file without such a name is
-depth where its format holds nothing else (PFM, NPY, EXR without colour), or where it is one channel
-of 16 bit or floating point beside photographs in colour.  The other images are the photographs.
+are left out, and so is `disparity`, `depth_scale` is the number of depth values per metre.  A file
+without such a name is depth where its format holds nothing else (PFM, NPY, EXR without colour), or
+where it is one channel of 16 bit or floating point beside photographs in colour.  The other images
+are the photographs.
 """
 
 from __future__ import annotations
@@ -24,11 +25,13 @@ from rakelight.errors import CaptureError, listed
 from rakelight.files import clear_errors, read_bytes
 
 Kind = Literal["PNG", "JPEG", "TIFF", "heic", "raw", "exr", "pfm", "npy"]
-Role = Literal["photograph", "depth", "mask", "ambient", "flat", "confidence"]
+Role = Literal["photograph", "depth", "mask", "ambient", "flat", "confidence", "disparity"]
 
 # Endings of files that are images, or damaged.
 _IMAGES = (*SUFFIXES, *raw.SUFFIXES, ".heic", ".heif", ".exr")
 _CONFIDENCE = r"(?<![a-z])conf(idence)?(?![a-z])"
+_TO_DEPTH = "save focal length (pixels) x baseline (metres) / disparity as depth.tiff"
+_DISPARITY = r"(?<![a-z])disp(arity|arities)?(?![a-z])"
 _MOST_FILES = 2000  # that are looked at; more are a recording or a disk
 _WHERE = "put the photographs in one folder, or name the others depth, mask, ambient, flat"
 
@@ -122,6 +125,8 @@ def role_of(name: str) -> Role | None:
     path = Path(name.lower())
     if re.search(_CONFIDENCE, path.stem) or re.search(_CONFIDENCE, path.parent.name):
         return "confidence"
+    if re.search(_DISPARITY, path.stem) or re.search(_DISPARITY, path.parent.name):
+        return "disparity"
     for word in ("mask", "ambient", "flat"):
         if re.search(rf"(?<![a-z]){word}(?![a-z])", path.stem) or path.parent.name == word:
             return word
@@ -183,7 +188,7 @@ def list_loose_files(folder: Path, photographs: Sequence[str] = ()) -> LooseFile
     roles = {file.name: stated.get(file.name) or role_of(file.name) for file in images}
     named = {
         word: [file for file in images if roles[file.name] == word]
-        for word in ("depth", "mask", "ambient", "flat", "confidence")
+        for word in ("depth", "mask", "ambient", "flat", "confidence", "disparity")
     }
     for word in ("mask", "ambient", "flat"):
         if len(named[word]) > 1:
@@ -201,6 +206,7 @@ def list_loose_files(folder: Path, photographs: Sequence[str] = ()) -> LooseFile
     if not images:
         _check_photographs(folder, [], [], unread)
     meant = [name for name in others if name in unread or role_of(name) == "depth"]
+    meant = [*(file.name for file in named["disparity"]), *meant]
     depth, unused = _depth_among(folder, named["depth"], rest, meant)
     if photographs:
         rest = _listed(folder, images, photographs)
@@ -215,7 +221,7 @@ def list_loose_files(folder: Path, photographs: Sequence[str] = ()) -> LooseFile
         one["flat"],
         tuple(p for p in texts if p not in scales),
         scales[0] if scales else None,
-        tuple(file.name for file in (*unused, *paired)),
+        tuple(file.name for file in (*unused, *named["disparity"], *paired)),
         tuple(file.name for file in named["confidence"]),
         tuple(unread),
     )
@@ -286,7 +292,9 @@ def _depth_among(
             source=str(folder),
             seen=listed([*meant, *(file.name for file in rest)]),
             needed="photographs and their depth: 16-bit PNG or TIFF, float TIFF, PFM, NPY, EXR",
-            remedy="put it there as depth.png (16 bit, millimetres) or depth.tiff (floating point, "
+            remedy=_TO_DEPTH
+            if any(role_of(name) == "disparity" for name in meant)
+            else "put it there as depth.png (16 bit, millimetres) or depth.tiff (floating point, "
             'metres), or several into a folder "depth"',
         )
     return possible, []

@@ -70,7 +70,13 @@ def read_loose_photographs(
 
     Raises CaptureError where one is damaged or of another size or kind than the first.
     """
-    headers = {f.name: replace(f.header, channels=3) for f in files.photographs if f.header}
+    # Alpha is dropped; grey beside colour is another camera's, infrared for one.
+    kinds = {1: 1, 2: 1, 3: 3, 4: 3}
+    headers = {
+        f.name: replace(f.header, channels=kinds[f.header.channels])
+        for f in files.photographs
+        if f.header
+    }
     folder, stated = str(files.photographs[0].path.parent), None
     if len(headers) == len(files.photographs):  # the others' sizes are known when they are decoded
         check_same_kind(headers, folder)

@@ -271,6 +271,30 @@ def test_confidence_is_neither_a_photograph_nor_depth(tmp_path, name):
     assert name in left_out.message
 
 
+@pytest.mark.parametrize("name", ["disparity.png", "disp_0.npy", "disparities/0.png"])
+def test_disparity_is_no_depth(tmp_path, name):
+    made = fill(tmp_path, depth=False)
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    values = as_16_bit(made.depth_m[0])
+    data = as_npy(values) if name.endswith("npy") else encode_png(values)
+    (tmp_path / name).write_bytes(data)
+    refusal(tmp_path, f"no depth map in it (seen {name}, img9", "baseline (metres) / disparity")
+    (tmp_path / "z.tiff").write_bytes(encode_tiff(made.depth_m[0]))
+    capture = load_capture(tmp_path)
+    np.testing.assert_array_equal(capture.depth_m, made.depth_m[:1])
+    assert name in next(f for f in capture.findings if f.code == "ignored-files").message
+
+
+def test_grey_beside_colour_is_another_camera(tmp_path):
+    made = fill(tmp_path)
+    alpha = np.full(made.camera.shape, 255, np.uint8)
+    (tmp_path / "img9.png").write_bytes(encode_png(np.dstack([made.photographs[0], alpha])))
+    assert len(load_capture(tmp_path).photographs) == 4  # alpha is dropped
+    for i in range(4):
+        (tmp_path / f"ir{i}.png").write_bytes(encode_png(made.photographs[i, ..., 1]))
+    refusal(tmp_path, "images of different kinds", "32x24x1 uint8")
+
+
 @pytest.mark.parametrize("name", ["K.npy", "calib/intrinsics.NPY"])
 def test_a_matrix_as_an_array(tmp_path, name):
     made = fill(tmp_path, texts=False)

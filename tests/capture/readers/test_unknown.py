@@ -109,6 +109,7 @@ UNKNOWN = {
     "no photographs in it .needed": lambda p: with_depth(p / "depth only", "notes.txt"),
     "no photographs in it .seen a.webp.*PNG": lambda p: with_depth(p / "webp", "a.webp"),
     "a video without depth .seen a.mp4": lambda p: written(p / "video" / "a.mp4", MP4).parent,
+    "a folder of arrays.*from_arrays": lambda p: written(p / "arrays" / "a.npz", b"PK").parent,
     "images of a format that is not read": lambda p: written(p / "gif" / "a.gif", b"GIF89a").parent,
     "a folder around the one.*name that itself: .*/rec/EXR_RGBD": lambda p: around(p / "rec"),
     "nothing in it that is read .seen a.md": lambda p: written(p / "notes" / "a.md").parent,

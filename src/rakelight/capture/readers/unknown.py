@@ -46,6 +46,7 @@ _BEFORE_IMAGES: tuple[_Rule, ...] = (
 _AFTER_IMAGES: tuple[_Rule, ...] = (
     ((".mat",), "a folder that holds a .mat file", "name that itself: {}"),
     ((".mp4", ".mov", ".avi", ".webm", ".m4v"), "a video without depth", _DEPTH_BESIDE),
+    ((".npy", ".npz"), "a folder of arrays", "in Python: rakelight.Capture.from_arrays"),
     (tuple(UNREAD), "images of a format that is not read", TO_PNG),
 )
 # Names of a folder's files that are looked at.
