@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rakelight import Camera, Capture, GivenLights, load_capture, refine, write_capture
-from rakelight.capture.lights import parse_lp
+from rakelight.capture.lights import matched, parse_lp
 from rakelight.errors import CaptureError, InputError, MethodError
 from tests.capture.capture_builder import build, small_capture
 
@@ -83,7 +83,7 @@ def test_wrong_lights_in_capture_toml_are_refused(tmp_path, text, message):
     [
         ("", "first line ''"),
         ("4\n000.png 0 0 1\n", "seen 4, and 1 lines of lights"),
-        ("1\n000.png 0 x 1\n", "line 1"),
+        ("1\n000.png 0 x 1\n", "line 2"),
         ("1\n000.png 0 nan 1\n", "finite"),
         ("1\n0 0 1\n", "name x y z"),
         ("1\n000.png 0 0 1 1.0\n", "name x y z"),
@@ -97,6 +97,14 @@ def test_wrong_lp_files_are_refused(tmp_path, text, message):
     with pytest.raises(CaptureError) as error:
         load_capture(with_lights(tmp_path / "c", "", lights_lp=text))
     assert message in str(error.value)
+
+
+@pytest.mark.parametrize("quote", ['"', "'"])
+@pytest.mark.parametrize("place", ["", "C:\\My dome\\"])
+def test_quoted_names_belong_to_their_photographs(quote, place):
+    lines = [f"{quote}{place}{name}.jpg{quote} {i}.0 0 1" for i, name in enumerate("cab")]
+    names, vectors = parse_lp("\n".join(["3", *lines]).encode(), "a.lp")
+    assert vectors[matched(names, ["a.png", "b.png", "c.png"], "a.lp"), 0].tolist() == [1, 2, 0]
 
 
 def test_names_with_blanks_and_other_bytes_are_kept():

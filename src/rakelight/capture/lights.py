@@ -307,11 +307,11 @@ def parse_lp(data: bytes, source: str) -> tuple[list[str], Floats]:
             remedy="correct the first line, or look for lines that are lost",
         )
     names, vectors = [], []
-    for number, line in enumerate(lines[1:], 1):
+    for number, line in enumerate(lines[1:], 2):
         name, *numbers = line.rsplit(None, 3)
         if len(numbers) != 3 or re.search(_IMAGE_AND_NUMBER, name, re.IGNORECASE):
             raise _bad_line(source, number, line, "name x y z")
-        names.append(name.strip())
+        names.append(name.strip().strip("\"'"))
         vectors.append([_number(each, source, number, line) for each in numbers])
     return names, np.array(vectors)
 

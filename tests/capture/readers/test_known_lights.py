@@ -67,6 +67,17 @@ def mat(path, compressed=True, **changes):
     return path
 
 
+@pytest.mark.parametrize("before", ["./", ".\\"])
+def test_names_that_begin_in_the_folder(tmp_path, before):
+    folder = diligent(tmp_path / "set")
+    expected = load_capture(folder)
+    names = [f"{before}{name}" for name in expected.names]
+    (folder / "filenames.txt").write_text("\r\n".join(names))
+    capture = load_capture(folder)
+    assert capture.names == expected.names
+    np.testing.assert_array_equal(capture.photographs, expected.photographs)
+
+
 @pytest.mark.parametrize(("make", "name"), [(diligent, "diligent"), (rti, "rti")])
 def test_a_folder_with_lights_is_read_with_the_depth_beside(tmp_path, make, name):
     folder = make(tmp_path / "set")

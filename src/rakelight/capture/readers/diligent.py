@@ -68,7 +68,8 @@ def _names(path: Path) -> list[str]:
     """The photographs that the folder lists, relative to it."""
     source = f"{path}/{NAMES}"
     data = read_bytes(path / NAMES, source=source, max_bytes=MAX_LIGHTS_BYTES)
-    names = [line.strip() for line in text_lines(data)]
+    lines = (line.strip() for line in text_lines(data))
+    names = [line.removeprefix("./").removeprefix(".\\") for line in lines]
     if not names or len(names) > MOST_LIGHTS:
         raise CaptureError(
             "no list of photographs", source=source, seen=f"{len(names)} names",
