@@ -389,6 +389,16 @@ def unit(vectors: Floats, source: str) -> Floats:
     return np.asarray(vectors / length)
 
 
+def by_order(listed: Sequence[str], names: Sequence[str]) -> bool:
+    """Whether no photograph's name is in a list of as many: its lines then count in their order.
+
+    >>> by_order(["1.jpg", "2.jpg"], ["a.png", "b.png"]), by_order(["1.jpg"], ["1.png"])
+    (True, False)
+    """
+    stems = {_stem(name) for name in listed}
+    return len(listed) == len(names) and not any(_stem(name) in stems for name in names)
+
+
 def matched(listed: Sequence[str], names: Sequence[str], source: str) -> Array:
     """(N,) for each photograph its line in a list: by name, else by order where counts agree.
 
@@ -397,11 +407,11 @@ def matched(listed: Sequence[str], names: Sequence[str], source: str) -> Array:
     >>> matched(["C:\\\\x\\\\B.NEF", "a.nef"], ["a.png", "b.png"], "lights.lp").tolist()
     [1, 0]
     """
+    if by_order(listed, names):
+        return np.arange(len(names))
     stems = [_stem(name) for name in listed]
     wanted = [_stem(name) for name in names]
     missing = [name for name, stem in zip(names, wanted, strict=True) if stem not in stems]
-    if len(missing) == len(names) and len(listed) == len(names):
-        return np.arange(len(names))
     if missing:
         raise CaptureError(
             "photographs without a light",

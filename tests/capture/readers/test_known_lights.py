@@ -322,6 +322,17 @@ def test_listed_photographs_may_lie_in_a_folder_of_their_own(tmp_path):
         load_capture(folder)
 
 
+def test_lights_that_belong_to_photographs_by_their_order_are_told_of(tmp_path):
+    folder = rti(tmp_path / "set")
+    before = load_capture(folder)
+    (folder / "dome.lp").write_text((folder / "dome.lp").read_text().replace("/0", "/light"))
+    capture = load_capture(folder)
+    np.testing.assert_array_equal(capture.lights.directions, before.lights.directions)
+    (warning,) = [f for f in capture.findings if f.code == "lights-by-order"]
+    assert "dome.lp" in warning.message
+    assert warning not in before.findings
+
+
 def test_a_list_of_lights_one_folder_below(tmp_path):
     """As RTIBuilder has it: jpeg-exports/ and assembly-files/."""
     folder = rti(tmp_path / "set")

@@ -7,17 +7,25 @@ Depth and intrinsics lie beside them, as in any folder of photographs.
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 from rakelight.capture.config import CONFIG
-from rakelight.capture.lights import MAX_LIGHTS_BYTES, in_frame, matched, parse_lp, unit
+from rakelight.capture.lights import (
+    MAX_LIGHTS_BYTES,
+    by_order,
+    in_frame,
+    matched,
+    parse_lp,
+    unit,
+)
 from rakelight.capture.loose_files import list_loose_files
 from rakelight.capture.readers import photographs
 from rakelight.capture.readers.base import Reader, Reading, Wanted
 from rakelight.capture.readers.image_files import inside
 from rakelight.errors import CaptureError, printable
 from rakelight.files import clear_errors, read_bytes
-from rakelight.model import GivenLights
+from rakelight.model import Finding, GivenLights
 
 
 def sniff(path: Path) -> bool:
@@ -45,7 +53,14 @@ def read(path: Path, wanted: Wanted) -> Reading:
     files = list_loose_files(path)
     names = [Path(file.name).name for file in files.photographs]
     directions = unit(in_frame(vectors[matched(listed, names, source)], "opengl"), source)
-    return photographs.reading_of(path, files, wanted, GivenLights(directions, fixed=False))
+    reading = photographs.reading_of(path, files, wanted, GivenLights(directions, fixed=False))
+    if not by_order(listed, names):
+        return reading
+    message = f"no name in {printable(lists[0])} is a photograph's: its lights count in their order"
+    remedy = "give the photographs the names that it has, if their order is another"
+    finding = Finding("warning", "lights-by-order", message, remedy)
+    findings = (finding, *reading.capture.findings)
+    return replace(reading, capture=replace(reading.capture, findings=findings))
 
 
 def _lists(path: Path) -> list[str]:
