@@ -259,8 +259,9 @@ def light_findings(lights: Lights, names: tuple[str, ...]) -> tuple[Finding, ...
             code = ONE_LAMP_POSITION
         elif thickness < np.sin(np.radians(LEAST_THICKNESS_DEG)):
             message = (
-                f"the lamp moves in one plane, within {np.degrees(np.arcsin(thickness)):.1f} "
-                f"degrees, in {listed(named, ~dark)}: slopes across it are the depth's"
+                f"lights found in one plane, within {np.degrees(np.arcsin(thickness)):.1f} "
+                f"degrees, in {listed(named, ~dark)}: slopes across it are the depth's, "
+                "or the lights are wrong"
             )
             code = "lights-in-one-plane"
         else:

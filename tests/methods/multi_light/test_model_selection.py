@@ -17,10 +17,12 @@ from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.methods.multi_light.light_model import LightModel
 from rakelight.methods.multi_light.model_selection import (
+    MOST_VARIED_DISTANCES,
     cheapest,
     cost,
     near_choices,
     select_model,
+    variation_of_distances,
     with_coloured_lights,
 )
 from rakelight.methods.multi_light.steps import Descent
@@ -127,6 +129,25 @@ def test_lights_that_would_be_very_near_are_penalised():
         for each in (0.0, 1 / radius_m)
     )
     assert by_it - far == pytest.approx(12 * np.log(4))
+
+
+def test_distances_that_vary_more_than_a_hands_are_penalised():
+    """As much as residuals that are as many times larger; never refused."""
+    level, fit = coarsest(CORRELATED)[0], selected(CORRELATED, distance="distant").fit
+    radius_m = np.linalg.norm(level.points[level.mask], axis=-1).max()
+
+    def at(most):  # the middle half of the inverse distances spans as much as the largest differs
+        varied = np.linspace(1 - most, 1 + most, 12)[:, None] / (9 * radius_m)
+        return replace(fit, lights=replace(fit.lights, inverse_distance=varied))
+
+    alike, plain, wide = (at(most) for most in (0.0, 0.4, 0.9))
+    assert variation_of_distances(alike.lights) == variation_of_distances(fit.lights) == 0
+    assert cost(level, plain) == cost(level, alike)
+    beyond = variation_of_distances(wide.lights) / MOST_VARIED_DISTANCES
+    assert beyond == pytest.approx(1.8)
+    rougher = replace(wide.linearization, noise_sigma=beyond * wide.linearization.noise_sigma)
+    without = replace(alike, linearization=rougher)
+    assert cost(level, wide) == pytest.approx(cost(level, without))
 
 
 def test_the_choice_is_the_least_cost_of_white_and_near_lights():

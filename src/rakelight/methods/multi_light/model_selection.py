@@ -32,8 +32,8 @@ FACTORED_PIXELS = 2000
 # doubled 1.00), and the least at which they are near: descents are slower than with distant ones
 # (halved 0.87, one draw of 12; doubled 1.00).
 FIRST_RADIUS_OVER_DISTANCE, LEAST_RADIUS_OVER_DISTANCE = 0.15, 0.03
-# Largest interquartile range of the lights' inverse distances, over their median, that is plausible
-# of a lamp in a hand (ablation.md: off 1.07, halved and doubled 1.00).
+# Interquartile range of the lights' inverse distances, over their median, up to which they are a
+# lamp's in a hand; wider ones have to be earned (ablation.md: all of them free 1.07).
 MOST_VARIED_DISTANCES = 0.5
 # Of the lights at the coarsest level: they are determined on low relief, too.
 SHARED_AMBIENT = LightModel(shared_ambient=True)
@@ -130,14 +130,15 @@ def cheapest(level: Level, choices: Sequence[Descent]) -> Descent:
 def cost(level: Level, fit: Fit) -> float:
     """Minus twice the logarithm of the likelihood of photographs, depth and lights.
 
-        N log(sigma^2 (1 + R^2/D^2)^2)  +  N log(1 + mean w (K (p - p_0))^2)
+        N log(sigma^2 (1 + R^2/D^2)^2 V^2)  +  N log(1 + mean w (K (p - p_0))^2)
             +  (N - 4) log(variance of log |s_i|)
 
     each with the variance that makes it most likely.  Errors are correlated within a photograph and
     within the depth map, over areas that are not known: each photograph counts as one value, the
     depth map as many as all photographs, and its variance is at least that of one pixel's noise.
-    Lights at a distance D about the object's radius R would let fall-off make all shading.  Lights
-    in given directions have neither that penalty nor the third term.
+    Lights at a distance D about the object's radius R would let fall-off make all shading, and so
+    would distances that vary more than a hand's, V times.  Lights in given directions have neither
+    of these penalties, nor the third term.
 
     level : its depth weight w is of one sensor pixel's noise
     """
@@ -147,6 +148,8 @@ def cost(level: Level, fit: Fit) -> float:
     total = count * (2 * np.log(sigma) + np.log1p(misfit))
     if fit.model.directions is None:
         total += 2 * count * np.log1p(radius_over_distance(level, fit.lights) ** 2)
+        varied = variation_of_distances(fit.lights) / MOST_VARIED_DISTANCES
+        total += 2 * count * np.log(max(varied, 1.0))
         total += equal_intensity_energy(fit.lights.vector)
     return float(total)
 
@@ -180,13 +183,17 @@ def given_fit(level: Level, given: GivenLights) -> Fit:
 
 
 def plausible(level: Level, lights: LightParameters) -> bool:
-    """Whether distances of near lights are a lamp's in a hand: about equal, and within reach.
+    """Whether near lights are near enough to matter, and outside the object."""
+    return LEAST_RADIUS_OVER_DISTANCE <= radius_over_distance(level, lights) <= 1
 
-    Where they only make up for another error of the model, they are random, tiny or huge.
+
+def variation_of_distances(lights: LightParameters) -> float:
+    """The interquartile range of the lights' inverse distances over their median; 0 if distant.
+
+    Where distances only make up for another error of the model, they are random, tiny or huge.
     """
     low, middle, high = np.quantile(lights.inverse_distance, [0.25, 0.5, 0.75])
-    near = LEAST_RADIUS_OVER_DISTANCE <= radius_over_distance(level, lights) <= 1
-    return bool(near and high - low <= MOST_VARIED_DISTANCES * middle)
+    return float((high - low) / max(middle, np.finfo(float).eps))
 
 
 def radius_over_distance(level: Level, lights: LightParameters) -> float:
