@@ -17,7 +17,7 @@ from rakelight.geometry.normals import surface_normals
 from rakelight.methods import METHODS
 from rakelight.metrics import evaluate_maps
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
-from tests.cli.cli_helpers import contents, small_scene
+from tests.cli.cli_helpers import QUICK, contents, small_scene
 
 REAL_CAPTURES = Path(__file__).resolve().parents[3] / "shared" / "captures"
 
@@ -44,13 +44,14 @@ def test_photographs_that_are_not_chosen_are_not_looked_at(run, capture, tmp_pat
     black = np.zeros_like(load_capture(capture, [3]).photographs[0])
     (rgb / "005.png").write_bytes(encode_png(black))
     assert run("refine", capture, "-o", tmp_path / "all").code == 2
-    ran = run("refine", capture, "-o", tmp_path / "out", "--photographs", "0-4", "--json")
+    ran = run("refine", capture, "-o", tmp_path / "out", "--photographs", "0-4", "--json", *QUICK)
     assert ran.code == 0
     assert "005.png" not in ran.out
 
 
 def test_photographs_in_another_order(run, capture, tmp_path):
-    assert run("refine", capture, "-o", tmp_path / "out", "--photographs", "4,0-2").code == 0
+    command = ("refine", capture, "-o", tmp_path / "out", "--photographs", "4,0-2", *QUICK)
+    assert run(*command).code == 0
     stored = json.loads((tmp_path / "out" / "result.json").read_text())
     assert stored["photographs"] == ["004.png", "000.png", "001.png", "002.png"]
 
@@ -92,20 +93,20 @@ def test_scales_that_the_camera_does_not_have(refused, capture, tmp_path, scale)
 
 @pytest.mark.parametrize(("scale", "shape"), [("auto", (36, 48)), ("2", (36, 48)), ("1", (18, 24))])
 def test_scale(run, capture, tmp_path, scale, shape):
-    assert run("refine", capture, "-o", tmp_path / "out", "--scale", scale).code == 0
+    assert run("refine", capture, "-o", tmp_path / "out", "--scale", scale, *QUICK).code == 0
     assert load_result(tmp_path / "out").depth.shape == shape
 
 
 @pytest.mark.parametrize("mesh", MESH_CHOICES)
 def test_mesh(run, capture, tmp_path, mesh):
-    assert run("refine", capture, "-o", tmp_path / "out", "--mesh", mesh).code == 0
+    assert run("refine", capture, "-o", tmp_path / "out", "--mesh", mesh, *QUICK).code == 0
     meshes = [path.name for path in (tmp_path / "out").glob("mesh.*")]
     assert meshes == ([] if mesh == "none" else [f"mesh.{mesh}"])
 
 
 def test_normal_map(run, capture, tmp_path):
     for axes in ("opengl", "directx"):
-        command = ("refine", capture, "-o", tmp_path / axes, "--normal-map", axes)
+        command = ("refine", capture, "-o", tmp_path / axes, "--normal-map", axes, *QUICK)
         assert run(*command).code == 0
     opengl, directx = (
         decode_image((tmp_path / axes / "normals.png").read_bytes()).astype(int)
@@ -484,7 +485,7 @@ def opened(monkeypatch):
 
 def test_view_opens_the_report(run, capture, tmp_path, opened):
     out = tmp_path / "with space"
-    assert run("refine", capture, "-o", out, "--quiet").code == 0
+    assert run("refine", capture, "-o", out, "--quiet", *QUICK).code == 0
     assert run("view", out).code == 0
     assert opened == [(out / "report.html").as_uri()]
     ran = run("view", out, "--print")
@@ -506,5 +507,5 @@ def test_view_of_something_else(refused, tmp_path):
 def test_the_report_of_a_synthetic_capture_shows_its_errors(run, capture, tmp_path):
     for scale, expected in (("auto", True), ("1", False)):  # the truth has the photographs' size
         out = tmp_path / scale
-        assert run("refine", capture, "-o", out, "--scale", scale).code == 0
+        assert run("refine", capture, "-o", out, "--scale", scale, *QUICK).code == 0
         assert ("Against the truth" in (out / "report.html").read_text()) == expected

@@ -10,7 +10,7 @@ import pytest
 
 from rakelight.export import RESULT
 from rakelight.folders import staged_folder
-from tests.cli.cli_helpers import contents
+from tests.cli.cli_helpers import QUICK, contents
 from tests.cli.cli_process import PROGRAM, run_process
 from tests.full_disk import full_at
 
@@ -44,7 +44,7 @@ def failing(error):
 @pytest.fixture
 def old_result(run, capture, tmp_path):
     """An earlier result at `out`, with a file that only it has."""
-    command = ("refine", capture, "-o", tmp_path / "out", "--mesh", "glb")
+    command = ("refine", capture, "-o", tmp_path / "out", "--mesh", "glb", *QUICK)
     assert run(*command, "--quiet").code == 0
     return tmp_path / "out"
 
@@ -57,7 +57,7 @@ def test_23_odd_paths(run, capture, tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
     before = contents(copied(capture, name))
     out = name + b"out"
-    ran = run("refine", b"--output=" + out, "--", name)
+    ran = run("refine", b"--output=" + out, *QUICK, "--", name)
     assert ran.code == 0, ran.err
     assert ran.out.count("\n") == 2
     assert all(line.isprintable() for line in (ran.out + ran.err).splitlines())
@@ -73,7 +73,7 @@ def test_23_odd_paths(run, capture, tmp_path, monkeypatch, name):
 @pytest.mark.parametrize("name", [b"caf\xe9\n \xff", "Größe Ω".encode(), b"-o"])
 def test_23_odd_paths_from_a_shell(capture, tmp_path, name):
     copied(capture, name)
-    code, out, err = run_process("refine", "-o", b"out" + name, "--", name, cwd=tmp_path)
+    code, out, err = run_process("refine", "-o", b"out" + name, *QUICK, "--", name, cwd=tmp_path)
     assert code == 0, err
     assert out.count(b"\n") == 2
     assert (tmp_path / os.fsdecode(b"out" + name) / "depth.tiff").is_file()
@@ -87,7 +87,7 @@ def test_23_odd_paths_from_a_shell(capture, tmp_path, name):
 
 def test_23_a_terminal_that_lacks_the_letters(capture, tmp_path):
     latin = {"PYTHONIOENCODING": "latin-1"}
-    command = ("refine", capture, "-o", "größe Ω", "--overwrite")
+    command = ("refine", capture, "-o", "größe Ω", "--overwrite", *QUICK)
     code, out, err = run_process(*command, cwd=tmp_path, env=latin)
     assert code == 0, err
     assert "größe \\u03a9".encode("latin-1") in out
@@ -122,7 +122,7 @@ def test_23_impossible_captures(refused, tmp_path, name):
 def test_24_an_existing_result_needs_overwrite(run, refused, capture, old_result, tmp_path):
     words = ("the folder exists", "--overwrite")
     refused("refine", capture, "-o", old_result, about=old_result, words=words)
-    assert run("refine", capture, "-o", old_result, "--overwrite", "--quiet").code == 0
+    assert run("refine", capture, "-o", old_result, "--overwrite", "--quiet", *QUICK).code == 0
     assert not (old_result / "mesh.glb").exists()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["capture", "out"]
 
@@ -166,7 +166,7 @@ def is_mesh(path):
 def test_25_full_disk(run, capture, tmp_path, monkeypatch):
     full_at(monkeypatch, is_mesh)
     before = contents(tmp_path)
-    ran = run("refine", capture, "-o", tmp_path / "out")
+    ran = run("refine", capture, "-o", tmp_path / "out", *QUICK)
     assert (ran.code, ran.out, ran.err.count("\n")) == (3, "", 1)
     assert ran.err.startswith(f"error: {tmp_path}/.out.rakelight-")
     assert "mesh.ply: cannot be written (seen No space left on device, needed more than" in ran.err
@@ -177,7 +177,7 @@ def test_25_full_disk(run, capture, tmp_path, monkeypatch):
 def test_25_full_disk_leaves_the_old_result_whole(run, capture, old_result, tmp_path, monkeypatch):
     full_at(monkeypatch, is_mesh)
     before = contents(tmp_path)
-    assert run("refine", capture, "-o", old_result, "--overwrite").code == 3
+    assert run("refine", capture, "-o", old_result, "--overwrite", *QUICK).code == 3
     assert contents(tmp_path) == before
 
 
@@ -193,7 +193,7 @@ def test_25_read_only_place(refused, capture, tmp_path, monkeypatch, code):
     monkeypatch.setattr(Path, "mkdir", mkdir)
     words = ("cannot be written", os.strerror(code), "Fix: choose a folder that you may write to")
     out = tmp_path / "out"
-    refused("refine", capture, "-o", out, about=out, words=words, code=3)
+    refused("refine", capture, "-o", out, *QUICK, about=out, words=words, code=3)
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write")
@@ -218,7 +218,7 @@ def test_25_where_nothing_can_be_written_no_work_is_done(refused, capture, tmp_p
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
 def test_25_a_full_disk_behind_stdout(capture, tmp_path):
     with open("/dev/full", "wb") as full:  # noqa: PTH123
-        code, _, err = run_process("refine", capture, "-o", tmp_path / "out", stdout=full)
+        code, _, err = run_process("refine", capture, "-o", tmp_path / "out", *QUICK, stdout=full)
     assert code == 3
     assert err.splitlines()[-1].startswith(b"error: ")
     assert b"No space left on device" in err
@@ -226,7 +226,7 @@ def test_25_a_full_disk_behind_stdout(capture, tmp_path):
 
 def test_25_too_little_memory(run, capture, tmp_path, monkeypatch):
     monkeypatch.setattr("rakelight.pipeline.surface", failing(MemoryError()))
-    ran = run("refine", capture, "-o", tmp_path / "out")
+    ran = run("refine", capture, "-o", tmp_path / "out", *QUICK)
     assert (ran.code, ran.out) == (3, "")
     assert ran.err.startswith("error: not enough memory. Fix: close other programs, use --scale 1")
     assert not (tmp_path / "out").exists()
@@ -269,7 +269,7 @@ WHILE_WRITING = "rakelight.export.lights_json"
 def test_26_interrupted(run, capture, tmp_path, monkeypatch, where):
     monkeypatch.setattr(where, failing(KeyboardInterrupt()))
     before = contents(tmp_path)
-    ran = run("refine", capture, "-o", tmp_path / "out")
+    ran = run("refine", capture, "-o", tmp_path / "out", *QUICK)
     assert (ran.code, ran.out) == (130, "")
     assert ran.err.strip() == "error: interrupted; nothing unfinished was left behind"
     assert contents(tmp_path) == before
@@ -281,14 +281,14 @@ def test_26_interrupted_beside_an_old_result(
 ):
     monkeypatch.setattr(where, failing(KeyboardInterrupt()))
     before = contents(tmp_path)
-    assert run("refine", capture, "-o", old_result, "--overwrite").code == 130
+    assert run("refine", capture, "-o", old_result, "--overwrite", *QUICK).code == 130
     assert contents(tmp_path) == before
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no SIGKILL")
 def test_26_killed_while_writing(run, capture, old_result, tmp_path):
     dies = "import os, rakelight.export as e; e.lights_json = lambda *_: os.kill(os.getpid(), 9)\n"
-    command = ("refine", capture, "-o", old_result, "--overwrite")
+    command = ("refine", capture, "-o", old_result, "--overwrite", *QUICK)
     before = contents(old_result)
     code, out, _ = run_process(*command, program=dies + PROGRAM)
     assert (code, out) == (-signal.SIGKILL, b"")
@@ -302,7 +302,7 @@ def test_27_two_runs_into_one_folder(run, capture, tmp_path):
     pytest.importorskip("fcntl")
     out = tmp_path / "out"
     with staged_folder(out, manifest=RESULT) as staging:
-        ran = run("refine", capture, "-o", out)
+        ran = run("refine", capture, "-o", out, *QUICK)
         (staging.path / "result.json").write_text("of the first")
     assert (ran.code, ran.out) == (3, "")
     assert ran.err.startswith(f"error: {out}: another run is writing this folder. Fix: wait for it")
@@ -315,7 +315,7 @@ def test_27_two_runs_into_one_folder(run, capture, tmp_path):
 def test_a_bug_is_code_1_and_leaves_nothing(run, capture, tmp_path, monkeypatch):
     monkeypatch.setattr(WHILE_WRITING, failing(ZeroDivisionError("one\ntwo")))
     before = contents(tmp_path)
-    ran = run("refine", capture, "-o", tmp_path / "out")
+    ran = run("refine", capture, "-o", tmp_path / "out", *QUICK)
     assert (ran.code, ran.out) == (1, "")
     assert ran.err.startswith("error: a bug in rakelight: ZeroDivisionError: one\\ntwo. Fix: ")
     assert ran.err.count("\n") == 1
@@ -325,7 +325,7 @@ def test_a_bug_is_code_1_and_leaves_nothing(run, capture, tmp_path, monkeypatch)
 def test_a_reader_that_has_gone_is_no_failure(capture, tmp_path):
     reading, writing = os.pipe()
     os.close(reading)
-    command = ("refine", capture, "-o", tmp_path / "out", "--json")
+    command = ("refine", capture, "-o", tmp_path / "out", "--json", *QUICK)
     code, _, err = run_process(*command, stdout=writing)
     os.close(writing)
     assert (code, err) == (0, b"")

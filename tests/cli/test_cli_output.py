@@ -9,6 +9,7 @@ import pytest
 
 from rakelight import __version__
 from rakelight.cli.commands import COMMANDS, rakelight
+from tests.cli.cli_helpers import QUICK
 from tests.cli.cli_process import run_process, start
 
 
@@ -20,7 +21,7 @@ def command(request, capture, result, tmp_path, monkeypatch):
     monkeypatch.setattr("rakelight.synthetic.demo_scene", small_scene)
     out = tmp_path / "out"
     return {
-        "refine": ("refine", capture, "-o", out),
+        "refine": ("refine", capture, "-o", out, *QUICK),
         "synth": ("synth", out, "--size", "0.1", "--lights", "3"),
         "eval": ("eval", result, "--truth", capture, "--maps", out),
         "demo": ("demo", "-o", out),
@@ -185,7 +186,7 @@ def test_progress_on_a_terminal(capture, tmp_path):
 
 
 def test_no_progress_beside_json(capture, tmp_path):
-    code, out, shown = on_terminal("refine", capture, "-o", tmp_path / "out", "--json")
+    code, out, shown = on_terminal("refine", capture, "-o", tmp_path / "out", "--json", *QUICK)
     assert (code, shown) == (0, "")
     assert json.loads(out)["photographs"] == 5
 

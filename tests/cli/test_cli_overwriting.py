@@ -10,14 +10,14 @@ import pytest
 
 from rakelight import folders
 from rakelight.export import load_result
-from tests.cli.cli_helpers import contents
+from tests.cli.cli_helpers import QUICK, contents
 
 
 def command_into(command, tmp_path):
     """The arguments of a command that may replace an older folder at tmp_path/out."""
     capture, out = tmp_path / "capture", tmp_path / "out"
     return {
-        "refine": ("refine", capture, "-o", out, "--overwrite"),
+        "refine": ("refine", capture, "-o", out, "--overwrite", *QUICK),
         "eval": ("eval", tmp_path / "result", "--truth", capture, "--maps", out, "--overwrite"),
         "synth": ("synth", out, "--size", "0.1", "--lights", "3", "--overwrite"),
         "paper": ("paper", "figure2", "--size", "0.1", "-o", out, "--overwrite"),
@@ -116,7 +116,7 @@ def test_33_an_older_result_is_known_by_its_result_json(run, capture, result):
     summary = json.loads((result / "result.json").read_text())
     assert summary["schema"] == "rakelight-result/1"
     assert not (result / "rakelight-files.json").exists()
-    assert run("refine", capture, "-o", result, "--overwrite", "--mesh", "glb").code == 0
+    assert run("refine", capture, "-o", result, "--overwrite", "--mesh", "glb", *QUICK).code == 0
     assert not (result / "mesh.ply").exists()
 
 
@@ -218,7 +218,7 @@ def test_26_an_older_folder_that_stays_is_said(run, tmp_path, command, options):
 
 
 def test_26_the_next_run_deletes_it(run, capture, result, tmp_path, monkeypatch):
-    command = ("refine", capture, "-o", result, "--overwrite", "--quiet")
+    command = ("refine", capture, "-o", result, "--overwrite", "--quiet", *QUICK)
     with monkeypatch.context() as patch:
         patch.setattr(folders, "_delete_older", lambda *_: ())
         assert run(*command).code == 0

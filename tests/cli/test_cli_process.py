@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from tests.cli.cli_helpers import contents
+from tests.cli.cli_helpers import QUICK, contents
 from tests.cli.cli_process import PROGRAM, run_process, start
 
 resource = pytest.importorskip("resource")
@@ -14,8 +14,8 @@ resource = pytest.importorskip("resource")
 INTERRUPTED = b"error: interrupted; nothing unfinished was left behind"
 
 
-def refine(capture, out, program=PROGRAM, **options):
-    return run_process("refine", capture, "-o", out, program=program, **options)
+def refine(capture, out, *settings, program=PROGRAM, **options):
+    return run_process("refine", capture, "-o", out, *settings, program=program, **options)
 
 
 # --- signals ---
@@ -81,7 +81,7 @@ MOMENTS = {
 def test_a_signal_interrupts_and_leaves_nothing(capture, tmp_path, moment, name):
     at = f"import signal, sys\nSIGNAL = signal.{name}\n" + MOMENTS[moment]
     before = contents(tmp_path)
-    code, out, err = refine(capture, tmp_path / "out", program=at + PROGRAM)
+    code, out, err = refine(capture, tmp_path / "out", *QUICK, program=at + PROGRAM)
     assert (code, out, err.strip()) == (130, b"", INTERRUPTED)
     if moment != "a lock that is never free":  # the next run cleans up
         assert contents(tmp_path) == before
@@ -91,7 +91,7 @@ def test_a_signal_interrupts_and_leaves_nothing(capture, tmp_path, moment, name)
 def test_a_signal_while_ending_changes_nothing(capture, tmp_path, name):
     at = f"import atexit, signal\natexit.register(signal.raise_signal, signal.{name})\n"
     out = tmp_path / "out"
-    code, _, err = run_process("refine", capture, "-o", out, "--quiet", program=at + PROGRAM)
+    code, _, err = refine(capture, out, "--quiet", *QUICK, program=at + PROGRAM)
     assert (code, err) == (0, b"")
     assert (out / "result.json").is_file()
 
@@ -100,7 +100,7 @@ def test_a_signal_while_ending_changes_nothing(capture, tmp_path, name):
 def test_what_is_ignored_from_the_start_stays_so(capture, tmp_path, name):
     at = f"import signal\nsignal.signal(signal.{name}, signal.SIG_IGN)\n" + MOMENTS["loading"]
     at = f"import sys\n{at.replace('SIGNAL', f'signal.{name}')}"
-    assert refine(capture, tmp_path / "out", program=at + PROGRAM)[0] == 0
+    assert refine(capture, tmp_path / "out", *QUICK, program=at + PROGRAM)[0] == 0
 
 
 @pytest.mark.parametrize("after_s", [0.5, 1.5, 2.5])
@@ -121,10 +121,6 @@ def test_signals_at_some_moments(capture, tmp_path, after_s):
 
 
 # --- streams that take nothing ---
-
-
-QUICK = ("--method", "multi-light-alternating")
-"""What is refined does not matter to streams."""
 
 
 def shell(redirections, *arguments):
@@ -160,8 +156,13 @@ def test_stdout_that_takes_nothing_is_one(capture, tmp_path, refused, seen, opti
     assert b"Traceback" not in err
     assert b"Exception ignored" not in err
     assert (out / "result.json").is_file()
-    quiet = ("--overwrite", "--quiet")
-    assert shell(refused, "refine", capture, "-o", out, *QUICK, *quiet)[0] == 0
+
+
+@pytest.mark.parametrize("refused", [">&-", ">/dev/full"])
+def test_stdout_that_takes_nothing_is_none_where_nothing_is_said(capture, tmp_path, refused):
+    out = tmp_path / "out"
+    assert shell(refused, "refine", capture, "-o", out, *QUICK, "--quiet")[0] == 0
+    assert (out / "result.json").is_file()
 
 
 @pytest.mark.parametrize("options", [["refine", "none", "-o", "x"], ["--help"], []])
