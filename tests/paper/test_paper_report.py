@@ -20,6 +20,7 @@ from rakelight.paper.scenes import SCENARIOS
 from rakelight.paper.sheet import SECONDS, Sheet
 from rakelight.paper.table1 import Cell, table1_markdown
 from rakelight.paper.table2 import Runtime, table2_markdown
+from rakelight.pipeline import refine
 
 ANGLES = {
     INPUT: (16.0, 16.0, 16.0),
@@ -193,8 +194,16 @@ def test_without_matplotlib_the_extra_is_named_before_any_work(run, monkeypatch,
     assert not (tmp_path / "made").exists()
 
 
+def refined_briefly(capture, method, *, options, **rest):
+    """A step or two of every method: what is written does not depend on them."""
+    if hasattr(options, "max_iterations"):
+        options = replace(options, max_iterations=1)
+    return refine(capture, method, options=options, **rest)
+
+
 def test_all_of_it_with_one_command(run, monkeypatch, tmp_path):
     pytest.importorskip("matplotlib")
+    monkeypatch.setattr("rakelight.paper.rows.refine", refined_briefly)
     monkeypatch.setattr("rakelight.paper.figure7.COUNTS", (4, 6))
     monkeypatch.setattr("rakelight.paper.figure6.OBJECTS", ("vase",))
     code, out, err = run("all", "-o", "made", "--size", "0.1", "--json")

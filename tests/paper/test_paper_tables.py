@@ -14,7 +14,7 @@ import pytest
 from rakelight.cli import main
 from rakelight.methods import load_method
 from rakelight.paper.rows import ROWS
-from rakelight.paper.scenes import SCENARIOS, paper_object, paper_scene
+from rakelight.paper.scenes import PAPER_OPTIONS, SCENARIOS, paper_object, paper_scene
 from rakelight.paper.table1 import Cell, table1, table1_markdown
 from rakelight.paper.table2 import table2, table2_markdown
 from rakelight.paper.write import as_csv, as_json
@@ -38,8 +38,8 @@ FEW = (INPUT, ALTERNATING)
 
 @pytest.fixture(scope="module")
 def small():
-    """Table 1 at 160 x 120 with a method that there is and one that there is not."""
-    return table1(size=0.25, rows=FEW)
+    """Table 1 at 96 x 72 with a method that there is and one that there is not."""
+    return table1(size=0.15, rows=FEW)
 
 
 @pytest.fixture
@@ -79,8 +79,8 @@ def test_every_method_sees_the_light_that_it_is_for():
 
 def test_one_object_and_one_depth_map_for_every_lamp_and_paint():
     bust = paper_object()
-    scenes = [paper_scene(s, "moving-lamp", 0.25, bust) for s in SCENARIOS]
-    scenes += [paper_scene("simple", lighting, 0.25) for lighting in ("rgb-leds", "ambient")]
+    scenes = [paper_scene(s, "moving-lamp", 0.1, bust) for s in SCENARIOS]
+    scenes += [paper_scene("simple", lighting, 0.1) for lighting in ("rgb-leds", "ambient")]
     (first, truth), *others = scenes
     for capture, also_true in others:
         assert np.array_equal(capture.depth_m, first.depth_m, equal_nan=True)
@@ -97,7 +97,13 @@ def test_the_shared_object_is_traced_once():
 
 
 def test_the_input_row_is_the_papers(monkeypatch):
-    """PAPER_NOISE at full size; neither lights nor paint matter to it: one photograph will do."""
+    """PAPER_NOISE at full size; neither lights nor paint matter to it.
+
+    One photograph will do, of one ray a pixel.
+    """
+    monkeypatch.setattr(
+        "rakelight.paper.scenes.PAPER_OPTIONS", replace(PAPER_OPTIONS, supersampling=1)
+    )
     monkeypatch.setattr("rakelight.paper.table1.SCENARIOS", ("simple",))
     (cell,) = table1(rows=[replace(INPUT, lighting="ambient")]).cells
     assert cell.rmse_mm == pytest.approx(3.3305, rel=0.03)
@@ -131,7 +137,7 @@ def test_a_picture_for_every_scenario_shows_truth_and_rows(small):
 
 
 def test_two_runs_give_the_same_bytes(small):
-    again = table1(size=0.25, rows=FEW)
+    again = table1(size=0.15, rows=FEW)
     assert as_json(again.cells) == as_json(small.cells)
     for scenario, picture in small.pictures.items():
         assert np.array_equal(again.pictures[scenario], picture)
@@ -182,7 +188,7 @@ def test_a_row_that_is_ours_alone_has_no_brackets():
 
 
 def test_table2_has_a_time_and_parameters_for_every_method():
-    rows = table2(size=0.25, rows=FEW)
+    rows = table2(size=0.1, rows=FEW)
     assert [row.method for row in rows] == [ALTERNATING.label]
     (timed,) = rows
     assert 0 < timed.seconds < 60
@@ -200,7 +206,7 @@ def test_table2_has_a_time_and_parameters_for_every_method():
 
 
 def test_the_command_writes_the_table_in_three_formats(run, tmp_path, small):
-    code, out, err = run("table1", "--size", "0.25", "-o", "made", "--json")
+    code, out, err = run("table1", "--size", "0.15", "-o", "made", "--json")
     assert (code, err) == (0, "")
     assert out == as_json(small.cells) + "\n"
     made = tmp_path / "made"
@@ -237,7 +243,7 @@ def test_no_other_folder_is_replaced(run, tmp_path, file):
 
 
 def test_the_command_prints_markdown_and_where_it_is(run, tmp_path):
-    code, out, err = run("table2", "--size", "0.25", "-o", "made")
+    code, out, err = run("table2", "--size", "0.1", "-o", "made")
     assert (code, err) == (0, "")
     assert out == (tmp_path / "made/table2.md").read_text() + "\nwritten to made\n"
     assert {path.name for path in (tmp_path / "made").iterdir()} == {
