@@ -36,6 +36,7 @@ from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shap
 CORRELATED = DepthNoise(rms_mm=3.3, correlation_length_px=14.0)
 
 
+@cache
 def scene(noise, name="coin", size=1.0, **settings):
     shape = make_shape(name)
     options = SceneOptions(camera=shape.camera.scaled(size), depth_noise=noise, **settings)

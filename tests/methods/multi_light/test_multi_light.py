@@ -1,6 +1,7 @@
 """The joint multi-light method: accuracy, the lights it finds, what it refuses and warns of."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -34,6 +35,7 @@ WHITE = DepthNoise(rms_mm=2.5)
 CORRELATED = DepthNoise(rms_mm=2.5, correlation_length_px=6.0)
 
 
+@cache
 def make_scene(albedo="pattern", **changes):
     options = SceneOptions(camera=CAMERA, photographs=8, depth_noise=CORRELATED)
     return render_scene(make_shape("head"), make_albedo(albedo), replace(options, **changes))
