@@ -23,8 +23,8 @@ def make_scene():
 
 
 def refine(capture):
-    """A few steps."""
-    return rakelight.refine(capture, MultiLight(max_iterations=3))
+    """A step or two at each level."""
+    return rakelight.refine(capture, MultiLight(max_iterations=1))
 
 
 run = refine
