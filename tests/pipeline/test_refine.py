@@ -36,6 +36,12 @@ def make_scene():
     )
 
 
+@pytest.fixture(scope="module")
+def joint(capture):
+    """What `refine` makes of the capture by default."""
+    return refine(capture)
+
+
 # ---- choice
 
 
@@ -53,9 +59,9 @@ def test_unknown_methods_name_the_available_ones(capture):
         assert name in error.value.needed
 
 
-def test_auto_takes_a_method_that_exists(capture):
+def test_auto_takes_a_method_that_exists(capture, joint):
     assert choose_method(capture) in METHODS
-    assert refine(capture).method == choose_method(capture)
+    assert joint.method == choose_method(capture)
 
 
 @pytest.mark.parametrize(
@@ -199,7 +205,7 @@ def test_progress_is_told_in_rising_steps(capture):
     assert tuple(p.energy for p in rounds) == result.energy[:-1]
 
 
-def test_what_progress_raises_comes_through(capture):
+def test_what_progress_raises_comes_through(capture, joint):
     class StopError(Exception):
         pass
 
@@ -207,10 +213,9 @@ def test_what_progress_raises_comes_through(capture):
         if progress.step == 2:
             raise StopError
 
-    before = refine(capture)
     with pytest.raises(StopError):
         refine(capture, progress=stop)
-    np.testing.assert_array_equal(refine(capture).depth, before.depth)
+    np.testing.assert_array_equal(refine(capture).depth, joint.depth)
 
 
 def test_the_capture_is_not_changed(capture):
@@ -224,10 +229,10 @@ def test_the_capture_is_not_changed(capture):
         np.testing.assert_array_equal(array, copy)
 
 
-def test_the_same_capture_gives_the_same_result(capture):
-    first, second = refine(capture), refine(capture)
-    np.testing.assert_array_equal(first.depth, second.depth)
-    assert first.energy == second.energy
+def test_the_same_capture_gives_the_same_result(capture, joint):
+    again = refine(capture)
+    np.testing.assert_array_equal(again.depth, joint.depth)
+    assert again.energy == joint.energy
 
 
 # ---- shared measures
@@ -273,7 +278,7 @@ def test_scatter_is_the_inverse_of_indexing():
 # ---- from folder to folder
 
 
-def test_from_capture_folder_to_result_folder(scene, tmp_path):
+def test_from_capture_folder_to_result_folder(scene, joint, tmp_path):
     capture, truth = scene
     write_capture(capture, tmp_path / "capture", truth=truth)
     again = load_capture(tmp_path / "capture")
@@ -283,8 +288,8 @@ def test_from_capture_folder_to_result_folder(scene, tmp_path):
     np.testing.assert_array_equal(load_truth(tmp_path / "capture").depth, truth.depth)
     assert tomllib.loads((tmp_path / "capture" / "capture.toml").read_text())["encoding"] == "srgb"
 
-    result, direct = rakelight.refine(again), rakelight.refine(capture)
-    np.testing.assert_array_equal(result.depth, direct.depth)
+    result = rakelight.refine(again)
+    np.testing.assert_array_equal(result.depth, joint.depth)
     save_result(result, tmp_path / "out")
     loaded = load_result(tmp_path / "out")
     np.testing.assert_array_equal(loaded.depth, result.depth)
