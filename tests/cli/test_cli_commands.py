@@ -26,12 +26,13 @@ REAL_CAPTURES = Path(__file__).resolve().parents[3] / "shared" / "captures"
 
 
 def test_photographs_chosen(run, capture, tmp_path):
-    ran = run("refine", capture, "-o", tmp_path / "chosen", "--photographs", "0-2, 3", "--json")
+    command = ("refine", capture, *QUICK, "-o")
+    ran = run(*command, tmp_path / "chosen", "--photographs", "0-2, 3", "--json")
     assert json.loads(ran.out)["photographs"] == 4
     stored = json.loads((tmp_path / "chosen" / "result.json").read_text())
     assert stored["photographs"] == ["000.png", "001.png", "002.png", "003.png"]
     (capture / "rgb" / "004.png").unlink()
-    assert run("refine", capture, "-o", tmp_path / "only", "--quiet").code == 0
+    assert run(*command, tmp_path / "only", "--quiet").code == 0
     for name in ("depth.tiff", "albedo.png", "lights.json"):
         chosen, only = (tmp_path / out / name for out in ("chosen", "only"))
         assert chosen.read_bytes() == only.read_bytes()

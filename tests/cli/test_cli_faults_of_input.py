@@ -13,9 +13,8 @@ from rakelight.capture import load_capture, write_capture
 from rakelight.capture.images import decode_image, encode_png, encode_tiff
 from rakelight.export import load_result
 from rakelight.synthetic import make_shape
-from tests.cli.cli_helpers import contents, small_scene
+from tests.cli.cli_helpers import QUICK, contents, small_scene
 
-ALTERNATING = ("--method", "multi-light-alternating")
 IMAGES = ["rgb/002.png", "depth/000.png", "mask.png"]
 
 
@@ -200,12 +199,14 @@ def shift(path, right, down):
 
 
 def test_8_31_what_lies_on_each_other_is_not_doubted(larger, run, tmp_path):
-    assert not {"depth-shifted", "camera-moved"} & set(refined(run, larger, tmp_path / "out"))
+    assert not {"depth-shifted", "camera-moved"} & set(
+        refined(run, larger, tmp_path / "out", *QUICK)
+    )
 
 
 def test_8_depth_shifted_against_the_photographs(larger, run, tmp_path, refine_refused):
     shift(larger / "depth" / "000.png", 3, -2)
-    said = refined(run, larger, tmp_path / "out")["depth-shifted"]
+    said = refined(run, larger, tmp_path / "out", *QUICK)["depth-shifted"]
     assert said.endswith(
         "not registered to the photographs: shifted by about 7 pixels (6 right, 4 up)"
     )
@@ -218,7 +219,7 @@ def test_8_depth_shifted_against_the_photographs(larger, run, tmp_path, refine_r
 def test_31_the_camera_moved(larger, run, tmp_path):
     for name in ("003.png", "004.png"):
         shift(larger / "rgb" / name, -2, 1)
-    said = refined(run, larger, tmp_path / "out")["camera-moved"]
+    said = refined(run, larger, tmp_path / "out", *QUICK)["camera-moved"]
     assert "003.png, 004.png shifted by 2." in said
     # Without them, as the remedy says, nothing is left to say.
     kept = refined(run, larger, tmp_path / "kept", "--photographs", "0-2", "--scale", "1")
@@ -232,12 +233,12 @@ def test_11_too_few_photographs(capture, refine_refused):
     for name in ("003.png", "004.png"):
         (capture / "rgb" / name).unlink()
     words = ("too few photographs", "seen 3", "needed at least 4", "Fix: take more photographs")
-    refine_refused("", *words, options=ALTERNATING)
+    refine_refused("", *words, options=QUICK)
 
 
 def test_11_too_few_of_them_chosen(refine_refused):
     words = ("too few photographs", "seen 3", "needed at least 4")
-    refine_refused("", *words, options=(*ALTERNATING, "--photographs", "0-2"))
+    refine_refused("", *words, options=(*QUICK, "--photographs", "0-2"))
 
 
 def test_11_super_resolution_needs_the_square_of_the_scale(run, refine_refused, capture, tmp_path):
@@ -245,8 +246,8 @@ def test_11_super_resolution_needs_the_square_of_the_scale(run, refine_refused, 
     scene, truth = small_scene(depth_factor=4)
     write_capture(scene, capture, truth=truth)
     words = ("too few photographs", "at scale 4", "seen 5", "needed at least 16")
-    refine_refused("", *words, options=ALTERNATING)
-    refined(run, capture, tmp_path / "out", *ALTERNATING, "--scale", "2")
+    refine_refused("", *words, options=QUICK)
+    refined(run, capture, tmp_path / "out", *QUICK, "--scale", "2")
     assert load_result(tmp_path / "out").depth.shape == (18, 24)
 
 
@@ -322,10 +323,10 @@ def test_19_thin_parts_and_single_pixels_keep_the_prepared_depth(capture, run, t
 
 
 def test_20_alpha_is_dropped(capture, run, tmp_path):
-    refined(run, capture, tmp_path / "plain")
+    refined(run, capture, tmp_path / "plain", *QUICK)
     opaque = np.full((36, 48, 1), 7, np.uint16)
     each_photograph(capture, lambda image: encode_png(np.dstack([image, opaque])))
-    findings = refined(run, capture, tmp_path / "alpha")
+    findings = refined(run, capture, tmp_path / "alpha", *QUICK)
     assert findings["alpha-dropped"] == "rgb: alpha channel dropped"
     for name in ("depth.tiff", "albedo.png"):
         alpha, plain = (tmp_path / out / name for out in ("alpha", "plain"))
@@ -334,7 +335,7 @@ def test_20_alpha_is_dropped(capture, run, tmp_path):
 
 def test_20_grey_is_repeated(capture, run, tmp_path):
     each_photograph(capture, lambda image: encode_png(image[..., 1].copy()))
-    assert "repeated to three channels" in refined(run, capture, tmp_path / "out")["grey"]
+    assert "repeated to three channels" in refined(run, capture, tmp_path / "out", *QUICK)["grey"]
     albedo = pixels(tmp_path / "out" / "albedo.png")
     np.testing.assert_array_equal(albedo[..., 0], albedo[..., 2])
 
@@ -347,7 +348,7 @@ def test_20_palettes_are_expanded(capture, run, tmp_path):
         return data.getvalue()
 
     each_photograph(capture, with_palette)
-    refined(run, capture, tmp_path / "out")
+    refined(run, capture, tmp_path / "out", *QUICK)
     coloured = pixels(tmp_path / "out" / "albedo.png").astype(int)
     assert (coloured[..., 0] != coloured[..., 2]).any()
 
