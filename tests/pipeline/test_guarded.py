@@ -20,7 +20,6 @@ from rakelight.prepare import prepare
 from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
 from tests.check import wrong_captures as wrong
 
-
 BRIEFLY = MultiLight(max_iterations=3)
 """Three steps tell an odd photograph and doubtful depth as 40 do, in half the time."""
 
