@@ -221,7 +221,8 @@ def _root(solid: Solid, x: Floats, y: Floats, z: Floats, clear: Floats) -> Float
         before = step
         with np.errstate(divide="ignore", invalid="ignore"):
             step = step * value / (last - value)
-        step = np.clip(np.nan_to_num(step, nan=np.inf), -LONGEST_STEP_M, LONGEST_STEP_M)
+        step[(last == value) & (before**2 < SETTLED_M2)] = 0.0  # both are rounding
+        step = np.clip(np.nan_to_num(step, nan=0.0), -LONGEST_STEP_M, LONGEST_STEP_M)
         rest = np.abs(step * before) < SETTLED_M2
         found[active[rest]] = z[rest] + step[rest]
         left = ~rest

@@ -59,11 +59,13 @@ def test_a_phones_folder(tmp_path, direct):
     source = write_stray(tmp_path / "scan", video.frames, depth_m, camera=camera, crf=18)
     result = refined(source, tmp_path / "out")
     numbers = [int(re.fullmatch(r"rgb\.mp4 frame (\d+)", n)[1]) for n in result.photograph_names]
-    assert len(numbers) == 16
+    (taken,) = (each.message for each in result.findings if each.code == "frames-taken")
+    assert taken.startswith("16 photographs of 300 frames")
+    assert len(numbers) >= 15  # refine may leave one out
     assert not set(numbers) & set(video.bad)
     ratio = errors(result) / direct
     assert (ratio > 0.5).all()
-    assert (ratio < 1.3).all()  # measured: 1.01 and 1.04; from 1.8 mm and 5.4 degrees
+    assert (ratio < 1.3).all()  # measured: 1.03 and 1.07; from 1.7 mm and 4.7 degrees
 
 
 def test_a_datasets_folder(tmp_path, direct):
