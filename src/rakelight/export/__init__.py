@@ -153,7 +153,8 @@ def _write(
         else:
             write_parts(staging / name, data)
 
-    in_threads(write, contents)
+    # The mesh first: it takes longest, and begun last it would have one core to itself.
+    in_threads(write, sorted(contents, key=mesh_file(mesh).__ne__))
     conventions = Conventions(depth_png_values_per_metre=values_per_metre, normal_map=normal_map)
     summary = summarise(result, conventions, [*contents, MARKER])
     write_bytes(staging / MARKER, summary_json(summary))
