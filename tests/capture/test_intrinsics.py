@@ -34,10 +34,17 @@ def lens(*coefficients):
         (json.dumps({"intrinsic": {"intrinsic_matrix": COLUMNS, **SIZE}}), PINHOLE, None),
         (json.dumps({"color": FIGURES, "depth": {**FIGURES, "fx": 200}}), NO_SIZE, None),
         (json.dumps({**FIGURES, "distortion": {"k1": 0.1}}), NO_SIZE, lens(0.1, *(0,) * 7)),
+        ("# mm\nfx = 225\nfy=226  # px\ncx = 160.0\ncy = 120\n", NO_SIZE, None),
+        ("\n".join(f"{k},{v}" for k, v in {**FIGURES, **SIZE}.items()), PINHOLE, None),
+        ("fx,fy,cx,cy,width,height\n225,226,160,120,320,240\n", PINHOLE, None),
+        ("[ 320x240  p[160 120]  f[225 226]  Inverse Brown Conrady [0 0 0 0 0] ]", PINHOLE, None),
+        ("[ 320x240  p[160 120]  f[225 226]  Brown Conrady [0.1 0 0 0 0] ]", PINHOLE,
+         lens(0.1, 0, 0, 0, 0)),
     ],
     ids=[
         "four", "eight", "ScanNet", "names", "rows", "columns", "Open3D's nested", "two cameras",
-        "nested distortion",
+        "nested distortion", "lines", "lines of CSV", "a row of names", "librealsense prints",
+        "librealsense prints a lens",
     ],
 )  # fmt: skip
 def test_numbers_and_tables(text, camera, distortion):
@@ -146,6 +153,8 @@ def test_fisheye_is_told_from_the_others():
         (json.dumps({"cam0": FIGURES, "cam1": {**FIGURES, "fy": 227}}), "several camera matrices"),
         (ROS_SAVES.replace("data: [225,", "data: ["), "damaged"),
         ("500 1 320 0 500 240 0 0 1", "skew"),
+        ("[ 320x240  p[160 120]  f[225 226]  Inverse Brown Conrady [0.1 0 0 0 0] ]",
+         "this model of distortion is not read"),
     ],
 )  # fmt: skip
 def test_what_is_refused(text, says):
@@ -162,9 +171,19 @@ def test_what_is_refused(text, says):
         "[" * 5000,
         "distances: [0.1, 0.2, 0.3, 0.4]",
         "- K\n- D\n",
+        "frames 225\nlamp = 3\n",
         " " * (MAX_BYTES + 1),
     ],
-    ids=["numbers", "alias", "object", "nested", "another list", "no table", "large"],
+    ids=[
+        "numbers",
+        "alias",
+        "object",
+        "nested",
+        "another list",
+        "no table",
+        "pairs of others",
+        "large",
+    ],
 )
 def test_what_is_no_such_file(text):
     assert parse_intrinsics(text.encode(), "notes.txt") is None

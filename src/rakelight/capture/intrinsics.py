@@ -1,8 +1,8 @@
 """Intrinsics in the files of other programs.
 
-OpenCV, ROS, Kalibr, ORB-SLAM, RealSense, Open3D, COLMAP, nerfstudio, and plain numbers.  YAML, JSON
-and XML become tables, in which matrices and numbers are looked for by their names.  Nothing is
-evaluated; no anchor or entity of YAML or XML is followed.
+OpenCV, ROS, Kalibr, ORB-SLAM, RealSense, Open3D, COLMAP, nerfstudio, and plain numbers.  YAML,
+JSON, XML, and lines of a name and a number, become tables, in which matrices and numbers are looked
+for by their names.  Nothing is evaluated; no anchor or entity of YAML or XML is followed.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ def parse_intrinsics(data: bytes, source: str = "", named: bool = False) -> Came
     if start == "<":
         return _of_tables(_xml(text), source)
     found = _colmap(text, source) or _plain(text, source, named)
-    return found or _of_tables(_yaml(text), source)
+    return found or _of_tables(_yaml(text), source) or _of_tables(_pairs(text), source)
 
 
 def _made(
@@ -269,6 +269,31 @@ def _yaml(text: str) -> Any:
         return next(yaml.load_all(text, _yaml_loader()), None)
     except Exception:
         return None
+
+
+def _pairs(text: str) -> Table:
+    """The names and numbers of lines such as `fx = 500`, or of a row of names over one of numbers.
+
+    And what librealsense prints of a camera.
+
+    >>> _pairs("fx = 500  # pixels")
+    {'fx': '500'}
+    >>> _pairs("[ 640x480  p[320 240]  f[500 501]  Brown Conrady [0 0 0 0 0] ]")["ppx"]
+    '320'
+    """
+    printed = re.search(
+        rf"(\d{{1,5}})x(\d{{1,5}}) +p\[({_NUMBER}) ({_NUMBER})\] +f\[({_NUMBER}) ({_NUMBER})\]"
+        r" +([\w ]{1,40}?) *\[([^\]]{1,200})\]",
+        text[:_MAX_YAML_BYTES],
+    )
+    if printed:
+        names = ("width", "height", "ppx", "ppy", "fx", "fy", "model")
+        return {**dict(zip(names, printed.groups(), strict=False)), "coeffs": printed[8].split()}
+    lines = text[:_MAX_YAML_BYTES].splitlines()
+    rows = [row for line in lines if (row := re.findall(r"[^\s,;=:]+", line.split("#")[0]))]
+    if len(rows) == 2 and len(rows[0]) == len(rows[1]) > 2:
+        rows = [list(pair) for pair in zip(*rows, strict=True)]
+    return {row[0]: row[1] for row in rows if len(row) == 2 and re.fullmatch(_NUMBER, row[1])}
 
 
 def _xml(text: str) -> Any:
