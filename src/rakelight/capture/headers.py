@@ -24,16 +24,20 @@ MAX_PIXELS = 100_000_000
 # keep a decoder busy.
 _MOST_SCANS = 200
 
-_OTHER_FORMATS = (
+_HEIC = "HEIC or a video"
+_OTHER_IMAGES = (
     (b"II+\0", "a BigTIFF"),
     (b"MM\0+", "a BigTIFF"),
     (b"GIF8", "a GIF"),
     (b"BM", "a BMP"),
     (b"RIFF", "a WebP or an AVI"),
+    (b"v/1\x01", "an OpenEXR"),
+)
+_OTHER_FORMATS = (
+    *_OTHER_IMAGES,
     (b"%PDF", "a PDF"),
     (b"PK", "a ZIP archive"),
     (b"\x93NUMPY", "a NumPy array"),
-    (b"v/1\x01", "an OpenEXR"),
     (b"version https://git-lfs", "a Git LFS pointer: run `git lfs pull`"),
     (b"<", "HTML or XML"),
     (b"SQLite format 3\0", "an SQLite file"),
@@ -43,7 +47,6 @@ _OTHER_FORMATS = (
         for magic in (b"\x1f\x8b", b"7z\xbc\xaf", b"Rar!", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd")
     ),
 )
-_OTHER_IMAGES = ("a BigTIFF", "a GIF", "a BMP", "a WebP or an AVI", "HEIC or a video", "an OpenEXR")
 # By colour type: channels (a palette is expanded), and the bits that a sample may have.
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}
 _PNG_BITS = {0: (1, 2, 4, 8, 16), 2: (8, 16), 3: (1, 2, 4, 8), 4: (8, 16), 6: (8, 16)}
@@ -144,9 +147,10 @@ def read_header(data: bytes, source: str = "") -> Header:
     if not data:
         raise CaptureError("the file is empty", source=source, remedy="copy or export it again")
     seen = what_it_is(data)
+    image = seen in (_HEIC, *(name for _, name in _OTHER_IMAGES))
     raise CaptureError(
         "not an image file", source=source, seen=seen, needed="PNG or TIFF",
-        remedy="export it as PNG" if seen in _OTHER_IMAGES else "copy, download or export it again",
+        remedy="export it as PNG" if image else "copy, download or export it again",
     )  # fmt: skip
 
 
@@ -232,7 +236,7 @@ def what_it_is(data: bytes) -> str:
     """
     start = data[:64].lstrip()
     if data[4:8] == b"ftyp":
-        return "HEIC or a video"
+        return _HEIC
     if not data:
         return "an empty file"
     for magic, name in _OTHER_FORMATS:

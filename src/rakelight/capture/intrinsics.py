@@ -25,7 +25,7 @@ from rakelight.model import Camera, Distortion, Floats
 
 MAX_BYTES = 5_000_000
 """Of a file with intrinsics: they take some thousand, the poses beside them megabytes."""
-_MAX_YAML_BYTES = 100_000  # its parser is slow: a second for as many
+_MAX_TABLE_BYTES = 100_000  # of a text that is searched: the parser of YAML takes a second for it
 
 SUFFIXES = (".yaml", ".yml", ".xml", ".json", ".txt", ".csv")
 
@@ -126,7 +126,8 @@ def parse_intrinsics(data: bytes, source: str = "", named: bool = False) -> Came
     if start == "<":
         return _of_tables(_xml(text), source)
     found = _colmap(text, source) or _plain(text, source, named)
-    return found or _of_tables(_yaml(text), source) or _of_tables(_pairs(text), source)
+    tables = (table(text) for table in (_yaml, _printed, _pairs))
+    return found or next(filter(None, (_of_tables(each, source) for each in tables)), None)
 
 
 def _made(
@@ -261,7 +262,7 @@ def _yaml(text: str) -> Any:
     """The first document; None where it is none, as any text may be."""
     import yaml
 
-    if len(text) > _MAX_YAML_BYTES:
+    if len(text) > _MAX_TABLE_BYTES:
         return None
     # cv::FileStorage writes "%YAML:1.0", which is no directive.
     text = re.sub(r"\A\s*%YAML[: ].*\n", "", text)
@@ -271,25 +272,31 @@ def _yaml(text: str) -> Any:
         return None
 
 
+def _printed(text: str) -> Table:
+    """What librealsense prints of a camera; empty where the text holds no such thing.
+
+    >>> _printed("[ 640x480  p[320 240]  f[500 501]  Brown Conrady [0 0 0 0 0] ]")["ppx"]
+    '320'
+    """
+    found = re.search(
+        rf"(\d{{1,5}})x(\d{{1,5}}) +p\[({_NUMBER}) ({_NUMBER})\] +f\[({_NUMBER}) ({_NUMBER})\]"
+        r" +([\w ]{1,40}?) *\[([^\]]{1,200})\]",
+        text[:_MAX_TABLE_BYTES],
+    )
+    if found is None:
+        return {}
+    *values, coefficients = found.groups()
+    names = ("width", "height", "ppx", "ppy", "fx", "fy", "model")
+    return {**dict(zip(names, values, strict=True)), "coeffs": coefficients.split()}
+
+
 def _pairs(text: str) -> Table:
     """The names and numbers of lines such as `fx = 500`, or of a row of names over one of numbers.
 
-    And what librealsense prints of a camera.
-
     >>> _pairs("fx = 500  # pixels")
     {'fx': '500'}
-    >>> _pairs("[ 640x480  p[320 240]  f[500 501]  Brown Conrady [0 0 0 0 0] ]")["ppx"]
-    '320'
     """
-    printed = re.search(
-        rf"(\d{{1,5}})x(\d{{1,5}}) +p\[({_NUMBER}) ({_NUMBER})\] +f\[({_NUMBER}) ({_NUMBER})\]"
-        r" +([\w ]{1,40}?) *\[([^\]]{1,200})\]",
-        text[:_MAX_YAML_BYTES],
-    )
-    if printed:
-        names = ("width", "height", "ppx", "ppy", "fx", "fy", "model")
-        return {**dict(zip(names, printed.groups(), strict=False)), "coeffs": printed[8].split()}
-    lines = text[:_MAX_YAML_BYTES].splitlines()
+    lines = text[:_MAX_TABLE_BYTES].splitlines()
     rows = [row for line in lines if (row := re.findall(r"[^\s,;=:]+", line.split("#")[0]))]
     if len(rows) == 2 and len(rows[0]) == len(rows[1]) > 2:
         rows = [list(pair) for pair in zip(*rows, strict=True)]

@@ -161,13 +161,14 @@ def _unit(raw: Array, stated: float | None, file: LooseFile) -> tuple[float, tup
     """Depth values per metre, and a note where they were assumed."""
     if raw.dtype.kind == "f":
         # Most of a picture may be far: what the object's distance is shows with the mask.
-        if stated is None and _measured(raw).min(initial=np.inf) > PLAUSIBLE_M[1]:
-            _refuse_unit(raw, None, "in metres", file)
+        measured = _measured(raw)
+        if stated is None and measured.size and measured.min() > PLAUSIBLE_M[1]:
+            raise _wrong_unit(_median(raw), None, "in metres", file)
         return stated or 1.0, ()
     median = _median(raw)
     if median and not PLAUSIBLE_M[0] <= median / (stated or MILLIMETRES) <= PLAUSIBLE_M[1]:
         at = "in millimetres" if stated is None else f"at {stated:g} values per metre"
-        _refuse_unit(raw, stated, at, file)
+        raise _wrong_unit(median, stated, at, file)
     if stated is not None:
         return stated, ()
     message = "16-bit depth taken for millimetres: median {median_m:.3g} m"
@@ -175,11 +176,9 @@ def _unit(raw: Array, stated: float | None, file: LooseFile) -> tuple[float, tup
     return MILLIMETRES, (Finding("note", "depth-unit-assumed", message, remedy),)
 
 
-def _refuse_unit(raw: Array, stated: float | None, at: str, file: LooseFile) -> None:
-    """Raise CaptureError for depth that is no distance; nothing where nothing is measured."""
-    if not (median := _median(raw)):
-        return
-    raise CaptureError(
+def _wrong_unit(median: float, stated: float | None, at: str, file: LooseFile) -> CaptureError:
+    """The error for depth whose median value is no distance."""
+    return CaptureError(
         "the unit of the depth is not known" if stated is None else "not the unit of the depth",
         source=file.source,
         seen=f"median value {median:g}, which is no distance {at}",

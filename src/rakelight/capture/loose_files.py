@@ -29,9 +29,12 @@ Role = Literal["photograph", "depth", "mask", "ambient", "flat", "confidence", "
 
 # Endings of files that are images, or damaged.
 _IMAGES = (*SUFFIXES, *raw.SUFFIXES, ".heic", ".heif", ".exr")
-_CONFIDENCE = r"(?<![a-z])conf(idence)?(?![a-z])"
+# Words that say, in the name of a file or of its folder, what is not read for a photograph.
+_NOT_READ: dict[Role, str] = {
+    "confidence": r"(?<![a-z])conf(idence)?(?![a-z])",
+    "disparity": r"(?<![a-z])disp(arity|arities)?(?![a-z])",
+}
 _TO_DEPTH = "save focal length (pixels) x baseline (metres) / disparity as depth.tiff"
-_DISPARITY = r"(?<![a-z])disp(arity|arities)?(?![a-z])"
 _MOST_FILES = 2000  # that are looked at; more are a recording or a disk
 _WHERE = "put the photographs in one folder, or name the others depth, mask, ambient, flat"
 
@@ -123,10 +126,9 @@ def role_of(name: str) -> Role | None:
     ('confidence', 'confidence', None)
     """
     path = Path(name.lower())
-    if re.search(_CONFIDENCE, path.stem) or re.search(_CONFIDENCE, path.parent.name):
-        return "confidence"
-    if re.search(_DISPARITY, path.stem) or re.search(_DISPARITY, path.parent.name):
-        return "disparity"
+    for role, words in _NOT_READ.items():
+        if re.search(words, path.stem) or re.search(words, path.parent.name):
+            return role
     for word in ("mask", "ambient", "flat"):
         if re.search(rf"(?<![a-z]){word}(?![a-z])", path.stem) or path.parent.name == word:
             return word

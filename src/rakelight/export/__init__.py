@@ -154,7 +154,7 @@ def _write(
             write_parts(staging / name, data)
 
     # The mesh first: it takes longest, and begun last it would have one core to itself.
-    in_threads(write, sorted(contents, key=mesh_file(mesh).__ne__))
+    in_threads(write, sorted(contents, key=lambda name: name != mesh_file(mesh)))
     conventions = Conventions(depth_png_values_per_metre=values_per_metre, normal_map=normal_map)
     summary = summarise(result, conventions, [*contents, MARKER])
     write_bytes(staging / MARKER, summary_json(summary))

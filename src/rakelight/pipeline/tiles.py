@@ -140,6 +140,7 @@ def tiled_maps(
     """
     shrink = lower_resolution(capture, view, chosen)
     maps_bytes, least = MAP_BYTES * view.mask.size, TILE_BYTES * (3 * MARGIN * shrink) ** 2
+    # Before the work, and again of what it leaves.
     require_memory(maps_bytes + least, source=capture.source, remedy=REMEDY)
     coarse = coarse_view(capture, view, shrink)
     prepared = coarse.window(*coarse.object_window)
