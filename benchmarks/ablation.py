@@ -27,7 +27,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from types import FunctionType
 from typing import Any
@@ -40,15 +40,16 @@ from rakelight.metrics import evaluate_maps
 from rakelight.synthetic import draw, render_draw
 from random_captures import add_sources, processes, seeds
 
-SOURCE = Path(__file__).parent.parent / "src" / "rakelight"
 MODULES = {
     "multi-light": (
         *(f"methods/multi_light/{name}.py" for name in (
             "__init__", "model_selection", "steps", "energy", "joint_step", "noise",
             "equal_intensity", "initial_lights", "factored_start", "outliers", "normals",
+            "bas_relief",
         )),
         "methods/levels.py", "pipeline/guarded.py", "pipeline/held_back.py",
-        "photometry/specular.py", "solve/levenberg_marquardt.py", "solve/robust.py",
+        "photometry/images.py", "photometry/specular.py", "solve/levenberg_marquardt.py",
+        "solve/robust.py",
     ),
     "rgb-ratio": (
         "methods/rgb_ratio/__init__.py", "methods/levels.py", "methods/rgb_ratio/ratios.py",
@@ -57,15 +58,18 @@ MODULES = {
     ),
 }  # fmt: skip
 """Where a method's constants stand."""
-NOT_TUNED = ("FOURTH_DIFFERENCE", "MEAN_ABSOLUTE_TO_SIGMA", "TINY")
-"""The coefficients of one; the normal distribution's; against division by zero."""
+NOT_TUNED = (
+    "FOURTH_DIFFERENCE", "MEAN_ABSOLUTE_TO_SIGMA", "GAUGE_FREEDOM", "FEWEST", "SMALLEST_NOISE",
+    "TINY", "ROUNDING", "LEAST", "BLOCKS", "ROWS",
+)  # fmt: skip
+"""The coefficients of one; the normal distribution's; unknowns, and what they need at least; the
+rounding of values; against division by zero; so small that less is the same; parts of the work."""
 OFF: dict[str, Any] = {
     "model_selection.LEAST_GAIN": 0.0,
     "model_selection.MOST_VARIED_DISTANCES": np.inf,
     "energy.FOURTH_DIFFERENCE_WEIGHT": 0.0,
     "levels.FILLED": 1e-9,
     "specular.LEAST_EXPLAINED": 2.0,
-    "factored_start.SHADOW": 0.0,
     "factored_start.FREEDOM": 1e9,
     "held_back.LARGEST_RATIO": np.inf,
     "robust.CAUCHY": 1e9,
@@ -92,13 +96,10 @@ def constants(method: str) -> Iterator[tuple[str, str, Any]]:
     """Module, name and value of each constant of a method, in the order of its modules."""
     for path in MODULES[method]:
         module = "rakelight." + path.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
-        for statement in ast.parse((SOURCE / path).read_text()).body:
-            if isinstance(statement, ast.Assign):
-                for node in ast.walk(statement.targets[0]):
-                    if isinstance(node, ast.Name) and node.id.isupper():
-                        value = getattr(importlib.import_module(module), node.id)
-                        if node.id not in NOT_TUNED and is_number(value):
-                            yield module, node.id, value
+        held = vars(importlib.import_module(module))
+        for name in sorted(assigned(module), key=list(held).index):
+            if name not in NOT_TUNED and is_number(held[name]):
+                yield module, name, held[name]
 
 
 def is_number(value: Any) -> bool:
@@ -133,22 +134,42 @@ def trials(method: str, only: Sequence[str]) -> list[Trial]:
 
 
 def put(module: str, name: str, value: Any) -> Any:
-    """Give a constant a value in every module that holds it; returns the value that it had.
+    """Give a constant a value in every module that imports it; returns the value that it had.
 
-    A default of a function is a value of its own.
+    A default of a function is a value of its own; small whole numbers, of which Python keeps one
+    object each, are not looked for there.
     """
     old = getattr(sys.modules[module], name)
-    loaded = [each for key, each in sys.modules.items() if key.startswith("rakelight")]
-    for holder in loaded:
-        if getattr(holder, name, None) is not old:
+    for key, holder in list(sys.modules.items()):
+        if not key.startswith("rakelight") or getattr(holder, name, None) is not old:
+            continue
+        if key != module and name in assigned(key):  # another constant of that name
             continue
         setattr(holder, name, value)
         for function in vars(holder).values():
-            if isinstance(function, FunctionType) and function.__defaults__:
+            if isinstance(function, FunctionType) and function.__defaults__ and not is_small(old):
                 function.__defaults__ = tuple(
                     value if each is old else each for each in function.__defaults__
                 )
     return old
+
+
+def is_small(value: Any) -> bool:
+    """Whether a value is one of the whole numbers of which Python keeps one object each."""
+    return isinstance(value, int) and -5 <= value <= 256
+
+
+@cache
+def assigned(module: str) -> frozenset[str]:
+    """The names in capitals that a module assigns itself."""
+    tree = ast.parse(Path(sys.modules[module].__file__ or "").read_text())
+    nodes = (
+        node
+        for statement in tree.body
+        if isinstance(statement, ast.Assign)
+        for node in ast.walk(statement.targets[0])
+    )
+    return frozenset(node.id for node in nodes if isinstance(node, ast.Name) and node.id.isupper())
 
 
 def refined(trial: Trial, method: str, folder: Path) -> dict[str, Any]:
