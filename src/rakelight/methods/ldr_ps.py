@@ -42,6 +42,7 @@ from rakelight.photometry.forward import least_squares_albedo
 from rakelight.prepare import Prepared
 from rakelight.prepare.inpaint import nearest_fill
 from rakelight.solve import assemble, solve
+from rakelight.solve.robust import SMALLEST_NOISE
 
 # Pixels in the sample that the lights are estimated from; more only take longer.
 LIGHT_PIXELS = 20_000
@@ -404,7 +405,7 @@ def confidence(
 ) -> Floats:
     """(h, w) how well the photographs determine a normal, given the lights."""
     residual = np.where(lit, values - factors.lights @ factors.normals.T, 0.0)
-    noise = max(float(np.sqrt((residual**2).sum() / max(lit.sum(), 1))), 1e-5)
+    noise = max(float(np.sqrt((residual**2).sum() / max(lit.sum(), 1))), SMALLEST_NOISE)
     length = 1 / np.maximum(towards_camera(normals, camera), GRAZING)  # |m|, for m . ray = -1
     dn_dg = np.stack(normal_derivatives(normals, length, camera), axis=-1)[mask]
     weight = np.linalg.norm(factors.normals, axis=1) * lit

@@ -36,9 +36,6 @@ from rakelight.solve.direct import factorised
 # Precision of depth that was filled in, over that of measured depth (ablation.md: off 1.05, halved
 # 1.02, doubled 1.04).
 FILLED = 0.01
-# Pixels along a sensor pixel's side up to which a level has the sensor's own resolution
-# (ablation.md: doubled 1.06).
-NEARLY_ONE = 1.3
 # Standard deviation, pixels, of the Gaussian that averages the residual of the prepared depth
 # against the measurements; over fewer pixels their noise is back (ablation.md: halved 1.05, doubled
 # 0.94).
@@ -229,7 +226,7 @@ class Level:
     def halved(self) -> Level:
         """This level at half the resolution."""
         photographs, averaging = self.photographs.halved(), None
-        if self.averaging is not None and self.averaging.factor > 2 * NEARLY_ONE:
+        if self.averaging is not None and self.averaging.factor > 2:
             averaging = self.averaging.halved(photographs.mask)
         weight = cell_sums(np.where(self.mask, 1.0, 0.0), 2)
         prior, unbiased_prior = (
@@ -274,7 +271,7 @@ def finest_level(prepared: Prepared, *, cut: bool = False, unbiased: bool = Fals
         camera=prepared.camera,
     )
     averaging = None
-    if prepared.factor > NEARLY_ONE:
+    if prepared.factor > 1:
         averaging = prepared.sensor.averaging(prepared.mask)
     points = back_project(prepared.depth_m, prepared.camera)
     middle = points[prepared.mask].mean(axis=0)

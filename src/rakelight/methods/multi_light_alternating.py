@@ -30,11 +30,8 @@ from rakelight.photometry.images import LightParameters, Linearization, Surface
 from rakelight.photometry.lighting import frontal_lights
 from rakelight.prepare import Prepared
 from rakelight.solve import Solution, assemble, solve
+from rakelight.solve.robust import SMALLEST_NOISE
 
-# Least standard deviation of a value (white is 1), of photographs that the model explains exactly.
-SMALLEST_NOISE = 1e-5
-# Pixels in the sample that a light's four numbers are estimated from; more only take longer.
-LIGHT_PIXELS = 10_000
 # Rounds of least squares for the lights: the set of lit pixels depends on the light.
 HORIZON_ROUNDS = 2
 
@@ -126,7 +123,7 @@ def light_and_albedo(
     the albedo's 99th percentile is 1.
     """
     photographs, surface = level.photographs, level.surface(log_depth)
-    subsampling = photographs.subsampling(LIGHT_PIXELS)
+    subsampling = photographs.subsampling()
     for _ in range(HORIZON_ROUNDS):
         hessian, slope, _ = photographs.light_terms(
             surface, lights, albedo, project=False, subsampling=subsampling

@@ -16,14 +16,11 @@ import numpy as np
 
 from rakelight.model import Floats
 from rakelight.photometry.images import Photographs
+from rakelight.solve.robust import CAUCHY, ROUNDS
 
 # Exponents of the lobes, each half as wide as the one before: 24, 12 and 6 degrees at half of their
 # maximum (ablation.md: halved 1.07, doubled 1.00).
 EXPONENTS = (8, 32, 128)
-# Residual of a pixel over the median, beyond which its weight falls (ablation.md: halved 1.07,
-# doubled 1.00); iterations of reweighting (the same).
-ORDINARY = 2.0
-ROUNDS = 4
 # Least fraction of the squared residuals that the lobes have to explain (ablation.md: off 1.01; on
 # the scenes of accuracy.py hard, which have highlights, 3.23 degrees instead of 1.78).
 LEAST_EXPLAINED = 0.02
@@ -145,7 +142,7 @@ def lobe_coefficients(
     for _ in range(ROUNDS):
         coefficients = _least_squares(lobe, unexplained, weight)
         residual = np.square(unexplained - lobe @ coefficients).mean(axis=1)
-        weight = 1 / (1 + residual / max(ORDINARY**2 * float(np.median(residual)), TINY))
+        weight = 1 / (1 + residual / max(CAUCHY**2 * float(np.median(residual)), TINY))
     before, after = float(weight @ np.square(unexplained).mean(axis=1)), float(weight @ residual)
     return coefficients, (before - after) / max(before, TINY)
 

@@ -21,8 +21,9 @@ from rakelight.errors import listed
 from rakelight.geometry.camera import back_project
 from rakelight.model import Array, Finding, Floats, GivenLights, Lights
 from rakelight.photometry.forward import arriving, least_squares_albedo, shadings
-from rakelight.pipeline.held_back import ALTERNATIONS, Sample, lights_of, sampled
+from rakelight.pipeline.held_back import Sample, lights_of, sampled
 from rakelight.prepare import Prepared
+from rakelight.solve.robust import ROUNDS
 
 CODE = "given-lights-wrong"
 # Factors of all slopes that are tried, the relief's over the prepared depth's.  With the first
@@ -143,7 +144,7 @@ def _unexplained(sample: Sample, cosine: Floats) -> Floats:
     images, good = sample.images, sample.good
     albedo = np.sum(good * images, axis=0) / np.maximum(good.sum(axis=0), 1)
     shade: Floats = cosine[..., None]
-    for _ in range(ALTERNATIONS):
+    for _ in range(ROUNDS):
         squares = (good * albedo**2).sum(axis=2)
         products = (good * albedo * images).sum(axis=2)
         both = [_intensity(*each) for each in zip(cosine, squares, products, strict=True)]

@@ -32,9 +32,11 @@ from rakelight.geometry.normals import (
 from rakelight.methods.base import Estimate, brightest
 from rakelight.model import MAD_TO_SIGMA, Array, Camera, Finding, Floats, Lights, Mask
 from rakelight.photometry.forward import arriving, least_squares_albedo, shadings
+from rakelight.photometry.images import SAMPLE_PIXELS
 from rakelight.photometry.lighting import estimate_light
 from rakelight.pipeline.prediction import sampled_pixels
 from rakelight.prepare import Prepared
+from rakelight.solve.robust import ROUNDS
 
 # Largest ratio of the error of held-back photographs by the refined surface to that by the prepared
 # depth, for which refining counts: without information the two are alike to 1 %, else the ratio is
@@ -42,12 +44,6 @@ from rakelight.prepare import Prepared
 LARGEST_RATIO = 0.95
 # Least number of photographs: from two, a normal and an albedo are undetermined.
 FEWEST = 4
-# Pixels in the sample: its medians are good to a few per cent (ablation.md: halved 1.08, doubled
-# 1.00).
-SAMPLE_PIXELS = 4000
-# Alternations of lights and albedo for the prepared depth; more change the median error by less
-# than a per cent (ablation.md: halved 1.00).
-ALTERNATIONS = 6
 # Least precision of a gradient over its largest, and least one of all: below is rounding.
 ROUNDING, TINY = 1e-12, 1e-30
 
@@ -268,7 +264,7 @@ def lights_of(sample: Sample, normals: Floats) -> Lights:
     images, good = sample.images, sample.good
     albedo = np.sum(good * images, axis=0) / np.maximum(good.sum(axis=0), 1)
     lights = np.tile([0.0, 0.0, -1.0, 0.0], (len(images), 1))
-    for _ in range(ALTERNATIONS):
+    for _ in range(ROUNDS):
         lights = np.array(
             [
                 estimate_light(image, use, albedo, normals, light[:3])

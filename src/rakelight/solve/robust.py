@@ -9,6 +9,12 @@ from rakelight.model import Floats
 # Scale s of the Cauchy loss s^2 log(1 + (r/s)^2) in standard deviations: 95 % efficient on Gaussian
 # noise (ablation.md: least squares 1.27, halved 1.24, doubled 1.10).
 CAUCHY = 2.385
+# Rounds of least squares that are reweighted by the residuals before, or whose unknowns take turns
+# (ablation.md).
+ROUNDS = 3
+# Least standard deviation of a value, where the model explains photographs exactly: the rounding
+# to 16 bit (white is 1).
+SMALLEST_NOISE = 12**-0.5 / 65535
 # Standard deviation over mean absolute value, of a normal distribution.
 MEAN_ABSOLUTE_TO_SIGMA = float(np.sqrt(np.pi / 2))
 
@@ -24,9 +30,8 @@ def cauchy_scales(noise_sigma: float, mean_abs_residual: Floats) -> Floats:
     >>> cauchy_scales(0.01, np.array([[0.0, 0.08]])).round(3).tolist()
     [[0.024, 0.239]]
     """
-    return np.asarray(
-        CAUCHY * np.maximum(max(noise_sigma, 1e-5), MEAN_ABSOLUTE_TO_SIGMA * mean_abs_residual)
-    )
+    noise = max(noise_sigma, SMALLEST_NOISE)
+    return np.asarray(CAUCHY * np.maximum(noise, MEAN_ABSOLUTE_TO_SIGMA * mean_abs_residual))
 
 
 def variance_beyond(noise: float, mean_abs_residual: Floats) -> Floats:

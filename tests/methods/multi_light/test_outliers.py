@@ -148,7 +148,7 @@ def test_shadows_looked_up_for_some_pixels_lie_where_they_are(monkeypatch):
     surface, active = LitSurface(level, log_depth, lights), level.photographs.active
     exact = np.zeros((len(level.photographs), *active.shape), dtype=bool)
     exact[:, active] = in_shadow(surface, active)[..., 0]
-    monkeypatch.setattr("rakelight.methods.multi_light.outliers.SHADOW_PIXELS", 100)
+    monkeypatch.setattr("rakelight.methods.multi_light.outliers.SAMPLE_PIXELS", 100)
     assert level.photographs.subsampling(100) >= 4
     few = all_shadows(surface)[..., 0] & active
 

@@ -33,20 +33,16 @@ from rakelight.methods.multi_light.light_model import FREE, LightModel
 from rakelight.model import Floats
 from rakelight.photometry.images import LightParameters, Linearization, Surface
 from rakelight.solve import DepthSystem, assemble
-from rakelight.solve.robust import cauchy_scales
+from rakelight.solve.robust import SMALLEST_NOISE, cauchy_scales
 
 FOURTH_DIFFERENCE = (0.125, -0.5, 0.75, -0.5, 0.125)
 # Weight of the fourth differences over the diagonal of M, of the same pixel: relative, so that a
 # flatter surface does not gain by it (ablation.md: off 1.03, halved 1.03, doubled 1.11).
 FOURTH_DIFFERENCE_WEIGHT = 0.003
-# Bounds of sigma, the standard deviation of a value (white is 1).  The least is for photographs
-# that the model explains exactly.  The largest is that by which priors are weighted before the last
-# descent, so that rough residuals do not give the surface to the sensor (ablation.md: halved 0.93
-# on 12 draws, 1.04 on 60; doubled 0.94 on 12).
-SMALLEST_NOISE = 1e-5
+# Largest sigma, the standard deviation of a value (white is 1), by which priors are weighted before
+# the last descent, so that rough residuals do not give the surface to the sensor (ablation.md:
+# halved 0.93 on 12 draws, 1.04 on 60; doubled 0.94 on 12).
 LARGEST_NOISE = 0.01
-# Least damping of a depth step: with less it is the same (ablation.md: halved 1.00, doubled 1.04).
-LEAST_DEPTH_DAMPING = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +67,7 @@ class Fit:
     fourth_difference_weight: Floats
     model: LightModel = FREE
     equal_intensity_weight: float = 0.0
-    depth_damping: float = LEAST_DEPTH_DAMPING
+    depth_damping: float = 1e-3
     joint_damping: float = 1e-3
     lights_damping: float = 1e-2
 

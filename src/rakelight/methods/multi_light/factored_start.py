@@ -32,24 +32,20 @@ from rakelight.methods.base import scatter
 from rakelight.methods.ldr_ps import Factors, LdrPs, factorise, integrable_basis
 from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.initial_lights import LEAST_FACING, bas_relief_of_slopes
+from rakelight.methods.multi_light.noise import CORRELATION_AREA_PX
 from rakelight.model import Floats, Mask
 from rakelight.photometry.images import LightParameters
 from rakelight.solve.direct import factorised
+from rakelight.solve.robust import ROUNDS
 
-# Value over its pixel's largest, below which it is in shadow, where rank three does not apply
-# (ablation.md: off 0.99, halved 1.01, doubled 1.03).
-SHADOW = 0.2
-# Area, pixels, over which errors of slopes and of the sensor's depth are taken to be correlated
-# (ablation.md: halved 1.03, doubled 1.04).
-CORRELATION_AREA_PX = 25.0
 # Standard deviation of slopes, radians: at first (ablation.md: halved 1.09, doubled 1.18), and the
-# least.  That of the sensor's depth at first, over what the sensor states (1.08, 1.11).
-FIRST_SLOPE_RAD, LEAST_SLOPE_RAD, FIRST_SENSOR = np.radians(3.0), np.radians(0.3), 10.0**0.5
+# least.
+FIRST_SLOPE_RAD, LEAST_SLOPE_RAD = np.radians(3.0), np.radians(0.3)
 # Degrees of freedom of the slopes' Student-t, which jumps and shadows make heavy-tailed
 # (ablation.md: normal 1.08, halved 1.14, doubled 1.08).
 FREEDOM = 4.0
-# Rounds of reweighting, and the most iterations of BFGS in each (ablation.md: 1.05 to 1.08).
-ROUNDS, BFGS_STEPS = 3, 15
+# Most iterations of BFGS in a round of reweighting (ablation.md: 1.05 to 1.08).
+BFGS_STEPS = 15
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +86,7 @@ class Problem:
         )  # fmt: skip
         slopes = 2 * np.count_nonzero(determined[mask])
         return problem.weighted(
-            problem.determined, slopes * FIRST_SLOPE_RAD**2, FIRST_SENSOR**2 * len(problem.target)
+            problem.determined, slopes * FIRST_SLOPE_RAD**2, len(problem.target)
         )
 
     def weighted(self, relative: Floats | Mask, slope_sum: float, sensor_sum: float) -> Problem:
@@ -182,14 +178,13 @@ def factored_start(level: Level) -> tuple[Floats, LightParameters] | None:
     """
     mask = level.photographs.active
     light = level.photographs.light(mask)
-    usable = (light >= 0).all(axis=-1)
+    usable = np.asarray((light >= 0).all(axis=-1))
     values = np.where(usable, light.mean(axis=-1), 0.0)
-    lit = usable & (values > SHADOW * values.max(axis=0))
-    determined = scatter(lit.sum(axis=0) >= 3, mask) > 0
+    determined = scatter(usable.sum(axis=0) >= 3, mask) > 0
     if not has_gradient(determined).any():
         return None
     try:
-        factors = factorise(values, lit, LdrPs())
+        factors = factorise(values, usable, LdrPs())
         problem = Problem.of(level, scatter(factors.normals, mask), determined)
         found = [descended(problem, A) for A in matrices(level, factors, determined)]
         best = min((each for each in found if np.isfinite(each.cost)), key=lambda each: each.cost)

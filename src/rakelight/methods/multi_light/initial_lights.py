@@ -8,21 +8,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from rakelight.methods.base import DARK
 from rakelight.methods.levels import Level
 from rakelight.model import Floats, GivenLights
 from rakelight.photometry.images import LightParameters
 from rakelight.photometry.lighting import estimate_light
-from rakelight.solve.robust import CAUCHY
+from rakelight.solve.robust import CAUCHY, ROUNDS
 
 # Least component of a normal towards the camera, of unit length or over the median, whose slope is
 # used: near 0 the slope is unbounded.  0.05 and 0.1 are alike on 60 draws (ablation.md).
 LEAST_FACING = 0.05
-# Iterations of reweighted least squares (ablation.md: halved 0.99, doubled 1.00).
-ROBUST_ROUNDS = 12
-# Relative difference of the channels' given intensities, up to which a light counts as white.
-SAME_COLOUR = 0.02
-# Least first intensity of a given light over the median: without any it would have no direction.
-LEAST_INTENSITY = 0.05
 
 
 def lights_of_prior(level: Level) -> LightParameters:
@@ -59,7 +54,7 @@ def lights_of_given(level: Level, given: GivenLights) -> LightParameters:
         intensity = given.intensities.reshape(len(given), -1)
         intensity = intensity * scale[:, None] ** 2
         intensity = intensity / np.median(intensity, axis=0)
-        if np.allclose(intensity, intensity[:, :1], rtol=SAME_COLOUR):
+        if np.allclose(intensity, intensity[:, :1]):
             intensity = intensity.mean(axis=1, keepdims=True)
     vector, nothing = directions[:, None] * intensity[..., None], np.zeros_like(intensity)
     if given.positions_m is None:
@@ -75,7 +70,8 @@ def _intensities(level: Level, directions: Floats) -> Floats:
     products, squares = ((good * shading * each).sum(axis=(1, 2)) for each in (values, shading))
     found = products / np.maximum(squares, np.finfo(float).tiny)
     middle = max(float(np.median(found)), np.finfo(float).tiny)
-    return np.asarray(np.maximum(found / middle, LEAST_INTENSITY))
+    # Without any intensity a light would have no direction.
+    return np.asarray(np.maximum(found / middle, DARK))
 
 
 def _seen(level: Level) -> tuple[Floats, Floats, Floats]:
@@ -105,7 +101,7 @@ def bas_relief_of_slopes(scaled: Floats, normals: Floats) -> Floats:
         raise np.linalg.LinAlgError("no slopes")
     slopes, targets = (each[facing, :2] / each[facing, 2:] for each in (scaled, normals))
     weight = np.ones(len(slopes))
-    for _ in range(ROBUST_ROUNDS):
+    for _ in range(ROUNDS):
         middle, target_middle = (weight @ each / weight.sum() for each in (slopes, targets))
         centred, target = slopes - middle, targets - target_middle
         square = float(weight @ (centred**2).sum(axis=1))

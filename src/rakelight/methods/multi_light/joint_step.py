@@ -32,10 +32,9 @@ from rakelight.solve import assemble
 from rakelight.solve.gauss_newton import border
 from rakelight.solve.levenberg_marquardt import lowered
 
-# Weight of one-sided differences over mean ones in the matrix of a joint step: of pixels
-# (ablation.md: halved 1.16, doubled 1.04), and of cells.
+# Weight of one-sided differences over mean ones in the matrix of a joint step of pixels
+# (ablation.md: halved 1.16, doubled 1.04).  Cells have only those.
 STIFFNESS = 0.03
-CELL_STIFFNESS = 0.5
 
 
 def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
@@ -44,7 +43,7 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     It is not repeated at once: to set it up costs as much as all other steps.
     """
     after = partial(after_joint_step, level, fit, most_cells)
-    lower, damping = lowered(fit, fit.joint_damping, after, tries=1)
+    lower, damping = lowered(fit, fit.joint_damping, after)
     return replace(lower, joint_damping=damping)
 
 
@@ -89,7 +88,7 @@ def after_joint_step(level: Level, fit: Fit, most_cells: int, damping: float) ->
     matrix = field_matrix(
         grid, cell_sums(tensor, cell) / cell**2,
         cell_sums(weight, cell), level.pairs if cell == 1 else None,
-        STIFFNESS if cell == 1 else CELL_STIFFNESS,
+        STIFFNESS if cell == 1 else 1.0,
     )  # fmt: skip
     joint = border(matrix, cells.gather(negative_gradient)[cells.inside], columns, hessian, slope)
     if joint is None:

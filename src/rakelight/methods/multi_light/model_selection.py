@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from rakelight.methods.levels import Level
-from rakelight.methods.multi_light.energy import SMALLEST_NOISE, Fit, first_fit
+from rakelight.methods.multi_light.energy import Fit, first_fit
 from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.methods.multi_light.factored_start import factored_start
 from rakelight.methods.multi_light.initial_lights import lights_of_given, lights_of_prior
@@ -21,6 +21,7 @@ from rakelight.methods.multi_light.options import MultiLight
 from rakelight.methods.multi_light.steps import Descent, descend, refine_lights
 from rakelight.model import GivenLights, ProgressCallback
 from rakelight.photometry.images import LightParameters
+from rakelight.solve.robust import SMALLEST_NOISE
 
 # Coloured lights are taken where they lower the residuals' sigma by more than this fraction
 # (ablation.md: off 0.98, halved 0.99, doubled 1.00).

@@ -11,9 +11,10 @@ from rakelight.methods.multi_light.energy import Fit
 from rakelight.model import MAD_TO_SIGMA, Floats, Mask
 from rakelight.prepare import Prepared
 
-# Area, pixels, over which the photographs' residuals are correlated when the model holds, chosen on
-# scans and synthetic scenes (ablation.md: halved 0.92, doubled 1.09).
-IMAGE_CORRELATION_AREA_PX = 25.0
+# Area, pixels, over which errors are taken to be correlated: the photographs' where the model
+# holds, of slopes, and of the sensor's depth until it is known (ablation.md: halved 0.92, doubled
+# 1.09).
+CORRELATION_AREA_PX = 25.0
 # Least number of blocks over which errors are summed (ablation.md: halved 0.92, doubled 1.00).
 FEWEST_BLOCKS = 16
 # Standard deviations at which errors are clipped: depth jumps lie beyond.
@@ -25,7 +26,7 @@ def estimate_depth_weight(fit: Fit, prepared: Prepared) -> float:
 
     Depth errors e that are correlated over an area of r^2 = <e^2> / <|de|^2> of the sensor's pixels
     count r^2 times less than independent ones (medians, so that depth jumps do not count).  The
-    photographs' residuals are correlated, too: over `IMAGE_CORRELATION_AREA_PX` where the model
+    photographs' residuals are correlated, too: over `CORRELATION_AREA_PX` where the model
     holds, and the more, the heavier their tails, since shadows, highlights and edges are not white
     noise.
     """
@@ -37,11 +38,11 @@ def estimate_depth_weight(fit: Fit, prepared: Prepared) -> float:
         ]
     )
     if not steps.size:
-        return IMAGE_CORRELATION_AREA_PX  # no two depth pixels are neighbours
+        return CORRELATION_AREA_PX  # no two depth pixels are neighbours
     error = error[seen] - np.median(error[seen])
     correlation_area = np.median(error**2) / max(float(np.median(steps**2)), 1e-30)
     tail_ratio = max(fit.linearization.rms / max(fit.linearization.noise_sigma, 1e-30), 1.0)
-    return float(IMAGE_CORRELATION_AREA_PX * tail_ratio / max(float(correlation_area), 1e-30))
+    return float(CORRELATION_AREA_PX * tail_ratio / max(float(correlation_area), 1e-30))
 
 
 def estimate_equal_intensity_weight(level: Level, log_depth: Floats, prepared: Prepared) -> float:

@@ -15,19 +15,15 @@ import numpy as np
 
 from rakelight.geometry.camera import back_project
 from rakelight.methods.levels import Level
-from rakelight.model import Floats, Lights, Mask
+from rakelight.model import FARTHEST_M, Floats, Lights, Mask
 from rakelight.photometry.cast_shadows import in_sight
 from rakelight.photometry.forward import arriving
-from rakelight.photometry.images import LightParameters
+from rakelight.photometry.images import SAMPLE_PIXELS, LightParameters
 from rakelight.photometry.specular import Highlights
 from rakelight.prepare.inpaint import nearest_fill
 
 # Pixels in the sample that decides whether there are highlights and shadows.
-SAMPLE_PIXELS = 500
-# Pixels at which rays to the lights are marched; every other pixel takes the nearest one's result.
-SHADOW_PIXELS = 10_000
-# Length of the ray that is marched towards a distant light, metres.
-FAR_M = 100.0
+DECIDING_PIXELS = 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +113,7 @@ def remove_outliers(
 def find_outliers(surface: LitSurface) -> Outliers:
     """The highlights and cast shadows that the present estimates predict, if there are any."""
     photographs, lights = surface.level.photographs, surface.lights
-    sample = photographs.subsample(SAMPLE_PIXELS)
+    sample = photographs.subsample(DECIDING_PIXELS)
     normals, points = surface.normals[sample], surface.points_m[sample]
     values, incident = photographs.light(sample), arriving(lights, points)
     hidden_sample, hidden = in_shadow(surface, sample), None
@@ -132,7 +128,7 @@ def in_shadow(surface: LitSurface, where: Mask) -> Mask:
     """(N, P, C) whether the surface itself hides the lights from its P pixels of a mask (h, w)."""
     level, lights, points = surface.level, surface.lights, surface.points_m[where]
     start = np.broadcast_to(points[:, None], (len(lights), len(points), *lights.vector.shape[1:]))
-    to_light = np.broadcast_to(FAR_M * lights.direction[:, None], start.shape)
+    to_light = np.broadcast_to(FARTHEST_M * lights.direction[:, None], start.shape)
     if lights.position_m is not None:
         to_light = lights.position_m[:, None] - start
     solid = np.where(level.mask, surface.points_m[..., 2], np.nan)
@@ -141,8 +137,8 @@ def in_shadow(surface: LitSurface, where: Mask) -> Mask:
 
 
 def all_shadows(surface: LitSurface) -> Mask:
-    """(N, h, w, C) `in_shadow` of every pixel, from the nearest of `SHADOW_PIXELS`."""
-    where = surface.level.photographs.subsample(SHADOW_PIXELS)
+    """(N, h, w, C) `in_shadow` of every pixel: that of the nearest of `SAMPLE_PIXELS`."""
+    where = surface.level.photographs.subsample(SAMPLE_PIXELS)
     number = np.zeros(where.shape)
     number[where] = np.arange(np.count_nonzero(where))
     nearest = nearest_fill(number, where).astype(int)

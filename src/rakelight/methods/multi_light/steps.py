@@ -10,7 +10,6 @@ from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.bas_relief import nearest_bas_relief
 from rakelight.methods.multi_light.energy import (
     LARGEST_NOISE,
-    LEAST_DEPTH_DAMPING,
     Fit,
     depth_system,
     evaluated,
@@ -21,6 +20,7 @@ from rakelight.methods.multi_light.energy import (
 from rakelight.methods.multi_light.joint_step import damped_tensor, joint_step
 from rakelight.methods.multi_light.options import MultiLight
 from rakelight.model import Progress, ProgressCallback
+from rakelight.photometry.images import SAMPLE_PIXELS
 from rakelight.solve import solve
 from rakelight.solve.gauss_newton import damped_solution
 from rakelight.solve.levenberg_marquardt import lowered
@@ -28,14 +28,12 @@ from rakelight.solve.levenberg_marquardt import lowered
 # Scale of the residuals over that of the step before, above which the loss is fixed: so far it is
 # updated in each step (ablation.md: distance from 1 halved 1.00, doubled 1.05).
 NOISE_AT_REST = 0.95
-# Tries of a step, each refused one with more damping (no draw of ablation.md changes by 5 %).
-TRIES = 3
 # Relative residual to which a depth step is solved; the next step starts from the rest
 # (ablation.md: halved 1.00, doubled 0.99).
 STEP_TOLERANCE = 2e-2
-# Steps of the lights alone (ablation.md: halved 1.00, doubled 0.99), and number of pixels in the
-# sample for their second derivatives.
-LIGHT_STEPS, CURVATURE_PIXELS = 2, 2000
+# Steps on the way, of the lights alone and of a level that is not the last: to converge there gains
+# nothing (ablation.md).
+FEW_STEPS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +97,7 @@ def descend(
 
 
 def depth_step(level: Level, fit: Fit, with_light_slope: bool = True) -> Fit:
-    """One Gauss-Newton step of the depth, lights fixed; damped until the energy falls.
+    """One Gauss-Newton step of the depth, lights fixed; if refused, the next has more damping.
 
     with_light_slope : whether the derivatives with the lights are found, for a step of both
     """
@@ -113,7 +111,7 @@ def depth_step(level: Level, fit: Fit, with_light_slope: bool = True) -> Fit:
         log_depth = level.placed(fit.log_depth + solution.value)
         return evaluated(level, fit, log_depth, fit.lights, with_light_slope=with_light_slope)
 
-    lower, damping = lowered(fit, fit.depth_damping, after, TRIES, LEAST_DEPTH_DAMPING)
+    lower, damping = lowered(fit, fit.depth_damping, after)
     return replace(lower, depth_damping=damping)
 
 
@@ -157,22 +155,22 @@ def after_bas_relief(level: Level, fit: Fit, with_light_slope: bool = False) -> 
 
 
 def refine_lights(level: Level, fit: Fit) -> Fit:
-    """The state after `LIGHT_STEPS` steps of the lights alone."""
-    for _ in range(LIGHT_STEPS):
+    """The state after `FEW_STEPS` steps of the lights alone."""
+    for _ in range(FEW_STEPS):
         fit = lights_step(level, fit)
     return fit
 
 
 def lights_step(level: Level, fit: Fit) -> Fit:
-    """One Gauss-Newton step of the lights, depth fixed; damped until the energy falls."""
-    hessian, slope, _ = light_system(level, fit, CURVATURE_PIXELS)
+    """One Gauss-Newton step of the lights, depth fixed; if refused, the next has more damping."""
+    hessian, slope, _ = light_system(level, fit, SAMPLE_PIXELS)
 
     def after(damping: float) -> Fit:
         step = damped_solution(hessian, -slope, np.diag(hessian), damping)
         lights = fit.model.moved(fit.lights, step)
         return evaluated(level, fit, fit.log_depth, lights, with_light_slope=True)
 
-    lower, damping = lowered(fit, fit.lights_damping, after, TRIES)
+    lower, damping = lowered(fit, fit.lights_damping, after)
     return replace(lower, lights_damping=damping)
 
 
