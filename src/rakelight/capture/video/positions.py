@@ -2,7 +2,8 @@
 
 Pairs of frames are compared that show nearly the same light: neighbours in time, and others that
 happen to be lit alike.  Of their shifts the positions are the robust least-squares solution, which
-drifts less than a sum of steps and knows both sides of a bump.
+drifts less than a sum of steps and knows both sides of a bump.  Light shifts shading, all of it
+alike where there is little paint; what its change may cause does not count.
 """
 
 from __future__ import annotations
@@ -18,6 +19,10 @@ from rakelight.prepare.detail import corners_of, shift_between
 ALIKE, APART = 2, 10
 # Pixels of the detail pictures around the object where corners count: its outline is among them.
 OUTLINE_PX = 6
+# Pixels of the detail pictures by which light shifts shading, over the change of the light, which
+# is 1 where it is as large as the light.  In 50 synthetic clips (seeds 100 to 149) 97 % of the
+# pairs whose light changes by 0.02 or more are shifted by less; 0.3 and 0.7 do as well.
+LIGHT_PX = 0.5
 # Shifts further from the solution than this, pixels of the detail pictures, weigh little.
 SCALE_PX = 0.1
 # Least number of frames that are somewhere else together, if nothing connects them with the others.
@@ -51,13 +56,23 @@ def positions(frames: Frames, coefficients: Floats, progress: ProgressCallback) 
             found = shift_between(frames.detail[i], frames.detail[j], corners)
             if found is not None:
                 edges.append((i, j))
-                shifts.append(found[0])
+                shifts.append(beyond_light(found[0], coefficients[j] - coefficients[i]))
                 weights.append(1 / (found[1] ** 2 + SCALE_PX**2))
     if not edges:
         return np.full((count, 2), np.nan)
     solved = solve_positions(count, np.array(edges), np.array(shifts), np.array(weights))
     finite = np.isfinite(solved)
     return np.where(finite, solved - most_agreed(solved), solved)
+
+
+def beyond_light(shift_px: Floats, change: Floats) -> Floats:
+    """What is left of a shift (2,) without what a change (R,) of the light may do to shading.
+
+    >>> beyond_light(np.array([3.0, 4.0]), np.array([0.0, 1 / LIGHT_PX])).round(1).tolist()
+    [2.4, 3.2]
+    """
+    length_px, by_light_px = float(np.linalg.norm(shift_px)), LIGHT_PX * np.linalg.norm(change)
+    return shift_px * max(1 - float(by_light_px) / max(length_px, 1e-9), 0.0)
 
 
 def pairs_alike(coefficients: Floats) -> Array:
