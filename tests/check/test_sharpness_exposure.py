@@ -60,6 +60,35 @@ def test_a_blurred_photograph_of_shading_is_told_with_its_blur(which):
     assert blur_px[which] == pytest.approx(2, abs=0.6)
 
 
+def dark_and_glossy(seed, side=240, count=12):
+    """A dark, finely uneven dome of which hardly more than its highlights is seen."""
+    rng = np.random.default_rng(seed)
+    y, x = (np.mgrid[:side, :side] - side / 2) / (0.45 * side)
+    mask = np.hypot(x, y) < 1
+    down, right = np.gradient(cv2.GaussianBlur(rng.standard_normal((side, side)), (0, 0), 1.5))
+    uneven = 0.03 / np.hypot(right, down).std()
+    normals = np.stack([0.5 * x + uneven * right, 0.5 * y + uneven * down, -np.ones_like(x)], -1)
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    turn = rng.uniform(0, 2 * np.pi, count)
+    tilt = np.radians(rng.uniform(20, 60, count))
+    lamps = np.stack([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), -np.cos(tilt)], -1)
+    images = []
+    for lamp in lamps:
+        half = lamp - np.array([0, 0, 1])
+        shine = np.maximum(normals @ half / np.linalg.norm(half), 0) ** 300
+        lit = 0.02 * np.maximum(normals @ lamp, 0) + shine
+        images.append(cv2.GaussianBlur(lit * mask, (0, 0), 0.7))
+    light = np.stack(images) * 0.9 / np.quantile(np.stack(images)[:, mask], 0.99)
+    light += 0.002 * rng.standard_normal(light.shape)
+    photographs = np.rint(65535 * np.clip(light, 0, 1)).astype(np.uint16)[..., None].repeat(3, -1)
+    return replace(sound("vase")[0], photographs=photographs, mask=mask)
+
+
+@pytest.mark.parametrize("seed", [1, 3, 5])
+def test_highlights_that_are_elsewhere_in_the_others_are_no_blur(seed):
+    assert not added_blur(dark_and_glossy(seed))[1].any()
+
+
 def test_what_is_saturated_says_nothing_of_focus():
     burnt = tiled_scene(mask_shape, exposure=4.0)
     assert not [f for f in sharpness_findings(Measured(burnt)) if f.code == "blurred"]

@@ -16,7 +16,10 @@ blurred by b has the energy
     E(b) = 2 sqrt((u^2 + v^2) / 2 + b^2) - sqrt(u^2 + b^2) - sqrt(v^2 + b^2)
 
 up to its squared height.  A photograph has at least as much as the combination, more by its noise
-and by what the others do not explain, unless it is blurred.
+and by what the others do not explain, unless it is blurred.  Highlights move with the light: those
+of the others are in the combination and not in the photograph.  So each part of the image counts by
+the share of the combination that the photograph shows at low frequencies, where a blur changes
+little.
 """
 
 from __future__ import annotations
@@ -29,7 +32,7 @@ import numpy as np
 from rakelight.check.evidence import FEWEST as FEWEST_BLOCKS
 from rakelight.check.evidence import LIKELY, block_of, log_likelihood_ratio
 from rakelight.check.measured import Measured
-from rakelight.check.others import band, combination
+from rakelight.check.others import TINY, band, combination
 from rakelight.errors import listed
 from rakelight.geometry.grid import bounding_window
 from rakelight.geometry.masks import dilate
@@ -187,33 +190,37 @@ def added_blur(capture: Capture) -> tuple[Floats, Mask]:
         light = np.asarray(to_linear(photograph, capture.encoding).mean(axis=-1), np.float32)
         fine.append(band(light, FINE_PX, COARSE_PX)[where])
         coarse.append(band(light, COARSE_PX, MATCHED_PX)[where])
-    images, matched = np.stack(fine), np.stack(coarse)
-    products, block = matched @ matched.T, block_of(where)
+    detail = np.stack([fine, coarse])
+    products, block = detail[1] @ detail[1].T, block_of(where)
     blur_px, evidence = np.full(count, np.nan), np.full(count, -np.inf)
     for i in range(count):
         good = ~dilate(saturated[i], AROUND_SATURATED_PX)[where]
-        expected = combination(products, i) @ images
-        found = _blur_beside(images[i][good], expected[good], block[good])
+        others = combination(products, i) @ detail
+        found = _blur_beside(detail[:, i, good], others[:, good], block[good])
         if found is not None:
             blur_px[i], evidence[i] = found
     return blur_px, evidence - float(np.log(count)) >= LIKELY  # any of so many may look blurred
 
 
-def _blur_beside(image: Floats, expected: Floats, block: Array) -> tuple[float, float] | None:
-    """The blur in pixels by which an image (P,) has less energy than expected (P,) of it.
+def _blur_beside(image: Floats, others: Floats, block: Array) -> tuple[float, float] | None:
+    """The blur in pixels by which an image has less fine energy than the others have for it.
 
     And the evidence, in blocks (P,), that it is `LEAST_BLUR_PX` or more; None where too few tell.
+
+    image, others : (2, P) its detail, and that of the combination of the others: fine, and coarse
     """
-    own, others = (
-        np.asarray(np.bincount(block, each**2), np.float64) for each in (image, expected)
+    own, expected, shared, coarse = (
+        np.asarray(np.bincount(block, each), np.float64)
+        for each in (image[0] ** 2, others[0] ** 2, image[1] * others[1], others[1] ** 2)
     )
-    seen = (np.bincount(block) >= FEWEST) & (own > 0) & (others > 0)
+    expected *= np.clip(shared / np.maximum(coarse, TINY), 0, 1)  # the share that it shows
+    seen = (np.bincount(block) >= FEWEST) & (own > 0) & (expected > 0)
     if np.count_nonzero(seen) < FEWEST_BLOCKS:
         return None
-    own, others = own[seen], others[seen]
+    own, expected = own[seen], expected[seen]
     least = np.log(_step_energy(0.0) / _step_energy(LEAST_BLUR_PX))
-    evidence = log_likelihood_ratio(np.log(others / own) - least, others)
-    return _blur_px(float(others.sum() / own.sum())), evidence
+    evidence = log_likelihood_ratio(np.log(expected / own) - least, expected)
+    return _blur_px(float(expected.sum() / own.sum())), evidence
 
 
 def _middle_window(mask: Mask) -> tuple[slice, ...] | None:
