@@ -33,11 +33,22 @@ def with_lights(folder, text, **files):
     ],
 )
 def test_lights_lp_is_read_by_itself_in_its_frame(tmp_path, name, text):
-    lights = load_capture(with_lights(tmp_path / "c", "", lights_lp=text)).lights
+    capture = load_capture(with_lights(tmp_path / "c", "", lights_lp=text))
+    lights = capture.lights
+    assert ("lights-by-order" in [f.code for f in capture.findings]) == (name == "order")
     assert not lights.fixed
     assert lights.directions == pytest.approx(DIRECTIONS)
     chosen = load_capture(tmp_path / "c", photographs=[2, 0]).lights
     assert chosen.directions == pytest.approx(DIRECTIONS[[2, 0]])
+
+
+def test_a_named_list_that_counts_by_its_order_is_warned_of(tmp_path):
+    text = LP.replace("00", "IMG_")
+    table = '[lights]\nfile = "dome.lp"\n'
+    findings = load_capture(with_lights(tmp_path / "c", table, dome_lp=text)).findings
+    (warning,) = [f for f in findings if f.code == "lights-by-order"]
+    assert warning.severity == "warning"
+    assert "no name in dome.lp" in warning.message
 
 
 def test_inline_directions_are_in_the_camera_frame_unless_it_says_otherwise(tmp_path):

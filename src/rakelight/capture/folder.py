@@ -88,7 +88,7 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
     camera = table.intrinsics.camera("intrinsics", root.shown(CONFIG))
     refuse_misnamed(root, ("mask.png", "ambient.png", "flat.png"))
 
-    rgb, depth, lights = _list_all(root, table, photographs)
+    rgb, depth, lights, light_order = _list_all(root, table, photographs)
     validate.check_camera(camera, rgb.shape, root.shown(CONFIG), "intrinsics")
     depth_camera, depth_to_color = depth_geometry(table, depth.shape, root.shown(CONFIG))
     factor = None
@@ -121,8 +121,7 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
         source=root.shown(),
     )
     if lights is not None:
-        middle_z_m = float(np.nanmedian(depth_m)) if np.isfinite(depth_m).any() else 0.0
-        lights = checked_lights(lights, len(images), middle_z_m, root.shown("lights"))
+        lights = checked_lights(lights, len(images), _middle_z_m(depth_m), root.shown("lights"))
     mask, mask_findings = _read_mask(root, rgb.shape) or object_mask(
         capture, root.shown("depth"), "check [depth_intrinsics] and [depth_to_color]"
     )
@@ -135,6 +134,7 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
             *assumed,
             *validate.principal_point_finding(camera),
             *light,
+            *light_order,
             *file_findings(rgb),
             *file_findings(depth),
             *mask_findings,
@@ -142,6 +142,11 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
             *validate.check_exposure(images, mask, names, rgb.source),
         ),
     )
+
+
+def _middle_z_m(depth_m: Floats) -> float:
+    """The median of depth maps (K, h, w); 0 where nothing is measured."""
+    return float(np.nanmedian(depth_m)) if np.isfinite(depth_m).any() else 0.0
 
 
 def load_depth(folder: str | PathLike[str]) -> Floats:
@@ -262,10 +267,13 @@ def _config_bytes(root: Root) -> bytes:
 
 def _list_all(
     root: Root, table: CaptureTable, photographs: Sequence[int] | None
-) -> tuple[Images, Images, GivenLights | None]:
-    """The photographs, those chosen, and the depth maps: of kinds that are read; their lights."""
+) -> tuple[Images, Images, GivenLights | None, tuple[Finding, ...]]:
+    """The photographs, those chosen, and the depth maps: of kinds that are read; their lights.
+
+    The findings are of the lights.
+    """
     rgb = list_images(root, "rgb", "photographs")
-    lights = read_lights(table.lights, root.path, root.shown, rgb.names)
+    lights, findings = read_lights(table.lights, root.path, root.shown, rgb.names)
     if photographs is not None:
         count, rgb = len(rgb.names), rgb.chosen(photographs)
         if lights is not None and len(lights) == count:
@@ -273,7 +281,7 @@ def _list_all(
     depth = list_images(root, "depth", "depth maps")
     check_photograph_kind(rgb)
     check_depth_kind(depth, table, root)
-    return rgb, depth, lights
+    return rgb, depth, lights, findings
 
 
 def _depth_noise(root: Root, table: CaptureTable) -> SensorNoise | None:

@@ -19,7 +19,7 @@ import numpy as np
 from rakelight.capture.listing import numbered
 from rakelight.errors import CaptureError, check_is, parsing, printable
 from rakelight.files import read_bytes
-from rakelight.model import Array, Floats, GivenLights
+from rakelight.model import Array, Finding, Floats, GivenLights
 
 LIGHTS_FILE, POSITIONS_FILE, INTENSITIES_FILE = (
     "lights.lp", "light_positions.txt", "light_intensities.txt",
@@ -172,15 +172,15 @@ def _numbers(array: Any, count: int, shape: tuple[int, ...], source: str) -> Flo
 
 def read_lights(
     table: LightsTable | None, folder: Path, shown: Callable[[str], str], names: Sequence[str]
-) -> GivenLights | None:
+) -> tuple[GivenLights | None, tuple[Finding, ...]]:
     """The lights of photographs called `names`: by [lights], else by lights.lp, or None.
 
     shown : the name of a file of the folder in messages.  Raises CaptureError; vectors are in the
-    camera's frame, and not checked yet.
+    camera's frame, and not checked yet.  The finding is of a list that counts by its order.
     """
     if table is None:
         if not (folder / LIGHTS_FILE).is_file():
-            return None
+            return None, ()
         table = LightsTable(file=LIGHTS_FILE)
     ways = [key for key in ("file", "directions", "positions") if getattr(table, key) is not None]
     source = shown("capture.toml")
@@ -208,7 +208,8 @@ def read_lights(
         directions = unit(in_frame(vectors[order], table.frame or "opengl"), shown(table.file))
         if intensities is not None and len(intensities) == len(listed):
             intensities = intensities[order]  # rows of both files belong together
-        return GivenLights(directions, None, intensities, table.fixed)
+        given_lights = GivenLights(directions, None, intensities, table.fixed)
+        return given_lights, order_findings(listed, names, printable(table.file))
     given, frame = rows(ways[0]), table.frame or "opencv"
     if given is None or given.ndim != 2 or given.shape[1] != 3:
         raise CaptureError(
@@ -219,8 +220,8 @@ def read_lights(
         )
     given = in_frame(given, frame)
     if ways[0] == "positions":
-        return GivenLights(None, given, intensities, table.fixed)
-    return GivenLights(given, None, intensities, table.fixed)
+        return GivenLights(None, given, intensities, table.fixed), ()
+    return GivenLights(given, None, intensities, table.fixed), ()
 
 
 def _array(rows: Rows, source: str) -> Floats:
@@ -397,6 +398,17 @@ def by_order(listed: Sequence[str], names: Sequence[str]) -> bool:
     """
     stems = {_stem(name) for name in listed}
     return len(listed) == len(names) and not any(_stem(name) in stems for name in names)
+
+
+def order_findings(
+    listed: Sequence[str], names: Sequence[str], list_name: str
+) -> tuple[Finding, ...]:
+    """A warning where the lights of a list belong to the photographs by their order alone."""
+    if not by_order(listed, names):
+        return ()
+    message = f"no name in {list_name} is a photograph's: its lights count in their order"
+    remedy = "give the photographs the names that it has, if their order is another"
+    return (Finding("warning", "lights-by-order", message, remedy),)
 
 
 def matched(listed: Sequence[str], names: Sequence[str], source: str) -> Array:

@@ -13,9 +13,9 @@ from pathlib import Path
 from rakelight.capture.config import CONFIG
 from rakelight.capture.lights import (
     MAX_LIGHTS_BYTES,
-    by_order,
     in_frame,
     matched,
+    order_findings,
     parse_lp,
     unit,
 )
@@ -25,7 +25,7 @@ from rakelight.capture.readers.base import Reader, Reading, Wanted
 from rakelight.capture.readers.image_files import inside
 from rakelight.errors import CaptureError, printable
 from rakelight.files import clear_errors, read_bytes
-from rakelight.model import Finding, GivenLights
+from rakelight.model import GivenLights
 
 
 def sniff(path: Path) -> bool:
@@ -54,12 +54,8 @@ def read(path: Path, wanted: Wanted) -> Reading:
     names = [Path(file.name).name for file in files.photographs]
     directions = unit(in_frame(vectors[matched(listed, names, source)], "opengl"), source)
     reading = photographs.reading_of(path, files, wanted, GivenLights(directions, fixed=False))
-    if not by_order(listed, names):
-        return reading
-    message = f"no name in {printable(lists[0])} is a photograph's: its lights count in their order"
-    remedy = "give the photographs the names that it has, if their order is another"
-    finding = Finding("warning", "lights-by-order", message, remedy)
-    findings = (finding, *reading.capture.findings)
+    ordered = order_findings(listed, names, printable(lists[0]))
+    findings = (*ordered, *reading.capture.findings)
     return replace(reading, capture=replace(reading.capture, findings=findings))
 
 
