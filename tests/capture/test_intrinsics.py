@@ -140,6 +140,109 @@ def test_programs_with_a_lens(text, size):
     assert (found.distortion.model, first, set(others)) == ("brown-conrady", 0.1, {0.0})
 
 
+METASHAPE = """\
+<?xml version="1.0" encoding="UTF-8"?>
+<calibration>
+  <projection>frame</projection>
+  <width>320</width>
+  <height>240</height>
+  <f>226</f>
+  <cx>0.5</cx>
+  <cy>0.5</cy>
+  <b1>-1</b1>
+  <k1>0.1</k1>
+  <p1>0.003</p1>
+  <p2>0.002</p2>
+  <date>2026-11-14T23:30:12Z</date>
+</calibration>
+"""
+CAMERAS_XML = """\
+<document version="1.5.0"><chunk><sensors><sensor id="0" type="frame">
+<resolution width="320" height="240"/>
+<calibration type="frame" class="initial">
+  <resolution width="320" height="240"/><f>200</f></calibration>
+<calibration type="frame" class="adjusted">
+  <resolution width="320" height="240"/>
+  <f>226</f><cx>0.5</cx><cy>0.5</cy><b1>-1</b1><k1>0.1</k1><p1>0.003</p1><p2>0.002</p2>
+</calibration></sensor></sensors>
+<cameras><camera id="0"><transform>1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1</transform></camera></cameras>
+</chunk></document>
+"""
+MATLAB = {
+    "ImageSize": [240, 320], "RadialDistortion": [0.1, 0], "TangentialDistortion": [0.002, 0.003],
+    "FocalLength": [225, 226], "PrincipalPoint": [161, 121], "Skew": 0,
+    "IntrinsicMatrix": [[225, 0, 0], [0, 226, 0], [161, 121, 1]],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "text",
+    [METASHAPE, CAMERAS_XML, json.dumps(MATLAB), json.dumps({"cameraParams": MATLAB})],
+    ids=["Metashape", "its cameras", "MATLAB", "MATLAB's variable"],
+)
+def test_programs_whose_first_pixel_is_elsewhere(text):
+    """Metashape's has its centre at (0.5, 0.5) and exchanges p1 and p2, MATLAB's at (1, 1)."""
+    found = parse_intrinsics(text.encode(), "camera.xml")
+    assert replace(found, distortion=None) == PINHOLE
+    assert found.distortion == lens(0.1, 0, 0.002, 0.003, 0, 0, 0, 0)
+
+
+def test_the_transposed_matrix_of_matlab_alone():
+    text = json.dumps({"IntrinsicMatrix": MATLAB["IntrinsicMatrix"]})
+    assert parse_intrinsics(text.encode()) == NO_SIZE
+
+
+KITTI = """\
+P0: 220 0 150 0 0 220 110 0 0 0 1 0
+P1: 220 0 150 -380 0 220 110 0 0 0 1 0
+P2: 2.25e+02 0 160 45 0 226 120 0.2 0 0 1 0.003
+P3: 2.25e+02 0 160 -340 0 226 120 2.2 0 0 1 0.003
+R0_rect: 1 0 0 0 1 0 0 0 1
+Tr_velo_to_cam: 0 -1 0 0 0 0 -1 0 1 0 0 0
+"""
+SCANNET = """\
+axisAlignment = 0.9 0.2 0 1 -0.2 0.9 0 2 0 0 1 0 0 0 0 1
+colorHeight = 240
+colorToDepthExtrinsics = 1 0 0 -0.03 0 1 0 0 0 0 1 0 0 0 0 1
+colorWidth = 320
+depthHeight = 120
+depthWidth = 160
+fx_color = 225
+fx_depth = 110
+fy_color = 226
+fy_depth = 111
+mx_color = 160
+mx_depth = 80
+my_color = 120
+my_depth = 60
+sceneType = Apartment
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "camera"),
+    [
+        (KITTI, NO_SIZE),
+        (KITTI.partition("P2")[1] + KITTI.partition("P2")[2], NO_SIZE),
+        (SCANNET, PINHOLE),
+        ("\n".join(f"{key}_color = {value}" for key, value in FIGURES.items()), NO_SIZE),
+        ("K: 225 0 160 0 226 120 0 0 1\nD: 0.1 0 0 0 0",
+         replace(NO_SIZE, distortion=lens(0.1, 0, 0, 0, 0))),
+    ],
+    ids=["KITTI", "KITTI's P2", "ScanNet", "fx_color", "a matrix in a line"],
+)  # fmt: skip
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_lines_of_other_programs(text, camera, encoding):
+    assert parse_intrinsics(text.replace("\n", "\r\n").encode(encoding)) == camera
+
+
+def test_one_of_several_cameras_is_chosen_by_its_size():
+    text = json.dumps({"0": {**FIGURES, **SIZE}, "1": {**FIGURES, "fx": 9, "width": 640}})
+    assert parse_intrinsics(text.encode(), size=(320, 240)) == PINHOLE
+    with pytest.raises(CaptureError, match="several camera matrices"):
+        parse_intrinsics(text.encode(), size=(640, 360))
+
+
 def test_fisheye_is_told_from_the_others():
     text = KALIBR.replace("radtan", "equidistant")
     assert parse_intrinsics(text.encode()).distortion.model == "kannala-brandt"
@@ -155,6 +258,12 @@ def test_fisheye_is_told_from_the_others():
         ("500 1 320 0 500 240 0 0 1", "skew"),
         ("[ 320x240  p[160 120]  f[225 226]  Inverse Brown Conrady [0.1 0 0 0 0] ]",
          "this model of distortion is not read"),
+        (METASHAPE.replace("<k1>", "<k4>0.01</k4><k1>"), "seen k4"),
+        (METASHAPE.replace(">frame", ">fisheye"), "another projection"),
+        (json.dumps({**MATLAB, "Skew": 2}), "skew"),
+        ("color: [ 320x240  p[160 120]  f[225 226]  Brown Conrady [0 0 0 0 0] ]\n"
+         "color: [ 320x240  p[160 120]  f[225 227]  Brown Conrady [0 0 0 0 0] ]",
+         "several camera matrices"),
     ],
 )  # fmt: skip
 def test_what_is_refused(text, says):
@@ -172,6 +281,7 @@ def test_what_is_refused(text, says):
         "distances: [0.1, 0.2, 0.3, 0.4]",
         "- K\n- D\n",
         "frames 225\nlamp = 3\n",
+        "fx 225\nfy 226\ncx 160\ncy 120\nfx 400\n",
         " " * (MAX_BYTES + 1),
     ],
     ids=[
@@ -182,6 +292,7 @@ def test_what_is_refused(text, says):
         "another list",
         "no table",
         "pairs of others",
+        "two values of a name",
         "large",
     ],
 )

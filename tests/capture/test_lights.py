@@ -123,6 +123,11 @@ def test_names_with_blanks_and_other_bytes_are_kept():
     assert names == ["my dome \udce9.jpg", "b.jpg"]
 
 
+def test_a_list_in_utf_16_is_read():
+    text = LP.replace("\n", "\r\n")
+    assert parse_lp(text.encode("utf-16"), "a.lp")[0] == parse_lp(LP.encode(), "a.lp")[0]
+
+
 @pytest.mark.parametrize(
     "lights",
     [

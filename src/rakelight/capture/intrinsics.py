@@ -1,35 +1,32 @@
 """Intrinsics in the files of other programs.
 
-OpenCV, ROS, Kalibr, ORB-SLAM, RealSense, Open3D, COLMAP, nerfstudio, and plain numbers.  YAML,
-JSON, XML, and lines of a name and a number, become tables, in which matrices and numbers are looked
-for by their names.  Nothing is evaluated; no anchor or entity of YAML or XML is followed.
+OpenCV, ROS, Kalibr, ORB-SLAM, RealSense, Open3D, COLMAP, nerfstudio, Metashape, MATLAB, KITTI,
+ScanNet, and plain numbers.  Texts become tables (text_tables.py), in which matrices and numbers are
+looked for by their names.
 """
 
 from __future__ import annotations
 
-import json
 import re
 from collections import ChainMap
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rakelight.capture import npy
+from rakelight.capture.text_tables import NUMBER, Table, contents, text_of
 from rakelight.errors import CaptureError, parsing, stated_in
 from rakelight.files import read_bytes
 from rakelight.model import Camera, Distortion, Floats
 
 MAX_BYTES = 5_000_000
 """Of a file with intrinsics: they take some thousand, the poses beside them megabytes."""
-_MAX_TABLE_BYTES = 100_000  # of a text that is searched: the parser of YAML takes a second for it
 
 SUFFIXES = (".yaml", ".yml", ".xml", ".json", ".txt", ".csv")
 
-_NUMBER = r"[-+]?(?:[0-9]{1,30}\.?[0-9]{0,30}|\.[0-9]{1,30})(?:[eE][-+]?[0-9]{1,3})?"
 _MATRIX_KEYS = (
     "cameramatrix", "intrinsicmatrix", "intrinsics", "k", "camk", "mtx", "cameramatrix1",
 )  # fmt: skip
@@ -62,8 +59,11 @@ _COLMAP = {
 _OPENCV_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _FISHEYE_ORDER = ("k1", "k2", "k3", "k4")
 
-Table = dict[str, Any]
-"""Names, of small letters and digits alone, and what the file has under them."""
+Size = tuple[int, int]
+
+_DEPTH = "depth|infra(?:red)?1?|tof"
+_COLOR = "colou?r|rgb"
+_POSE = re.compile(r"(?:to|2)(?:depth|infra|colou?r|rgb)")  # in names of what is no camera
 
 
 def named_intrinsics(stem: str) -> bool:
@@ -74,6 +74,17 @@ def named_intrinsics(stem: str) -> bool:
     """
     name = stem.lower()
     return name == "k" or any(word in name for word in ("intrinsic", "calib", "camera"))
+
+
+def names_depth(stem: str) -> bool:
+    """Whether a file's name, without ending, says that it is of the depth camera alone.
+
+    >>> [names_depth(stem) for stem in ("depth_intrinsics", "calib_ir", "color_and_depth", "pair")]
+    [True, True, False, False]
+    """
+    name = stem.lower()
+    of_depth = re.search(f"{_DEPTH}|(?<![a-z])ir(?![a-z])", name)
+    return of_depth is not None and not re.search(_COLOR, name.replace("rgbd", ""))
 
 
 def may_state(path: Path) -> bool:
@@ -92,11 +103,14 @@ def small_texts(paths: Iterable[Path]) -> dict[Path, bytes]:
     return {path: read_bytes(path, source=str(path)) for path in small}
 
 
-def parse_intrinsics(data: bytes, source: str = "", named: bool = False) -> Camera | None:
-    """The intrinsics that a file states; None where it is no such file.
+def parse_intrinsics(
+    data: bytes, source: str = "", named: bool = False, size: Size | None = None
+) -> Camera | None:
+    """The intrinsics of the photographs that a file states; None where it is no such file.
 
     named : whether its name says so, see `named_intrinsics`: then four numbers are fx fy cx cy, and
         more than four end with k1 k2 p1 p2 [k3]
+    size : (width, height) of the images, by which one of several cameras is chosen
     The size is 0 x 0 where the file does not state it.
 
     Raises CaptureError where it states some that are none: several cameras, another model, numbers
@@ -116,18 +130,37 @@ def parse_intrinsics(data: bytes, source: str = "", named: bool = False) -> Came
     if data.startswith(npy.MAGIC):
         K = npy.decode_npy(data, source)
         return _made(K, (0, 0), (), source) if K.shape == (3, 3) else None
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
+    text = text_of(data)
+    if text is None:
         return None
-    start = text.lstrip()[:1]
-    if start == "{":
-        return _of_tables(_json(text, source), source)
-    if start == "<":
-        return _of_tables(_xml(text), source)
-    found = _colmap(text, source) or _plain(text, source, named)
-    tables = (table(text) for table in (_yaml, _printed, _pairs))
-    return found or next(filter(None, (_of_tables(each, source) for each in tables)), None)
+    found = None
+    if text.lstrip()[:1] not in ("{", "<"):
+        found = _colmap(text, source) or _plain(text, source, named)
+    return found or _of_contents(text, source, _tables, size)
+
+
+def parse_depth_intrinsics(
+    data: bytes,
+    source: str = "",
+    whole: bool = False,
+    named: bool = False,
+    size: Size | None = None,
+) -> Camera | None:
+    """The intrinsics of a depth camera: what a file has under names with depth in them.
+
+    whole : whether the file is of the depth, see `names_depth`: then all that it states
+    What else is given, returned and raised is that of `parse_intrinsics`.
+
+    >>> parse_depth_intrinsics(b'{"depth": {"fx": 200, "cx": 99, "cy": 74}}').cx
+    99.0
+    >>> parse_depth_intrinsics(b"200 0 99 0 200 74 0 0 1") is None
+    True
+    """
+    text = text_of(data) if len(data) <= MAX_BYTES else None
+    found = None if text is None else _of_contents(text, source, _depth_tables, size)
+    if found is not None or not whole:
+        return found
+    return parse_intrinsics(data, source, named, size)
 
 
 def _made(
@@ -153,7 +186,7 @@ def _plain(text: str, source: str, named: bool) -> Camera | None:
     """A matrix, 3 x 3 or 4 x 4, and nothing else; fx fy cx cy [...] where `named`."""
     lines = (line.split("#")[0] for line in text.splitlines())
     words = re.sub(r"[\s,;\[\]]+", " ", " ".join(lines)).split()
-    if len(words) not in (4, 8, 9, 16) or not all(re.fullmatch(_NUMBER, word) for word in words):
+    if len(words) not in (4, 8, 9, 16) or not all(re.fullmatch(NUMBER, word) for word in words):
         return None
     numbers = np.array(words, np.float64)
     if len(numbers) in (9, 16):
@@ -201,7 +234,7 @@ def _colmap(text: str, source: str) -> Camera | None:
             needed=", ".join(_COLMAP),
             remedy="let COLMAP estimate one of these",
         )
-    if not all(re.fullmatch(_NUMBER, number) for number in numbers):
+    if not all(re.fullmatch(NUMBER, number) for number in numbers):
         raise CaptureError(
             "not numbers",
             source=source,
@@ -226,100 +259,60 @@ def _in_order(stated: dict[str, float], fisheye: bool) -> list[float]:
 # ---- tables
 
 
-def _plain_key(key: object) -> str:
+def plain_key(key: object) -> str:
+    """A name by its small letters and digits alone."""
     return re.sub("[^a-z0-9]", "", str(key).lower())
 
 
 def _named(content: Any) -> Table:
-    return {_plain_key(key): value for key, value in content.items()}
+    """The table with names of small letters and digits alone."""
+    return {plain_key(key): value for key, value in _as_matlab(content).items()}
 
 
-def _json(text: str, source: str) -> Any:
-    with parsing(source, "not valid JSON", CaptureError):
-        return json.loads(text)
+def _as_matlab(content: Table) -> Table:
+    """What the structures of MATLAB's calibrator say, in the words of OpenCV; others as they are.
 
-
-@cache
-def _yaml_loader() -> type[Any]:
-    import yaml
-
-    class Loader(yaml.SafeLoader):  # type: ignore[misc, name-defined, unused-ignore]
-        """Of plain values; cv::FileStorage's matrices are tables."""
-
-        def compose_node(self, parent: Any, index: Any) -> Any:
-            if self.check_event(yaml.AliasEvent):
-                raise yaml.YAMLError("an alias")
-            return super().compose_node(parent, index)
-
-    Loader.add_multi_constructor(
-        "tag:yaml.org,2002:opencv-",
-        lambda loader, _, node: loader.construct_mapping(node, deep=True),
-    )
-    return Loader
-
-
-def _yaml(text: str) -> Any:
-    """The first document; None where it is none, as any text may be."""
-    import yaml
-
-    if len(text) > _MAX_TABLE_BYTES:
-        return None
-    # cv::FileStorage writes "%YAML:1.0", which is no directive.
-    text = re.sub(r"\A\s*%YAML[: ].*\n", "", text)
-    try:
-        return next(yaml.load_all(text, _yaml_loader()), None)
-    except Exception:
-        return None
-
-
-def _printed(text: str) -> Table:
-    """What librealsense prints of a camera; empty where the text holds no such thing.
-
-    >>> _printed("[ 640x480  p[320 240]  f[500 501]  Brown Conrady [0 0 0 0 0] ]")["ppx"]
-    '320'
+    MATLAB's first pixel is at (1, 1), its size is rows first, its older matrix is transposed.
     """
-    found = re.search(
-        rf"(\d{{1,5}})x(\d{{1,5}}) +p\[({_NUMBER}) ({_NUMBER})\] +f\[({_NUMBER}) ({_NUMBER})\]"
-        r" +([\w ]{1,40}?) *\[([^\]]{1,200})\]",
-        text[:_MAX_TABLE_BYTES],
+    lengths, centre = (
+        numbers_of(content.get("FocalLength")),
+        numbers_of(content.get("PrincipalPoint")),
     )
-    if found is None:
-        return {}
-    *values, coefficients = found.groups()
-    names = ("width", "height", "ppx", "ppy", "fx", "fy", "model")
-    return {**dict(zip(names, values, strict=True)), "coeffs": coefficients.split()}
+    if lengths is None or centre is None:
+        K = numbers_of(content.get("IntrinsicMatrix"))
+        if K is None or K.shape != (3, 3):
+            return content
+        K = _square(K)
+    elif lengths.size == centre.size == 2:
+        K = _pinhole(*lengths, *centre)
+        K[0, 1] = _number(content.get("Skew")) or 0.0
+    else:
+        return content
+    K[:2, 2] -= 1.0
+    table: Table = {"K": K.tolist()}
+    rows_columns = numbers_of(content.get("ImageSize"))
+    if rows_columns is not None and rows_columns.size == 2:
+        table |= {"height": float(rows_columns[0]), "width": float(rows_columns[1])}
+    for key, names in (("RadialDistortion", "k1 k2 k3"), ("TangentialDistortion", "p1 p2")):
+        values = numbers_of(content.get(key))
+        if values is not None and values.any():
+            table |= dict(zip(names.split(), values.tolist(), strict=False))
+    return table
 
 
-def _pairs(text: str) -> Table:
-    """The names and numbers of lines such as `fx = 500`, or of a row of names over one of numbers.
-
-    >>> _pairs("fx = 500  # pixels")
-    {'fx': '500'}
-    """
-    lines = text[:_MAX_TABLE_BYTES].splitlines()
-    rows = [row for line in lines if (row := re.findall(r"[^\s,;=:]+", line.split("#")[0]))]
-    if len(rows) == 2 and len(rows[0]) == len(rows[1]) > 2:
-        rows = [list(pair) for pair in zip(*rows, strict=True)]
-    return {row[0]: row[1] for row in rows if len(row) == 2 and re.fullmatch(_NUMBER, row[1])}
+def _of_contents(
+    text: str, source: str, tables: Callable[[Any], Iterator[Table]], size: Size | None
+) -> Camera | None:
+    """The camera of the first kind of content of a text that states one."""
+    found = (_of_tables(tables(each), source, size) for each in contents(text, source))
+    return next(filter(None, found), None)
 
 
-def _xml(text: str) -> Any:
-    """The matrices and numbers of cv::FileStorage's XML."""
-    matrix = re.compile(
-        r"<(\w{1,60}) type_id=\"opencv-matrix\">\s*<rows>(\d{1,3})</rows>\s*"
-        r"<cols>(\d{1,3})</cols>\s*<dt>\w{1,3}</dt>\s*<data>([^<]*)</data>"
-    )
-    scalars = re.findall(rf"<(\w{{1,60}})>\s*({_NUMBER})\s*</", text)
-    matrices = {
-        m[1]: {"rows": int(m[2]), "cols": int(m[3]), "data": re.findall(_NUMBER, m[4])}
-        for m in matrix.finditer(text)
-    }
-    return {**dict(scalars), **matrices}
-
-
-def _of_tables(content: Any, source: str) -> Camera | None:
-    """The camera of a table, or of the tables in it but those of the depth."""
-    found = {camera for table in _tables(content) if (camera := _of_table(table, source))}
+def _of_tables(tables: Iterable[Table], source: str, size: Size | None) -> Camera | None:
+    """The one camera that some tables state; of several the one of `size`."""
+    found = {camera for table in tables if (camera := _of_table(table, source))}
+    if len(found) > 1:
+        found = {each for each in found if (each.width, each.height) == size} or found
     if len(found) > 1:
         raise _several(len(found), source)
     return next(iter(found), None)
@@ -335,14 +328,40 @@ def _several(count: int, source: str) -> CaptureError:
     )
 
 
-def _tables(content: Any, nested: int = 0) -> Iterator[Table]:
+def _tables(content: Any, nested: int = 0, skipped: str = _DEPTH) -> Iterator[Table]:
+    """The tables in a table but those of the depth, and what is of the colour in each."""
     if isinstance(content, dict):
         table = _named(content)
         yield table
+        yield _sided(table, _COLOR)
         if nested < _NESTED:
             for key, value in table.items():
-                if not any(word in key for word in ("depth", "infra")):
-                    yield from _tables(value, nested + 1)
+                if not (skipped and re.search(skipped, key)):
+                    yield from _tables(value, nested + 1, skipped)
+
+
+def _depth_tables(content: Any, nested: int = 0) -> Iterator[Table]:
+    """What is of the depth in a table and in those in it."""
+    if isinstance(content, dict):
+        table = _named(content)
+        sided = _sided(table, _DEPTH)
+        yield sided
+        for value in sided.values():
+            yield from _tables(value, nested + 1, skipped="")
+        if nested < _NESTED:
+            for key, value in table.items():
+                if not re.search(_DEPTH, key):
+                    yield from _depth_tables(value, nested + 1)
+
+
+def _sided(table: Table, words: str) -> Table:
+    """What the names say that is of one camera, without these words: fx_color, depth_width."""
+    ends = re.compile(f"^(?:{words})|(?:{words})$")
+    return {
+        ends.sub("", key): value
+        for key, value in table.items()
+        if ends.search(key) and not _POSE.search(key)
+    }
 
 
 def _of_table(table: Table, source: str) -> Camera | None:
@@ -362,19 +381,19 @@ def _of_table(table: Table, source: str) -> Camera | None:
             next((_number(scalars[key]) or 0.0 for key in keys if key in scalars), 0.0)
             for keys in (_WIDTH_KEYS, _HEIGHT_KEYS)
         )
-        pairs = (_numbers(table.get(key)) for key in _SIZE_KEYS)
+        pairs = (numbers_of(table.get(key)) for key in _SIZE_KEYS)
         both = next((each for each in pairs if each is not None and each.size == 2), None)
         if not all(sizes) and both is not None:
             sizes = float(both[0]), float(both[1])
         model = next((table[key] for key in _MODEL_KEYS if isinstance(table.get(key), str)), "")
-        fisheye = bool(_KANNALA_BRANDT.fullmatch(_plain_key(model)))
-        lists = (_numbers(each) for each in coefficients)
+        fisheye = bool(_KANNALA_BRANDT.fullmatch(plain_key(model)))
+        lists = (numbers_of(each) for each in coefficients)
         distortion: Any = next((each for each in lists if each is not None), None)
         if distortion is None:
             order = _FISHEYE_ORDER if fisheye else _OPENCV_ORDER
             stated = {key: float(scalars[key]) for key in order if key in scalars}
             distortion = _in_order(stated, fisheye)
-    if np.any(distortion) and not fisheye and not _BROWN_CONRADY.fullmatch(_plain_key(model)):
+    if np.any(distortion) and not fisheye and not _BROWN_CONRADY.fullmatch(plain_key(model)):
         raise CaptureError(
             "this model of distortion is not read",
             source=source,
@@ -388,25 +407,30 @@ def _of_table(table: Table, source: str) -> Camera | None:
 def _matrix(table: Table, source: str) -> Floats | None:
     """(3, 3) by its name, or of focal lengths and centre; else the only one that looks like one."""
     for key in _MATRIX_KEYS:
-        numbers = _numbers(table.get(key), source, key)
+        numbers = numbers_of(table.get(key), source, key)
         if numbers is None:
             continue
         if numbers.size in (9, 16):
             return _square(numbers)
         if numbers.size == 4 and key != "k":  # Kalibr's
             return _pinhole(*numbers.ravel())
+    for key in ("p2", "prect02"):  # KITTI's camera in colour, on the left
+        numbers = numbers_of(table.get(key))
+        if numbers is not None and numbers.size == 12:
+            return numbers.reshape(3, 4)[:, :3]
     for fx, fy, cx, cy, first_pixel in (
         ("fx", "fy", "cx", "cy", 0.0),
         ("fx", "fy", "ppx", "ppy", 0.0),
         ("camerafx", "camerafy", "cameracx", "cameracy", 0.0),
         ("camera1fx", "camera1fy", "camera1cx", "camera1cy", 0.0),
         ("flx", "fly", "cx", "cy", 0.5),  # nerfstudio's, which are COLMAP's
+        ("fx", "fy", "mx", "my", 0.0),  # ScanNet's
     ):
         stated = [_number(table.get(key)) for key in (fx, cx, cy)]
         if None not in stated:
             f, x, y = (float(each) for each in stated if each is not None)
             return _pinhole(f, _number(table.get(fy)) or f, x - first_pixel, y - first_pixel)
-    matrices = (_numbers(v, source, k) for k, v in table.items() if isinstance(v, dict))
+    matrices = (numbers_of(v, source, k) for k, v in table.items() if isinstance(v, dict))
     square = [m for m in matrices if m is not None and m.shape == (3, 3) and m[2, 2] == 1]
     if len(square) > 1:
         raise _several(len(square), source)
@@ -417,10 +441,10 @@ def _number(value: Any) -> float | None:
     """Of a number, or of text that is one: PyYAML takes 1e3 for text."""
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
         return None
-    return float(value) if re.fullmatch(_NUMBER, str(value)) else None
+    return float(value) if re.fullmatch(NUMBER, str(value)) else None
 
 
-def _numbers(value: Any, source: str = "", name: str = "") -> Floats | None:
+def numbers_of(value: Any, source: str = "", name: str = "") -> Floats | None:
     """A list of numbers, of rows, or a matrix with rows, cols and data; None for anything else."""
     shape: Any = None
     if isinstance(value, dict):

@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 
 from rakelight.capture.listing import numbered
+from rakelight.capture.text_tables import text_of
 from rakelight.errors import CaptureError, check_is, parsing, printable
 from rakelight.files import read_bytes
 from rakelight.model import Array, Finding, Floats, GivenLights
@@ -341,8 +342,10 @@ def parse_table(data: bytes, source: str) -> Floats:
 
 
 def text_lines(data: bytes) -> list[str]:
-    """The lines of a text that are not empty; bytes that are not UTF-8 are kept as surrogates."""
-    text = data.decode("utf-8-sig", "surrogateescape")
+    """The lines of a text that are not empty; bytes of no known encoding are kept as surrogates."""
+    text = text_of(data)
+    if text is None:
+        text = data.decode("utf-8-sig", "surrogateescape")
     return [line for line in text.replace("\r\n", "\n").split("\n") if line.strip()]
 
 

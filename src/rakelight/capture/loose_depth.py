@@ -16,6 +16,7 @@ from rakelight.capture.listing import allocate
 from rakelight.capture.loose_files import LooseFile, LooseFiles
 from rakelight.capture.npy import decode_npy
 from rakelight.capture.pfm import decode_pfm
+from rakelight.capture.text_tables import text_of
 from rakelight.capture.validate import PLAUSIBLE_M, plausible_scales
 from rakelight.errors import CaptureError, listed
 from rakelight.files import read_bytes
@@ -29,8 +30,8 @@ MILLIMETRES = 1000.0
 # A scale of depth by the names of ORB-SLAM, stella_vslam, NICE-SLAM, Open3D, BOP, nerfstudio and
 # instant-ngp.
 _STATED = re.compile(
-    rb"\b\w{0,20}?depth_?(?:map_?|unit_?)?(?:scale|factor|units?)(?:_?factor)?[\"']?"
-    rb"[ \t]{0,20}[:=][ \t]{0,20}([0-9]{0,9}\.?[0-9]{1,12}(?:e[-+]?[0-9]{1,2})?)",
+    r"\b\w{0,20}?depth_?(?:map_?|unit_?)?(?:scale|factor|units?)(?:_?factor)?[\"']?"
+    r"[ \t]{0,20}[:=][ \t]{0,20}([0-9]{0,9}\.?[0-9]{1,12}(?:e[-+]?[0-9]{1,2})?)",
     re.IGNORECASE,
 )
 _LARGEST_HALF = 65504.0
@@ -102,7 +103,7 @@ def _pixels(file: LooseFile, decoder: DecoderProcess) -> Array:
 def depth_scale(path: Path) -> float:
     """Depth values per metre, a number in a text file such as `SCALE`; raises CaptureError."""
     source = str(path)
-    text = read_bytes(path, source=source, max_bytes=1000).decode("utf-8-sig", "replace").strip()
+    text = (text_of(read_bytes(path, source=source, max_bytes=1000)) or "").strip()
     stated = re.fullmatch(r"[0-9]{1,9}(\.[0-9]{0,9})?(e\+?[0-9]{1,2})?", text, re.IGNORECASE)
     number = float(text) if stated else 0.0
     if number <= 0:
@@ -124,7 +125,9 @@ def stated_scale(texts: Iterable[bytes], values: Array, source: str) -> float | 
     >>> stated_scale([b'{"depth_scale": 0.1}'], np.full(9, 6200, np.uint16), "depth.png")
     10000.0
     """
-    stated = {float(number) for text in texts for number in _STATED.findall(text)} - {0.0}
+    stated = {
+        float(number) for text in texts for number in _STATED.findall(text_of(text) or "")
+    } - {0.0}
     if not stated:
         return None
     median = _median(values)

@@ -99,7 +99,7 @@ def test_the_unit_of_integers(tmp_path):
     refusal(tmp_path, "the unit of the depth is not known", "depth_scale.txt")
     (tmp_path / "depth_scale.txt").write_text("50\n")
     assert np.nanmedian(load_capture(tmp_path).depth_m) == pytest.approx(0.58, abs=0.001)
-    for text in (b"\xef\xbb\xbf50\r\n", b"5e1", b"5.E+01"):
+    for text in (b"\xef\xbb\xbf50\r\n", b"5e1", b"5.E+01", "50\r\n".encode("utf-16")):
         (tmp_path / "depth_scale.txt").write_bytes(text)
         assert np.nanmedian(load_capture(tmp_path).depth_m) == pytest.approx(0.58, abs=0.001)
     (tmp_path / "depth_scale.txt").write_text("-1")
