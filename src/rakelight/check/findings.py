@@ -75,8 +75,9 @@ FINDINGS = (
     # What the reader assumed, changed or left out.
     Row((
         "encoding-assumed", "linear-8-bit",
-        "intrinsics-from-exif", "default-intrinsics", "depth-unit-assumed", "lights-by-order",
-        "ignored-files", "unread-images", "misnamed", "same-view",
+        "intrinsics-from-exif", "default-intrinsics", "depth-unit-assumed", "depth-pose-assumed",
+        "lights-by-order",
+        "ignored-files", "unread-images", "misnamed", "same-view", "depth-camera",
         "jpeg", "compressed", "raw", "grey", "alpha-dropped", "display-p3", "exif-orientation",
         "ambient-subtracted", "flat-divided", "light-scaled", "undistorted",
         "mask-everything", "no-mask", "median-depth", "phone-moved",

@@ -14,6 +14,7 @@ from rakelight.capture.from_arrays import capture_from_arrays
 from rakelight.capture.intrinsics import (
     may_state,
     named_intrinsics,
+    names_depth,
     parse_intrinsics,
     small_texts,
 )
@@ -27,8 +28,9 @@ from rakelight.capture.loose_files import (
 )
 from rakelight.capture.loose_photographs import Photos, read_loose_photographs
 from rakelight.capture.readers.base import Reader, Reading, Wanted
+from rakelight.capture.readers.stated_depth_camera import stated_depth_camera
 from rakelight.errors import CaptureError, MachineError, listed, named_in, printable
-from rakelight.model import Camera, Encoding, Finding, GivenLights
+from rakelight.model import Camera, Encoding, Finding, Floats, GivenLights, RigidTransform
 
 # Sides whose proportions differ by less show the same field of view: 4032x3024 and 256x192 are
 # alike, 1920x1440 and 640x480, and rounding of one pixel in 192.
@@ -90,7 +92,7 @@ def reading_of(
         depth_m, depth_findings = read_loose_depth(files, decoder)
         photos = read_loose_photographs(files, decoder, depth_m.shape[2], wanted.progress)
     camera, camera_findings = _camera(path, files, photos)
-    depth_camera, view_findings = _depth_camera(camera, depth_m.shape[1:])
+    depth_camera, depth_to_color, view_findings = _depth_place(path, files, camera, depth_m)
     mask = None
     if files.mask is not None:
         mask = read_mask(files.mask.path, files.mask.source, camera.shape, ("PNG", "TIFF"))
@@ -103,6 +105,7 @@ def reading_of(
             encoding=encoding or photos.encoding,
             names=tuple(printable(Path(file.name).name) for file in files.photographs),
             depth_camera=depth_camera,
+            depth_to_color=depth_to_color,
             ambient=photos.ambient,
             flat=photos.flat,
             lights=lights,
@@ -122,7 +125,7 @@ def _camera(folder: Path, files: LooseFiles, photos: Photos) -> tuple[Camera, tu
     """The camera of the photographs as they are returned, by a file or by EXIF."""
     height, width = photos.pixels.shape[1:3]
     full_width, full_height = photos.full
-    stated = _stated(folder, files)
+    stated = _stated(folder, files, photos.full)
     if stated is not None:
         text, camera = stated
         if not camera.width:
@@ -154,14 +157,17 @@ def _camera(folder: Path, files: LooseFiles, photos: Photos) -> tuple[Camera, tu
     return camera.resized(width, height), (Finding("warning", EXIF_FOCAL, message, remedy),)
 
 
-def _stated(folder: Path, files: LooseFiles) -> tuple[str, Camera] | None:
-    """The intrinsics of the photographs that a file in the folder states, and its name."""
+def _stated(folder: Path, files: LooseFiles, full: tuple[int, int]) -> tuple[str, Camera] | None:
+    """The intrinsics of the photographs that a file in the folder states, and its name.
+
+    full : (width, height) of the photographs
+    """
     found: dict[str, Camera] = {}
-    texts = [path for path in files.texts if "depth" not in path.stem.lower()]
+    texts = [path for path in files.texts if not names_depth(path.stem)]
     for path, data in small_texts(texts).items():
         name = path.relative_to(folder).as_posix()
         source = f"{folder}/{name}"
-        camera = parse_intrinsics(data, source, named=named_intrinsics(path.stem))
+        camera = parse_intrinsics(data, source, named_intrinsics(path.stem), full)
         if camera is not None:
             found[name] = camera
         elif path.stem.lower() in _SURELY_INTRINSICS:  # EXIF, or another file, is not what is meant
@@ -185,24 +191,29 @@ def _stated(folder: Path, files: LooseFiles) -> tuple[str, Camera] | None:
     return next(iter((sized or found).items()), None)
 
 
-def _depth_camera(
-    camera: Camera, shape: tuple[int, ...]
-) -> tuple[Camera | None, tuple[Finding, ...]]:
-    """A camera for depth of the photographs' field of view whose sides divide theirs by no integer.
+def _depth_place(
+    folder: Path, files: LooseFiles, camera: Camera, depth_m: Floats
+) -> tuple[Camera | None, RigidTransform | None, tuple[Finding, ...]]:
+    """depth_camera and depth_to_color: as a file states them, else those of the same view.
 
-    None where they do, and where the proportions are others: that is refused elsewhere.
+    None where the depth (K, h, w) has the photographs' field of view and its sides divide theirs by
+    an integer, and where the proportions are others: that is refused elsewhere.
     """
-    h, w = shape
+    h, w = depth_m.shape[1:]
+    stated = stated_depth_camera(folder, files, camera, (h, w))
+    if stated.camera is not None:
+        return stated.camera, stated.to_color, stated.findings
     factor = max(camera.width // w, 1)
     if (h * factor, w * factor) == camera.shape:
-        return None, ()
+        return None, None, stated.findings
     if abs((camera.width / camera.height) / (w / h) - 1) > _SAME_PROPORTIONS:
-        return None, ()
+        return None, None, stated.findings
     message = (
         f"depth {w}x{h} is taken to show the field of view of the photographs "
         f"({camera.width}x{camera.height}), {camera.width / w:.3g} pixels to one"
     )
-    return camera.resized(w, h), (Finding("note", "same-view", message),)
+    findings = (Finding("note", "same-view", message), *stated.findings)
+    return camera.resized(w, h), None, findings
 
 
 def _unused(files: LooseFiles, lights: GivenLights | None) -> tuple[Finding, ...]:

@@ -1,0 +1,114 @@
+"""The pose of a depth camera in the files of other programs, where names say what of which.
+
+A name such as depth_to_color, color2depth or colorToDepthExtrinsics, of a table, a matrix or the
+file, says from which camera to which.  Librealsense's rotations have columns first, others rows:
+nine numbers in a row are taken only where that is said, or makes no difference.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+
+from rakelight.capture import validate
+from rakelight.capture.intrinsics import MAX_BYTES, numbers_of, plain_key
+from rakelight.capture.text_tables import NUMBER, contents, text_of
+from rakelight.errors import InputError
+from rakelight.model import Floats, RigidTransform
+
+_DEPTH_FIRST = re.compile(r"(depth|infra1?)\w{0,12}?(to|2)\w{0,6}?(colou?r|rgb)")
+_COLOR_FIRST = re.compile(r"(colou?r|rgb)\w{0,12}?(to|2)\w{0,6}?(depth|infra)")
+_NESTED = 3  # tables within tables that are looked into
+_ALIKE = 1e-3  # largest difference of a rotation from its transpose that is none
+_LARGEST = 1e6  # number in a pose, far beyond what one holds: its square is finite
+_MILLIMETRES = 1000.0  # of a baseline beyond a metre, in each metre
+
+
+def depth_to_color(data: bytes, source: str, stem: str) -> list[RigidTransform | None]:
+    """Every pose of the depth camera against the colour camera that a file states.
+
+    stem : the file's name, without ending
+    None stands for one that is stated in a way that is not clear.
+
+    >>> text = b"1 0 0 15 0 1 0 0 0 0 1 0"
+    >>> depth_to_color(text, "depth2color.txt", "depth2color")[0].translation_m.tolist()
+    [0.015, 0.0, 0.0]
+    """
+    text = text_of(data) if len(data) <= MAX_BYTES else None
+    if text is None:
+        return []
+    lines = (line.split("#")[0] for line in text.splitlines())
+    words = re.sub(r"[\s,;\[\]]+", " ", " ".join(lines)).split()
+    if len(words) in (12, 16) and all(re.fullmatch(NUMBER, word) for word in words):
+        return _stated({plain_key(stem): words})
+    for content in contents(text, source):
+        if found := _stated({plain_key(stem): content}) or _stated(content):
+            return found
+    return []
+
+
+def _stated(content: Any, nested: int = 0) -> list[RigidTransform | None]:
+    """The poses under names that say so, in a table and those in it."""
+    if not isinstance(content, dict) or nested > _NESTED:
+        return []
+    found: list[RigidTransform | None] = []
+    for key, value in content.items():
+        name = plain_key(key)
+        inverse = _COLOR_FIRST.search(name) is not None
+        if not inverse and not _DEPTH_FIRST.search(name):
+            found += _stated(value, nested + 1)
+        elif isinstance(value, (dict, list)):
+            pose = _pose(value, name)
+            if pose is not None and inverse:
+                turned = pose.rotation.T
+                pose = RigidTransform(turned, -turned @ pose.translation_m)
+            found.append(pose)
+    return found
+
+
+def _pose(value: Any, name: str) -> RigidTransform | None:
+    """Of a table with rotation and translation, or of a matrix of four columns; None if unclear."""
+    numbers = numbers_of(value)
+    if numbers is not None and numbers.size in (12, 16):
+        matrix = numbers.reshape(-1, 4)
+        if len(matrix) == 4 and not matrix[3, :3].any():
+            matrix = matrix[:3]
+        elif len(matrix) == 4:
+            matrix = matrix.T[:3]
+        return _checked(matrix[:, :3], matrix[:, 3])
+    if not isinstance(value, dict):
+        return None
+    parts = {plain_key(key): each for key, each in value.items()}
+    rotations = [key for key in parts if key == "r" or key.startswith("rot")]
+    translations = [key for key in parts if key == "t" or key.startswith("trans")]
+    if len(rotations) != 1 or len(translations) != 1:
+        inner = [_pose(each, name) for each in parts.values() if isinstance(each, (dict, list))]
+        return inner[0] if len(inner) == 1 else None
+    rotation = numbers_of(parts[rotations[0]])
+    translation = numbers_of(parts[translations[0]])
+    if rotation is None or translation is None or (rotation.size, translation.size) != (9, 3):
+        return None
+    stated = rotations[0] + name
+    square = rotation.reshape(3, 3)
+    if rotation.ndim == 1 and "row" not in stated:
+        if "col" not in rotations[0] and np.abs(square - square.T).max() > _ALIKE:
+            return None
+        square = square.T
+    return _checked(square, translation.ravel())
+
+
+def _checked(rotation: Floats, translation: Floats) -> RigidTransform | None:
+    """The pose in metres; None where it is none."""
+    if not max(np.abs(rotation).max(), np.abs(translation).max()) < _LARGEST:
+        return None
+    if np.linalg.norm(translation) > validate.LONGEST_BASELINE_M:
+        translation = translation / _MILLIMETRES
+    pose = RigidTransform(rotation, translation)
+    try:
+        validate.check_transform(pose, "")
+    except InputError:
+        return None
+    u, _, vt = np.linalg.svd(rotation)
+    return RigidTransform(u @ vt, translation)

@@ -1,0 +1,166 @@
+"""The depth camera that a file beside loose photographs states: its intrinsics and its pose."""
+
+from __future__ import annotations
+
+import re
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from rakelight.capture import validate
+from rakelight.capture.extrinsics import depth_to_color
+from rakelight.capture.intrinsics import (
+    named_intrinsics,
+    names_depth,
+    parse_depth_intrinsics,
+    small_texts,
+)
+from rakelight.capture.loose_files import LooseFiles
+from rakelight.capture.text_tables import text_of
+from rakelight.errors import InputError, listed
+from rakelight.model import Camera, Finding, Floats, RigidTransform
+
+# Pixels of depth by which focal lengths and centres of one view may differ: rounding.
+_SAME_VIEW_PX = 0.5
+# Files that hold a pose, by their names; those of a camera that moves are other ones.
+_POSES = re.compile(r"extrinsic|stereo|calib\w*pose")
+_IN_TOML = "write [depth_intrinsics] and [depth_to_color] into a capture.toml"
+
+
+@dataclass(frozen=True)
+class StatedDepthCamera:
+    """camera, to_color : None where no file states one that fits; findings : what was not used."""
+
+    camera: Camera | None = None
+    to_color: RigidTransform | None = None
+    findings: tuple[Finding, ...] = ()
+
+
+def stated_depth_camera(
+    folder: Path, files: LooseFiles, color: Camera, shape: tuple[int, int]
+) -> StatedDepthCamera:
+    """The depth camera of depth maps (h, w) = `shape` beside photographs of the camera `color`.
+
+    Depth of the photographs' size is taken to be registered to them: programs that register it
+    write the sensor's own intrinsics beside it all the same.
+    """
+    data = _of_depth(folder, files)
+    cameras, unused = _cameras(folder, data, shape)
+    poses, unclear = _poses(folder, data)
+    if len(set(cameras.values())) > 1:
+        unused |= dict.fromkeys(cameras, "several depth cameras")
+        cameras = {}
+    if not cameras:
+        unused |= dict.fromkeys((*poses, *unclear), "no depth intrinsics beside it")
+        silent = (name for name in data if name not in unused and _meant(name))
+        unused |= dict.fromkeys(silent, "no intrinsics found in it")
+        return StatedDepthCamera(findings=_not_used(unused))
+    camera = next(iter(cameras.values()))
+    if not poses and _same_view(camera, color):
+        return StatedDepthCamera(findings=_not_used(unused))
+    if shape == color.shape:
+        registered = "depth of the photographs' size is taken to be registered to them"
+        unused |= dict.fromkeys([*cameras, *poses], registered)
+        return StatedDepthCamera(findings=_not_used(unused))
+    if not poses:
+        unclear += [path.name for path in files.texts if _POSES.search(path.stem.lower())]
+        pose = RigidTransform(np.eye(3), np.zeros(3))
+        findings = (_pose_assumed(list(cameras), unclear), *_not_used(unused))
+        return StatedDepthCamera(camera, pose, findings)
+    pose = next(iter(poses.values()))
+    names = listed(list(dict.fromkeys([*cameras, *poses])))
+    baseline_mm = 1000 * float(np.linalg.norm(pose.translation_m))
+    message = f"depth by a camera of its own, as {names} has it: {baseline_mm:.3g} mm away"
+    used = Finding("note", "depth-camera", message)
+    return StatedDepthCamera(camera, pose, (used, *_not_used(unused)))
+
+
+def _of_depth(folder: Path, files: LooseFiles) -> dict[str, bytes]:
+    """The texts that speak of depth, in their names or their words, by their names."""
+    found = {}
+    for path, data in small_texts(files.texts).items():
+        words = f"{path.stem} {text_of(data) or ''}".lower()
+        if names_depth(path.stem) or "depth" in words or "infra" in words:
+            found[path.relative_to(folder).as_posix()] = data
+    return found
+
+
+def _cameras(
+    folder: Path, data: dict[str, bytes], shape: tuple[int, int]
+) -> tuple[dict[str, Camera], dict[str, str]]:
+    """Depth cameras by the names of the files that state them, and why others are not used."""
+    (h, w), found, unused = shape, dict[str, Camera](), dict[str, str]()
+    for name, text in data.items():
+        source, stem = f"{folder}/{name}", Path(name).stem
+        of_depth = names_depth(stem)
+        try:
+            named = named_intrinsics(stem)
+            camera = parse_depth_intrinsics(text, source, of_depth, named, (w, h))
+            if camera is None:
+                continue
+            if camera.width and camera.shape != shape:
+                unused[name] = f"for {camera.width}x{camera.height}, the depth is {w}x{h}"
+                continue
+            camera = replace(camera, width=w, height=h)
+            validate.check_camera(camera, shape, source, "intrinsics")
+            found[name] = camera
+        except InputError as error:
+            unused[name] = error.what
+    return found, unused
+
+
+def _poses(folder: Path, data: dict[str, bytes]) -> tuple[dict[str, RigidTransform], list[str]]:
+    """Poses by the names of the files that state them, and the files whose pose is not clear."""
+    found, unclear = dict[str, RigidTransform](), list[str]()
+    for name, text in data.items():
+        stated: list[RigidTransform | None] = []
+        with suppress(InputError):  # damaged, of which its intrinsics tell
+            stated = depth_to_color(text, f"{folder}/{name}", Path(name).stem)
+        clear = [pose for pose in stated if pose is not None]
+        if clear:
+            found[name] = clear[0]
+        elif stated:
+            unclear.append(name)
+    if len({np.round(_flat(pose), 4).tobytes() for pose in found.values()}) > 1:
+        return {}, [*unclear, *found]
+    return found, unclear
+
+
+def _flat(pose: RigidTransform) -> Floats:
+    """(12,) the numbers of a pose; none of them is -0."""
+    return np.concatenate([pose.rotation.ravel(), pose.translation_m]) + 0.0
+
+
+def _meant(name: str) -> bool:
+    """Whether a file's name says that it holds intrinsics of the depth."""
+    stem = Path(name).stem
+    return names_depth(stem) and named_intrinsics(stem)
+
+
+def _same_view(camera: Camera, color: Camera) -> bool:
+    """Whether a depth camera shows the photographs' field of view from their place."""
+    view = color.resized(camera.width, camera.height)
+    off = (abs(getattr(camera, key) - getattr(view, key)) for key in ("fx", "fy", "cx", "cy"))
+    return max(off) <= _SAME_VIEW_PX and camera.distortion == color.distortion
+
+
+def _not_used(why: dict[str, str]) -> tuple[Finding, ...]:
+    """A warning of the files that say something of the depth camera in vain."""
+    if not why:
+        return ()
+    message = "; ".join(f"{name}: {reason}" for name, reason in list(why.items())[:4])
+    more = f"; and {len(why) - 4} more" if len(why) > 4 else ""
+    message = f"depth camera not used, by {message}{more}"
+    return (Finding("warning", "ignored-files", message, f"if it is another camera: {_IN_TOML}"),)
+
+
+def _pose_assumed(cameras: list[str], unclear: list[str]) -> Finding:
+    message = (
+        f"depth by a camera of its own, as {listed(cameras)} has it, taken to be at the place of "
+        "the photographs' camera: no file says its pose as depth_to_color"
+    )
+    if unclear:
+        message += f"; not clear is {listed(list(dict.fromkeys(unclear)))}"
+    return Finding("warning", "depth-pose-assumed", message, _IN_TOML)

@@ -1,0 +1,208 @@
+"""Intrinsics and pose of the depth camera beside loose photographs: used, or told of."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from rakelight import load_capture
+from rakelight.capture.images import encode_tiff
+from rakelight.errors import CaptureError
+from rakelight.model import Camera
+from tests.capture.readers.test_photographs import codes, fill
+
+DEPTH = Camera(20, 14, 22.0, 22.5, 9.25, 6.75)
+COLOR_FACTS = {"width": 32, "height": 24, "fx": 40, "fy": 40.5, "cx": 15.25, "cy": 11.75}
+DEPTH_FACTS = {"width": 20, "height": 14, "fx": 22, "fy": 22.5, "cx": 9.25, "cy": 6.75}
+TURN = cv2.Rodrigues(np.array([0.01, -0.02, 0.03]))[0]
+SHIFT_M = np.array([0.015, -0.001, 0.0005])
+POSE = np.vstack([np.column_stack([TURN, SHIFT_M]), [0, 0, 0, 1]])
+ROWS = "\n".join(" ".join(map(repr, row)) for row in POSE.tolist())
+MATRIX_C = "40 0 15.25 0 40.5 11.75 0 0 1"
+MATRIX = "22 0 9.25 0 22.5 6.75 0 0 1"
+
+SCANNET = """\
+colorHeight = 24
+colorToDepthExtrinsics = {}
+colorWidth = 32
+depthHeight = 14
+depthWidth = 20
+fx_color = 40
+fx_depth = 22
+fy_color = 40.5
+fy_depth = 22.5
+mx_color = 15.25
+mx_depth = 9.25
+my_color = 11.75
+my_depth = 6.75
+""".format(" ".join(map(repr, np.linalg.inv(POSE).ravel().tolist())))
+
+ENUMERATED = """\
+ Intrinsic of "Depth" / 40x28 / {{Z16}}
+  Width:      \t40
+  Height:     \t28
+  PPX:        \t19
+  PPY:        \t14
+  Fx:         \t44
+  Fy:         \t45
+  Distortion: \tBrown Conrady
+  Coeffs:     \t0  \t0  \t0  \t0  \t0
+  FOV (deg):  \t48.1 x 34.7
+
+ Intrinsic of "Depth" / 20x14 / {{Z16}}
+  Width:      \t20
+  Height:     \t14
+  PPX:        \t9.25
+  PPY:        \t6.75
+  Fx:         \t22
+  Fy:         \t22.5
+  Distortion: \tBrown Conrady
+  Coeffs:     \t0  \t0  \t0  \t0  \t0
+
+ Intrinsic of "Color" / 32x24 / {{YUYV/RGB8/BGR8/RGBA8/BGRA8/Y16}}
+  Width:      \t32
+  Height:     \t24
+  PPX:        \t15.25
+  PPY:        \t11.75
+  Fx:         \t40
+  Fy:         \t40.5
+  Distortion: \tInverse Brown Conrady
+  Coeffs:     \t0  \t0  \t0  \t0  \t0
+
+Extrinsic from "Depth"\t  To\t  "Color" :
+ Rotation Matrix:
+{}
+
+ Translation Vector: 0.015  -0.001  0.0005
+
+Extrinsic from "Color"\t  To\t  "Depth" :
+ Rotation Matrix:
+   1   0   0
+   0   1   0
+   0   0   1
+
+ Translation Vector: 9  9  9
+""".format("\n".join("   ".join(map(repr, row)) for row in TURN.tolist()))
+
+
+def folder(path, shape=(14, 20), **texts):
+    fill(path, depth=False, texts=not any("intrinsics" in name for name in texts))
+    (path / "depth.tiff").write_bytes(encode_tiff(np.full(shape, 0.6, np.float32)))
+    for name, text in texts.items():
+        text = text if isinstance(text, str) else json.dumps(text)
+        stem, _, ending = name.rpartition("_")
+        (path / f"{stem}.{ending}").write_text(text)
+    return path
+
+
+def assert_posed(capture):
+    assert capture.depth_camera == DEPTH
+    np.testing.assert_allclose(capture.depth_to_color.rotation, TURN, atol=1e-6)
+    np.testing.assert_allclose(capture.depth_to_color.translation_m, SHIFT_M, atol=1e-7)
+    assert "depth-camera" in codes(capture)
+    assert "ignored-files" not in codes(capture)
+
+
+TABLES = {
+    "rows": {"rotation": TURN.tolist(), "translation": SHIFT_M.tolist()},
+    "millimetres": {"R": TURN.tolist(), "T": (1000 * SHIFT_M).tolist()},
+    "row_major": {"rotation_row_major": TURN.ravel().tolist(), "translation_m": SHIFT_M.tolist()},
+    "column_major": {"rotation_column_major": TURN.T.ravel().tolist(), "t": SHIFT_M.tolist()},
+    "matrix": POSE.tolist(),
+    "columns": POSE.T.ravel().tolist(),
+}
+
+
+@pytest.mark.parametrize("pose", TABLES.values(), ids=TABLES)
+def test_intrinsics_and_pose_in_one_file(tmp_path, pose):
+    facts = {"color": COLOR_FACTS, "depth": DEPTH_FACTS, "extrinsics": {"depth_to_color": pose}}
+    assert_posed(load_capture(folder(tmp_path, intrinsics_json=facts)))
+
+
+@pytest.mark.parametrize(
+    "texts",
+    [
+        {"depth_intrinsics_json": DEPTH_FACTS, "intrinsics_json": COLOR_FACTS,
+         "depth_to_color_txt": ROWS},
+        {"calib_ir_txt": MATRIX, "calib_color_json": COLOR_FACTS, "color2depth_txt":
+         " ".join(map(repr, np.linalg.inv(POSE).ravel().tolist())), "intrinsics_json": COLOR_FACTS},
+        {"intrinsics_txt": SCANNET},
+        {"intrinsics_txt": ENUMERATED},
+    ],
+    ids=["files", "inverse", "ScanNet", "rs-enumerate-devices"],
+)  # fmt: skip
+def test_intrinsics_and_pose_in_several_ways(tmp_path, texts):
+    assert_posed(load_capture(folder(tmp_path, **texts)))
+
+
+@pytest.mark.parametrize(
+    "pose",
+    [
+        {},
+        {"extrinsics_json": {"rotation": TURN.tolist(), "translation": [0.015, 0, 0]}},
+        {"depth_to_color_json": {"rotation": TURN.ravel().tolist(), "translation": [0, 0, 0]}},
+        {"depth_to_color_json": {"rotation": (2 * TURN).tolist(), "translation": [0, 0, 0]}},
+    ],
+    ids=["none", "of what", "rows or columns", "no rotation"],
+)  # fmt: skip
+def test_without_a_clear_pose_a_warning_says_what_was_assumed(tmp_path, pose):
+    made = folder(tmp_path, depth_intrinsics_json=DEPTH_FACTS, K_txt=MATRIX_C, **pose)
+    capture = load_capture(made)
+    assert capture.depth_camera == DEPTH
+    np.testing.assert_array_equal(capture.depth_to_color.rotation, np.eye(3))
+    (warning,) = [f for f in capture.findings if f.code == "depth-pose-assumed"]
+    assert warning.severity == "warning"
+    assert "depth_intrinsics.json" in warning.message
+    for name in pose:
+        assert name.replace("_json", ".json") in warning.message
+
+
+@pytest.mark.parametrize(
+    ("texts", "says"),
+    [
+        ({"depth_intrinsics_json": {**DEPTH_FACTS, "width": 40, "height": 28}}, "for 40x28"),
+        (
+            {"depth_intrinsics_json": {**DEPTH_FACTS, "cx": 90, "width": 16, "height": 12}},
+            "principal point",
+        ),
+        ({"depth_intrinsics_json": "{"}, "not valid JSON"),
+        ({"depth_calibration_txt": "to be done"}, "no intrinsics found"),
+        ({"depth_to_color_txt": ROWS}, "no depth intrinsics"),
+        ({"depth_camera_txt": MATRIX, "calib_ir_txt": "21" + MATRIX[2:]}, "several"),
+    ],
+    ids=["size", "nonsense", "damaged", "no numbers", "a pose alone", "several"],
+)
+def test_what_is_not_used_is_named(tmp_path, texts, says):
+    capture = load_capture(folder(tmp_path, (12, 16), K_txt=MATRIX_C, **texts))
+    assert capture.depth_camera is None
+    (warning,) = [f for f in capture.findings if f.code == "ignored-files"]
+    assert warning.severity == "warning"
+    assert says in warning.message
+    for name in texts:
+        assert name.rpartition("_")[0] in warning.message
+
+
+def test_depth_of_the_photographs_size_stays_registered(tmp_path):
+    facts = {**DEPTH_FACTS, "width": 32, "height": 24, "cx": 16, "cy": 12}
+    capture = load_capture(folder(tmp_path, (24, 32), K_txt=MATRIX_C, depth_camera_json=facts))
+    assert capture.depth_camera is None
+    assert "ignored-files" in codes(capture)
+    (tmp_path / "depth_camera.json").write_text(json.dumps(COLOR_FACTS))
+    assert "ignored-files" not in codes(load_capture(tmp_path))
+
+
+def test_intrinsics_of_the_same_view_change_nothing(tmp_path):
+    view = Camera(**COLOR_FACTS).resized(16, 12)
+    facts = {key: getattr(view, key) for key in DEPTH_FACTS}
+    capture = load_capture(folder(tmp_path, (12, 16), K_txt=MATRIX_C, depth_camera_json=facts))
+    assert capture.depth_camera is None
+    assert not {"ignored-files", "depth-pose-assumed", "depth-camera"} & set(codes(capture))
+
+
+def test_several_sizes_without_the_photographs_are_refused(tmp_path):
+    text = ENUMERATED.replace("Width:      \t32", "Width:      \t64").replace(
+        '"Depth" / 40x28', '"Color" / 40x28'
+    )
+    with pytest.raises(CaptureError, match=r"several camera matrices.*2 of them"):
+        load_capture(folder(tmp_path, intrinsics_txt=text))
