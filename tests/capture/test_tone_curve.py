@@ -1,4 +1,4 @@
-"""16-bit photographs that say how their values depend on the light: by a profile, by PNG's sRGB."""
+"""Photographs that say how their values depend on the light: by a profile, by chunks of PNG."""
 
 import io
 import struct
@@ -12,6 +12,7 @@ from PIL import ImageCms
 from rakelight.capture import load_capture, write_capture
 from rakelight.capture.headers import PNG_MAGIC
 from rakelight.capture.images import encode_png
+from rakelight.capture.png import chunk
 from rakelight.capture.tone_curve import half_light
 from rakelight.errors import CaptureError
 from tests.capture.capture_builder import edit_config, small_capture
@@ -35,14 +36,15 @@ GAMMA_18, ADOBE = profile("curv", round(256 * 1.8)), profile("curv", 563)
 LINEAR = profile("curv")
 
 
-def png(pixels, kind=None, body=b""):
-    """A PNG with one more chunk before its pixels."""
+def png(pixels, *kinds_and_bodies):
+    """A PNG with more chunks before its pixels."""
     data = encode_png(pixels)
-    if kind is None:
-        return data
-    chunk = struct.pack(">I", len(body)) + kind + body
-    chunk += struct.pack(">I", zlib.crc32(kind + body))
-    return PNG_MAGIC + data[8:33] + chunk + data[33:]
+    bodies = zip(kinds_and_bodies[::2], kinds_and_bodies[1::2], strict=True)
+    return data[:33] + b"".join(chunk(kind, body) for kind, body in bodies) + data[33:]
+
+
+def gama(value):
+    return b"gAMA", struct.pack(">I", value)
 
 
 def iccp(icc):
@@ -78,15 +80,15 @@ def test_a_profile_without_a_curve_states_nothing(icc):
         assert half_light(data) is None
 
 
-def folder(path, files, config=True):
-    """A capture folder, or loose photographs, of SMALL with these photographs."""
-    write_capture(SMALL, path)
+def folder(path, files, config=True, small=SMALL):
+    """A capture folder, or loose photographs, of a small capture with these photographs."""
+    write_capture(small, path)
     for i, data in enumerate(files):
         kind = "png" if data.startswith(PNG_MAGIC) else "tiff"
         (path / f"rgb/{i:03d}.png").unlink()
         (path / f"rgb/{i:03d}.{kind}").write_bytes(data)
     if config:
-        edit_config(path, 'encoding = "linear"\n', "")
+        edit_config(path, f'encoding = "{small.encoding}"\n', "")
     else:
         (path / "capture.toml").unlink()
         (path / "K.txt").write_text("\n".join(" ".join(map(str, r)) for r in SMALL.camera.matrix))
@@ -101,10 +103,12 @@ def folder(path, files, config=True):
         (lambda pixels: tiff(pixels, ADOBE), "srgb"),
         (lambda pixels: tiff(pixels, LINEAR), "linear"),
         (lambda pixels: png(pixels, b"sRGB", b"\0"), "srgb"),
-        (lambda pixels: png(pixels, b"gAMA", struct.pack(">I", 45455)), "linear"),
+        (lambda pixels: png(pixels, *gama(45455)), "linear"),
+        (lambda pixels: png(pixels, *gama(100_000)), "linear"),
+        (lambda pixels: png(pixels, b"cICP", b"\x01\x0d\0\x01", *gama(100_000)), "srgb"),
         (png, "linear"),
     ],
-    ids=["sRGB", "Adobe RGB", "linear", "chunk", "gAMA", "none"],
+    ids=["sRGB", "Adobe RGB", "linear", "chunk", "gAMA", "linear gAMA", "cICP", "none"],
 )
 def test_the_file_says_the_encoding(tmp_path, make, encoding, config):
     path = folder(tmp_path / "c", [make(pixels) for pixels in SMALL.photographs], config)
@@ -126,3 +130,50 @@ def test_other_curves_and_different_ones_are_refused(tmp_path, config):
     files = [tiff(first, SRGB), *(tiff(pixels) for pixels in others)]
     with pytest.raises(CaptureError, match=r"tone curve.*0\.21.*; .*001\.tiff without a profile"):
         load_capture(folder(tmp_path / "b", files, config))
+
+
+EIGHT = small_capture(dtype=np.uint8, maps=1)
+P_SRGB, P_LINEAR = (b"iCCP", iccp(SRGB)), (b"iCCP", iccp(LINEAR))
+C_SRGB = (b"sRGB", b"\0")
+
+
+@pytest.mark.parametrize("config", [True, False], ids=["capture.toml", "loose"])
+@pytest.mark.parametrize(
+    ("chunks", "encoding"),
+    [
+        ((), "srgb"),
+        (C_SRGB, "srgb"),
+        (gama(45455), "srgb"),
+        (gama(55556), "srgb"),
+        (P_SRGB, "srgb"),
+        ((b"iCCP", iccp(GAMMA_18)), "srgb"),
+        ((*gama(100_000), *C_SRGB), "srgb"),
+        ((*gama(100_000), *P_SRGB), "srgb"),
+        ((*gama(100_000), b"iCCP", b"damaged"), "srgb"),
+        ((b"cICP", b"\x01\x10\0\x01"), "srgb"),
+        (gama(100_000), "linear"),
+        (P_LINEAR, "linear"),
+        ((*gama(45455), *P_LINEAR), "linear"),
+        ((*C_SRGB, *P_LINEAR), "linear"),
+        ((b"cICP", b"\x01\x08\0\x01", *P_SRGB), "linear"),
+    ],
+)
+def test_8_bit_is_linear_only_where_its_chunks_say_so(tmp_path, chunks, encoding, config):
+    files = [png(pixels, *chunks) for pixels in EIGHT.photographs]
+    capture = load_capture(folder(tmp_path / "c", files, config, EIGHT))
+    assert capture.encoding == encoding
+    np.testing.assert_array_equal(capture.photographs, EIGHT.photographs)
+    note = "linear-8-bit" if encoding == "linear" else "encoding-assumed"
+    assert note in [finding.code for finding in capture.findings]
+
+
+@pytest.mark.parametrize(("icc", "encoding"), [(LINEAR, "linear"), (SRGB, "srgb"), (None, "srgb")])
+def test_8_bit_tiff_is_linear_where_its_profile_says_so(tmp_path, icc, encoding):
+    files = [tiff(pixels, icc) for pixels in EIGHT.photographs]
+    assert load_capture(folder(tmp_path / "c", files, False, EIGHT)).encoding == encoding
+
+
+def test_linear_8_bit_beside_sRGB_is_refused(tmp_path):
+    files = [png(EIGHT.photographs[0], *gama(100_000)), *map(png, EIGHT.photographs[1:])]
+    with pytest.raises(CaptureError, match=r"tone curve.*0\.50.*001\.png without"):
+        load_capture(folder(tmp_path / "c", files, True, EIGHT))

@@ -100,8 +100,8 @@ class Header:
 
     channels : as stored: 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha
     orientation : the EXIF tag; 1 = as stored
-    half_light : light, white being 1, of a value half as large as white, as a 16-bit file states it
-        (tone_curve.py); None where it states none
+    half_light : light, white being 1, of a value half as large as white, as the file states it
+        (tone_curve.py); None where it states none, or of 8 bit none that is linear
 
     >>> print(Header("PNG", width=1280, height=960, channels=3, dtype="uint8"))
     1280x960x3 uint8

@@ -1,7 +1,9 @@
-"""The tone curve that a 16-bit PNG or TIFF states: its ICC profile, or PNG's own chunk for sRGB.
+"""The tone curve that a PNG or TIFF states: its ICC profile, or PNG's own chunks.
 
-Photo editors write 16 bit as sRGB, Adobe RGB or ProPhoto RGB, with a profile.  PNG's gAMA chunk is
-not looked at: converters write one into linear images, too.
+Photo editors write 16 bit as sRGB, Adobe RGB or ProPhoto RGB, with a profile.  Of 8 bit only a
+linear curve is looked at: all others count as sRGB, as those of cameras and phones are.  PNG's
+chunks come in the order of its specification (third edition, 4.3): cICP, iCCP, sRGB, gAMA.  Of gAMA
+only a linear one of 8 bit is looked at: converters write sRGB's into linear images of 16 bit, too.
 """
 
 from __future__ import annotations
@@ -21,6 +23,8 @@ from rakelight.model import Encoding
 # hundredth of sRGB's (0.218), ProPhoto RGB's (0.287) and BT.709's (0.260) are not.
 _HALF: dict[Encoding, float] = {"linear": 0.5, "srgb": 0.214}
 _ALIKE = 0.01
+_CICP_HALF = {8: _HALF["linear"], 13: _HALF["srgb"]}  # by H.273's codes of transfer
+_GAMA_LINEAR = 100_000  # an exponent of 1, in 100,000ths
 _ICC_TAG, _MOST_PROFILE_BYTES = 34675, 5_000_000
 
 
@@ -44,13 +48,14 @@ def half_light(data: bytes) -> float | None:
 def read_photograph_header(data: bytes, source: str = "") -> Header:
     """`read_header`, and the tone curve that the file states; raises CaptureError."""
     header = read_header(data, source)
-    if header.dtype != "uint16":
-        return header
-    return replace(header, half_light=half_light(data))
+    half = half_light(data) if header.dtype in ("uint8", "uint16") else None
+    if header.dtype == "uint8" and _encoding(half) != "linear":
+        half = None
+    return replace(header, half_light=half)
 
 
 def stated_encoding(headers: Mapping[str, Header], source: str) -> Encoding | None:
-    """The encoding that 16-bit images (name -> header) state; None where none states any.
+    """The encoding that images (name -> header) state; None where none states any.
 
     Raises CaptureError for different curves, and for one that is neither linear nor sRGB's.
 
@@ -91,17 +96,23 @@ def _few(each: Iterable[str]) -> str:
 
 
 def _of_png(data: bytes) -> float | None:
-    found = None
+    chunks: dict[bytes, bytes] = {}
     for kind, start, end in png_chunks(data):
-        if kind == b"iCCP":
-            name, _, packed = data[start + 8 : end - 4].partition(b"\0")
-            unpack = zlib.decompressobj()
-            return _of_profile(unpack.decompress(packed[1:], _MOST_PROFILE_BYTES)) if name else None
-        if kind == b"sRGB":
-            found = _HALF["srgb"]
         if kind == b"IDAT":
             break
-    return found
+        chunks.setdefault(kind, data[start + 8 : end - 4])
+    if b"cICP" in chunks:
+        return _CICP_HALF.get(chunks[b"cICP"][1], 0.0)  # others are of film and video
+    if b"iCCP" in chunks:
+        name, _, packed = chunks[b"iCCP"].partition(b"\0")
+        unpack = zlib.decompressobj()
+        return _of_profile(unpack.decompress(packed[1:], _MOST_PROFILE_BYTES)) if name else None
+    if b"sRGB" in chunks:
+        return _HALF["srgb"]
+    if b"gAMA" in chunks and chunks[b"IHDR"][8] == 8:
+        (gamma,) = struct.unpack(">I", chunks[b"gAMA"])
+        return _HALF["linear"] if gamma == _GAMA_LINEAR else None
+    return None
 
 
 def _of_profile(profile: bytes) -> float | None:
