@@ -2,10 +2,10 @@
 
 Names come first: a file, or its folder, with `depth` in its name is depth, one with the word `mask`
 the mask, `ambient` and `flat` are pictures for the correction of the light, `confidence` and `conf`
-are left out, and so is `disparity`, `depth_scale` is the number of depth values per metre.  A file
-without such a name is depth where its format holds nothing else (PFM, NPY, EXR without colour), or
-where it is one channel of 16 bit or floating point beside photographs in colour.  The other images
-are the photographs.
+say how sure the depth is, `disparity` is left out, `depth_scale` is the number of depth values per
+metre.  A file without such a name is depth where its format holds nothing else (PFM, NPY, EXR
+without colour), or where it is one channel of 16 bit or floating point beside photographs in
+colour.  The other images are the photographs.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class LooseFiles:
 
     texts : files that might hold intrinsics; depth_scale : the file that says it
     unused : names of pictures that are left out, for a note
-    confidence : names of pictures of how sure the depth is, which are not read, for a note
+    confidence : how sure the depth is, see loose_confidence.py
     unread : names of images of formats that are not read, for a warning
     """
 
@@ -89,7 +89,7 @@ class LooseFiles:
     texts: tuple[Path, ...]
     depth_scale: Path | None
     unused: tuple[str, ...]
-    confidence: tuple[str, ...] = ()
+    confidence: tuple[LooseFile, ...] = ()
     unread: tuple[str, ...] = ()
 
 
@@ -224,7 +224,7 @@ def list_loose_files(folder: Path, photographs: Sequence[str] = ()) -> LooseFile
         tuple(p for p in texts if p not in scales),
         scales[0] if scales else None,
         tuple(file.name for file in (*unused, *named["disparity"], *paired)),
-        tuple(file.name for file in named["confidence"]),
+        tuple(named["confidence"]),
         tuple(unread),
     )
 

@@ -76,8 +76,8 @@ FINDINGS = (
     Row((
         "encoding-assumed", "linear-8-bit",
         "intrinsics-from-exif", "default-intrinsics", "depth-unit-assumed", "depth-pose-assumed",
-        "lights-by-order",
-        "ignored-files", "unread-images", "misnamed", "same-view", "depth-camera",
+        "lights-by-order", "same-view", "depth-camera", "confidence-applied",
+        "ignored-files", "unread-images", "misnamed",
         "jpeg", "compressed", "raw", "grey", "alpha-dropped", "display-p3", "exif-orientation",
         "ambient-subtracted", "flat-divided", "light-scaled", "undistorted",
         "mask-everything", "no-mask", "median-depth", "phone-moved",

@@ -251,24 +251,83 @@ def test_a_file_of_depth_that_is_not_read_is_named(tmp_path, name):
     refusal(tmp_path, f"no depth map in it (seen {name}, img9.png")
 
 
-@pytest.mark.parametrize(
-    "name", ["confidence.png", "conf_00000.png", "depth/conf.npy", "conf/0.exr", "conf/9.png"]
-)
+CONFIDENCES = ["confidence.png", "conf_00000.png", "depth/conf.npy", "conf/0.exr", "conf/9.png"]
+
+
+def write_map(path, values):
+    path.parent.mkdir(exist_ok=True)
+    if path.suffix == ".exr":
+        exr(path, R=values.astype(np.float32))
+    else:
+        path.write_bytes(as_npy(values) if path.suffix == ".npy" else encode_png(values))
+
+
+@pytest.mark.parametrize("name", CONFIDENCES)
 def test_confidence_is_neither_a_photograph_nor_depth(tmp_path, name):
     made = fill(tmp_path)
-    path = tmp_path / name
-    path.parent.mkdir(exist_ok=True)
-    sure = np.full(made.depth_m.shape[1:], 2, np.uint8)
-    if name.endswith("exr"):
-        exr(path, R=sure.astype(np.float32))
-    else:
-        path.write_bytes(as_npy(sure) if name.endswith("npy") else encode_png(sure))
+    write_map(tmp_path / name, np.full(made.depth_m.shape[1:], 2, np.uint8))
     capture = load_capture(tmp_path)
     assert len(capture.photographs) == len(made.photographs)
     np.testing.assert_array_equal(capture.depth_m, made.depth_m[:1])
-    (left_out,) = [f for f in capture.findings if f.code == "ignored-files"]
-    assert left_out.severity == "warning"
-    assert name in left_out.message
+    code = "ignored-files" if name.endswith("exr") else "confidence-applied"
+    (told,) = [f for f in capture.findings if f.code == code]
+    assert told.severity == ("warning" if name.endswith("exr") else "note")
+    assert name in told.message
+
+
+@pytest.mark.parametrize("name", [name for name in CONFIDENCES if not name.endswith("exr")])
+def test_depth_is_left_out_where_its_confidence_is_0(tmp_path, name):
+    made = fill(tmp_path)
+    sure = np.full(made.depth_m.shape[1:], 54, np.uint8)
+    sure[:3, :4] = 0
+    write_map(tmp_path / name, sure)
+    capture = load_capture(tmp_path)
+    expected = np.where(sure > 0, made.depth_m[:1], np.nan)
+    np.testing.assert_array_equal(capture.depth_m, expected)
+    share = 1 - np.isfinite(expected).sum() / np.isfinite(made.depth_m[0]).sum()
+    assert any(f"{share:.1%} of the depth left out" in f.message for f in capture.findings)
+
+
+def test_each_depth_map_has_the_confidence_of_its_number(tmp_path):
+    made = fill(tmp_path, depth=False)
+    for i in (0, 1):
+        (tmp_path / f"depth_{9 + i}.tiff").write_bytes(encode_tiff(made.depth_m[0]))
+        sure = np.full(made.depth_m.shape[1:], 2, np.uint8)
+        sure[5 + i, 8] = 0
+        write_map(tmp_path / f"conf_{9 + i}.png", sure)
+    capture = load_capture(tmp_path)
+    assert np.isnan(capture.depth_m[:, 5:7, 8]).tolist() == [[True, False], [False, True]]
+
+
+@pytest.mark.parametrize(
+    ("names", "change", "says"),
+    [
+        (["conf_1.png", "conf_2.png"], lambda sure: sure, "not one for each of 1"),
+        (["conf.png"], lambda sure: sure[1:], "16x12 pixels"),
+        (["conf.npy"], lambda sure: sure[:, 1:], "16x12 pixels"),
+        (["conf.png"], lambda sure: np.dstack([sure] * 3), "16x12 pixels"),
+        (["conf.png"], lambda sure: 0 * sure, "no depth would be left"),
+    ],
+    ids=["several", "size", "size of an array", "colour", "all 0"],
+)
+def test_confidence_that_does_not_fit_is_told_of(tmp_path, names, change, says):
+    made = fill(tmp_path)
+    sure = np.full(made.depth_m.shape[1:], 2, np.uint8)
+    sure[0] = 0
+    for name in names:
+        write_map(tmp_path / name, change(sure))
+    capture = load_capture(tmp_path)
+    np.testing.assert_array_equal(capture.depth_m, made.depth_m[:1])
+    (warning,) = [f for f in capture.findings if f.code == "ignored-files"]
+    assert warning.severity == "warning"
+    assert says in warning.message
+
+
+def test_a_damaged_map_of_confidence_is_refused(tmp_path):
+    fill(tmp_path)
+    data = encode_png(np.ones((12, 16), np.uint8))
+    (tmp_path / "conf.png").write_bytes(data[:-20])
+    refusal(tmp_path, "conf.png", "damaged")
 
 
 @pytest.mark.parametrize("name", ["disparity.png", "disp_0.npy", "disparities/0.png"])

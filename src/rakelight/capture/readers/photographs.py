@@ -19,6 +19,7 @@ from rakelight.capture.intrinsics import (
     small_texts,
 )
 from rakelight.capture.listing import check_numbers, read_mask, unread_finding
+from rakelight.capture.loose_confidence import without_unsure
 from rakelight.capture.loose_depth import depth_noted, read_loose_depth
 from rakelight.capture.loose_files import (
     LooseFiles,
@@ -90,6 +91,7 @@ def reading_of(
         lights = None if lights is None else lights.select(wanted.photographs)
     with DecoderProcess() as decoder:
         depth_m, depth_findings = read_loose_depth(files, decoder)
+        doubt_findings = without_unsure(depth_m, files)
         photos = read_loose_photographs(files, decoder, depth_m.shape[2], wanted.progress)
     camera, camera_findings = _camera(path, files, photos)
     depth_camera, depth_to_color, view_findings = _depth_place(path, files, camera, depth_m)
@@ -115,6 +117,7 @@ def reading_of(
         *view_findings,
         *photos.findings,
         *depth_noted(depth_findings, capture),
+        *doubt_findings,
         *_unused(files, lights),
         *capture.findings,
     )
@@ -226,10 +229,6 @@ def _unused(files: LooseFiles, lights: GivenLights | None) -> tuple[Finding, ...
     if files.unused:
         message = f"left out, a better file is there: {listed(files.unused)}"
         found.append(Finding("note", "ignored-files", message))
-    if files.confidence:
-        message = f"not read, all depth counts as measured: {listed(files.confidence)}"
-        remedy = "set depth that is not sure to 0"
-        found.append(Finding("warning", "ignored-files", message, remedy))
     if files.unread:
         found.append(unread_finding(files.unread))
     return tuple(found)
