@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from rakelight.capture.extrinsics import depth_to_color
 from rakelight.capture.intrinsics import MAX_BYTES, named_intrinsics, parse_intrinsics
 from rakelight.errors import CaptureError
 from rakelight.model import Camera, Distortion
@@ -234,6 +235,14 @@ sceneType = Apartment
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
 def test_lines_of_other_programs(text, camera, encoding):
     assert parse_intrinsics(text.replace("\n", "\r\n").encode(encoding)) == camera
+
+
+def test_a_number_of_6000_digits_is_no_bug_of_ours():
+    numbers = f"[0x{'f' * 5000}, 1]"
+    with pytest.raises(CaptureError, match="no camera matrix"):
+        parse_intrinsics(f"FocalLength: {numbers}".encode(), "a.yaml")
+    with pytest.raises(CaptureError, match="no pose"):
+        depth_to_color(f"depth_to_color: {numbers}".encode(), "a.yaml", "a")
 
 
 def test_one_of_several_cameras_is_chosen_by_its_size():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 import OpenEXR
 
 from rakelight.capture import load_capture
-from rakelight.capture.images import encode_jpeg
+from rakelight.capture.images import encode_jpeg, encode_png, encode_tiff
 from rakelight.capture.readers import kinect_mkv
 from rakelight.model import RigidTransform
 from tests.capture.photo_files import dng, exr, heic, mosaic_of, pfm
@@ -58,6 +59,11 @@ def source_kinds(folder: Path) -> list[tuple[str, Path, Callable[[], object]]]:
             "img9.jpg",
         ),
         photographs(folder / "photographs-pfm", ".pfm"): ("depth.pfm",),
+        depth_camera(folder / "photographs-two"): (
+            "cameras.json",
+            "depth_to_color.txt",
+            "conf.png",
+        ),
         decoded_elsewhere(folder / "photographs-heic", ".heic"): ("img9.heic",),
         decoded_elsewhere(folder / "photographs-raw", ".dng"): ("img9.dng",),
         decoded_elsewhere(folder / "photographs-exr", ".exr"): ("img9.exr", "depth.exr"),
@@ -80,6 +86,20 @@ def decoded_elsewhere(folder: Path, suffix: str) -> Path:
             new.write_bytes(heic(pixels, 90) if suffix == ".heic" else dng(mosaic_of(light)))
     if suffix == ".exr":
         exr(folder / "depth.exr", Z=made.depth_m[0])
+    return folder
+
+
+def depth_camera(folder: Path) -> Path:
+    """Loose photographs, depth of a camera of its own, and how sure it is."""
+    fill(folder, depth=False, texts=False)
+    (folder / "depth.tiff").write_bytes(encode_tiff(np.full((14, 20), 0.6, np.float32)))
+    sure = np.full((14, 20), 2, np.uint8)
+    sure[0] = 0
+    (folder / "conf.png").write_bytes(encode_png(sure))
+    color = {"width": 32, "height": 24, "fx": 40, "fy": 40.5, "cx": 15.25, "cy": 11.75}
+    depth = {"width": 20, "height": 14, "K": [[22, 0, 9.25], [0, 22.5, 6.75], [0, 0, 1]]}
+    (folder / "cameras.json").write_text(json.dumps({"color": color, "depth": depth}))
+    (folder / "depth_to_color.txt").write_text("1 0 0 0.015\n0 1 0 0\n0 0 1 0\n0 0 0 1\n")
     return folder
 
 

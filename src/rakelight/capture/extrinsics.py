@@ -15,7 +15,7 @@ import numpy as np
 from rakelight.capture import validate
 from rakelight.capture.intrinsics import MAX_BYTES, numbers_of, plain_key
 from rakelight.capture.text_tables import NUMBER, contents, text_of
-from rakelight.errors import InputError
+from rakelight.errors import CaptureError, InputError, parsing
 from rakelight.model import Floats, RigidTransform
 
 _DEPTH_FIRST = re.compile(r"(depth|infra1?)\w{0,12}?(to|2)\w{0,6}?(colou?r|rgb)")
@@ -43,9 +43,10 @@ def depth_to_color(data: bytes, source: str, stem: str) -> list[RigidTransform |
     words = re.sub(r"[\s,;\[\]]+", " ", " ".join(lines)).split()
     if len(words) in (12, 16) and all(re.fullmatch(NUMBER, word) for word in words):
         return _stated({plain_key(stem): words})
-    for content in contents(text, source):
-        if found := _stated({plain_key(stem): content}) or _stated(content):
-            return found
+    with parsing(source, "no pose of a camera", CaptureError):
+        for content in contents(text, source):
+            if found := _stated({plain_key(stem): content}) or _stated(content):
+                return found
     return []
 
 

@@ -305,7 +305,8 @@ def _of_contents(
 ) -> Camera | None:
     """The camera of the first kind of content of a text that states one."""
     found = (_of_tables(tables(each), source, size) for each in contents(text, source))
-    return next(filter(None, found), None)
+    with parsing(source, "no camera matrix", CaptureError):
+        return next(filter(None, found), None)
 
 
 def _of_tables(tables: Iterable[Table], source: str, size: Size | None) -> Camera | None:

@@ -23,6 +23,7 @@ MAX_TABLE_BYTES = 100_000
 Table = dict[str, Any]
 """Names, and what the file has under them."""
 
+_MAX_ENUMERATED_BYTES = 300_000  # of a camera with a hundred sizes, three times as long as they are
 _LONGEST_ROW = 16  # numbers in a line after its name: those of a matrix, 4 x 4
 
 
@@ -96,13 +97,15 @@ def _printed(text: str) -> Table:
     '320'
     """
     found = re.finditer(
-        rf"([^\n]{{0,200}}?)(\d{{1,5}})x(\d{{1,5}}) +p\[({NUMBER}) ({NUMBER})\] +"
-        rf"f\[({NUMBER}) ({NUMBER})\] +([\w ]{{1,40}}?) *\[([^\]]{{1,200}})\]",
+        rf"(\d{{1,5}})x(\d{{1,5}}) +p\[({NUMBER}) ({NUMBER})\] +f\[({NUMBER}) ({NUMBER})\]"
+        r" +([\w ]{1,40}?) *\[([^\]]{1,200})\]",
         text[:MAX_TABLE_BYTES],
     )
     names = ("width", "height", "ppx", "ppy", "fx", "fy", "model")
     tables: Table = {}
-    for i, (before, *values, coefficients) in enumerate(match.groups() for match in found):
+    for i, match in enumerate(found):
+        *values, coefficients = match.groups()
+        before = text[text.rfind("\n", 0, match.start()) + 1 : match.start()]
         key = f"{'depth' if 'depth' in before.lower() else ''} {i}"
         tables[key] = {**dict(zip(names, values, strict=True)), "coeffs": coefficients.split()}
     return next(iter(tables.values())) if list(tables) == [" 0"] else tables
@@ -112,15 +115,17 @@ def _enumerated(text: str) -> Table:
     """What `rs-enumerate-devices -c` prints: color, depth, each by its sizes, and depth_to_color.
 
     >>> _enumerated('Intrinsic of "Color" / 640x480 / {RGB8}\\n  PPX: 320.5\\n')
-    {'color': {'640x480 0': {'width': '640', 'height': '480', 'PPX': '320.5'}}}
+    {'color': {'640x480 0': {'width': '640', 'height': '480', 'PPX': '320.5', 'Coeffs': []}}}
     """
     found: dict[str, Table] = {}
-    blocks = re.split(r"^ *(?=Intrinsic of|Extrinsic from|Motion Intrinsic)", text, flags=re.M)
+    starts = r"^ *(?=Intrinsic of|Extrinsic from|Motion Intrinsic)"
+    blocks = re.split(starts, text[:_MAX_ENUMERATED_BYTES], flags=re.M)
     for i, block in enumerate(blocks[1:]):
         name = re.match(r"Intrinsic of \"(Color|Depth)\" / (\d{1,5})x(\d{1,5}) ", block)
         if name is not None:
-            lines = re.findall(r"^ *(\w{1,20}): *\t? *(.{1,200}?)\s*$", block, re.M)
-            table = {key: value.split() if key == "Coeffs" else value for key, value in lines}
+            lines = re.findall(r"^ *(\w{1,20}):(.{1,200})$", block, re.M)
+            table: Table = {key: value.strip() for key, value in lines}
+            table["Coeffs"] = table.get("Coeffs", "").split()
             if "Distortion" in table:
                 table["model"] = table.pop("Distortion")
             size = {"width": name[2], "height": name[3]}
@@ -179,7 +184,8 @@ def _agisoft(text: str, source: str) -> Table:
     Raises CaptureError for a model that OpenCV's is not.
     """
     found: Table = {}
-    for i, block in enumerate(re.findall(r"<calibration\b.*?</calibration>", text, re.S)):
+    for i, after in enumerate(text.split("<calibration")[1:]):
+        block = after.partition("</calibration>")[0]
         stated = dict(re.findall(rf"<(\w{{1,20}})>\s*({NUMBER})\s*</", block))
         stated |= dict(re.findall(r"\b(width|height)=\"(\d{1,6})\"", block))
         if not {"f", "width", "height"} <= stated.keys():
