@@ -8,7 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from rakelight.capture.readers import open3d_recorder, record3d, stray_scanner, tum_rgbd
+from rakelight.capture.readers import (
+    open3d_recorder,
+    polycam,
+    record3d,
+    scanner_app,
+    stray_scanner,
+    tum_rgbd,
+)
 from rakelight.capture.readers.tracking import moved_finding
 from rakelight.errors import InputError
 from rakelight.model import Camera, Capture
@@ -59,6 +66,9 @@ def recording_kinds(folder: Path) -> list[tuple[str, Path, Callable[[], object]]
     (stray / "camera_matrix.csv").write_text(sources.matrix_text(CAMERA))
     open3d = sources.write_open3d(folder / "open3d", FRAMES, FINE, CAMERA, suffix="jpg")
     tum = sources.write_tum(folder / "tum", FRAMES, FINE, "40.0 40.5 15.25 11.75 0.01 0 0 0 0\n")
+    app = sources.write_scanner_app(folder / "3d-scanner-app", FRAMES, COARSE, camera=CAMERA)
+    raw = sources.write_polycam(folder / "polycam", FRAMES, COARSE)
+    camera = f"keyframes/cameras/{293814600474 + 33000}.json"
     again = partial(read_packed, folder / "again.r3d", folder / "metadata", members)
     kinds = [("r3d", packed, partial(sniffed_and_read, packed))]
     kinds.append(("r3d/metadata", folder / "metadata", again))
@@ -70,6 +80,8 @@ def recording_kinds(folder: Path) -> list[tuple[str, Path, Callable[[], object]]
         ),
         (open3d, open3d_recorder.recording, ("camera_intrinsic.json", "color/000001.jpg")),
         (tum, tum_rgbd.recording, ("rgb.txt", "intrinsics.txt")),
+        (app, scanner_app.recording, ("frame_00001.json", "depth_00001.png")),
+        (raw, polycam.recording, (camera,)),
     ):
         read = partial(read_all, recording, place)
         kinds += [(f"{place.name}/{name}", place / name, read) for name in names]

@@ -232,6 +232,64 @@ def write_tum(path, images=None, depth_m=None, intrinsics=None, per_metre=5000):
     return path
 
 
+def pose_rows(place=(0.1, 0.2, 0.3)):
+    """The first twelve numbers of a camera's place, rows first: it is turned by 90 degrees."""
+    x, y, z = place
+    return [0, -1, 0, x, 1, 0, 0, y, 0, 0, 1, z]
+
+
+def write_scanner_app(
+    path, images=None, depth_m=None, *, place=lambda i: (0.1, 0.2, 0.3), camera=CAMERA, every=1
+):
+    """A folder of 3D Scanner App; returns it.  every : of how many frames one has a photograph"""
+    images = frames() if images is None else images
+    depth_m = depth_maps() if depth_m is None else depth_m
+    path.mkdir(parents=True)
+    for i, (image, metres, sure) in enumerate(zip(images, depth_m, doubts(depth_m), strict=True)):
+        if i % every == 0:
+            (path / f"frame_{i:05d}.jpg").write_bytes(jpeg(image))
+            (path / f"thumb_{i:05d}.jpg").write_bytes(jpeg(image[::2, ::2]))
+        values = np.rint(np.nan_to_num(metres) * 1000).astype(np.uint16)
+        (path / f"depth_{i:05d}.png").write_bytes(png(values))
+        (path / f"conf_{i:05d}.png").write_bytes(png(sure))
+        facts = {
+            "exposureDuration": 0.016,
+            "cameraPoseARFrame": [*pose_rows(place(i)), 0, 0, 0, 0.99999988],
+            "motionQuality": 1,
+            "time": 402896.97 + i / FPS,
+            "frame_index": i,
+            "intrinsics": camera.matrix.ravel().tolist(),
+        }
+        (path / f"frame_{i:05d}.json").write_text(json.dumps(facts, indent=2))
+    (path / "info.json").write_text('{"title": "a scan"}')
+    return path
+
+
+def write_polycam(path, images=None, depth_m=None, *, place=lambda i: (0.1, 0.2, 0.3), half=False):
+    """A folder of Polycam's raw data; returns it.  half : the cameras are of half the size"""
+    images = frames() if images is None else images
+    depth_m = depth_maps() if depth_m is None else depth_m
+    height, width = images.shape[1:3]
+    camera = CAMERA.resized(width, height)
+    camera = camera.resized(width // 2, height // 2) if half else camera
+    root = path / "keyframes"
+    for name in ("images", "depth", "cameras", "confidence", "corrected_cameras"):
+        (root / name).mkdir(parents=True)
+    for i, (image, metres, sure) in enumerate(zip(images, depth_m, doubts(depth_m), strict=True)):
+        name = f"{293814600474 + 33000 * i}"
+        (root / f"images/{name}.jpg").write_bytes(jpeg(image))
+        values = np.rint(np.nan_to_num(metres) * 1000).astype(np.uint16)
+        (root / f"depth/{name}.png").write_bytes(png(values))
+        (root / f"confidence/{name}.png").write_bytes(png(np.array([0, 54, 255], np.uint8)[sure]))
+        facts = {key: getattr(camera, key) for key in ("fx", "fy", "cx", "cy", "width", "height")}
+        facts |= {f"t_{at // 4}{at % 4}": each for at, each in enumerate(pose_rows(place(i)))}
+        facts |= {"timestamp": int(name), "blur_score": 105.5}
+        (root / f"cameras/{name}.json").write_text(json.dumps(facts))
+        (root / f"corrected_cameras/{name}.json").write_text(json.dumps({**facts, "fx": 1}))
+    (path / "mesh_info.json").write_text("{}")
+    return path
+
+
 def portrait(camera: Camera) -> Camera:
     """The camera of images that were turned a quarter to the left."""
     return Camera(

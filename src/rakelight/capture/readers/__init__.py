@@ -18,6 +18,8 @@ _MODULES = (
     "kinect_mkv",
     "record3d",
     "stray_scanner",
+    "scanner_app",
+    "polycam",
     "tum_rgbd",
     "open3d_recorder",
     "diligent",

@@ -50,9 +50,12 @@ def inside(root: Path, name: str) -> Path:
     return path
 
 
-def numbered_files(root: Path, folder: str, suffixes: Sequence[str] = SUFFIXES) -> dict[int, str]:
+def numbered_files(
+    root: Path, folder: str, suffixes: Sequence[str] = SUFFIXES, alone: bool = False
+) -> dict[int, str]:
     """Names of the images in a subfolder by the number in them; empty files are left out.
 
+    alone : whether names that hold more than a number are left out, too
     Raises CaptureError where two have the same number, or there are none.
     """
     source, found = f"{root}/{folder}", dict[int, str]()
@@ -67,7 +70,7 @@ def numbered_files(root: Path, folder: str, suffixes: Sequence[str] = SUFFIXES) 
         paths = [p for p in paths if p.name[0] != "." and (p.is_symlink() or p.stat().st_size)]
     for path in paths:
         digits = re.findall(r"[0-9]+", path.stem)
-        if not digits:
+        if not digits or (alone and digits[0] != path.stem):
             continue
         number = int(digits[-1][-18:])
         if number in found:
