@@ -322,8 +322,8 @@ def _read_mask(root: Root, shape: tuple[int, int]) -> tuple[Mask, tuple[Finding,
     path, source = root.path / "mask.png", root.shown("mask.png")
     if not os.path.lexists(path):
         return None
-    mask = read_mask(path, source, shape, ("PNG",))
-    return mask, validate.check_mask(mask, source)
+    mask, findings = read_mask(path, source, shape, ("PNG",))
+    return mask, (*validate.check_mask(mask, source), *findings)
 
 
 def _same_folder(first: Path, second: Path) -> bool:

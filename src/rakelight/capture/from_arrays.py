@@ -40,6 +40,8 @@ from rakelight.model import (
     SensorNoise,
 )
 
+_SAY_ENCODING = 'give encoding="linear" or "srgb", or write it into the capture.toml of `import`'
+
 
 def capture_from_arrays(
     photographs: Array,
@@ -69,7 +71,7 @@ def capture_from_arrays(
     _refuse_exchanged(photographs, depth)
     pixels, kind = _photographs(photographs)
     depth_m, holes = _depth(depth)
-    stated, assumed = chosen_encoding(encoding, kind, 'give encoding="linear" or "srgb"')
+    stated, assumed = chosen_encoding(encoding, kind, _SAY_ENCODING)
     if ambient is not None or flat is not None:
         pictures = _picture(ambient, "ambient"), _picture(flat, "flat")
         pixels, light = corrected(pixels, stated, *pictures)

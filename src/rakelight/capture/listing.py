@@ -13,7 +13,7 @@ import numpy as np
 from rakelight.capture.headers import Header, read_header
 from rakelight.capture.images import as_rgb, decode_image
 from rakelight.capture.tone_curve import read_photograph_header
-from rakelight.capture.validate import check_mask_size, check_same_kind
+from rakelight.capture.validate import check_mask_size, check_same_kind, soft_mask_findings
 from rakelight.errors import CaptureError, InputError, listed, printable
 from rakelight.files import clear_errors, in_threads, read_bytes
 from rakelight.model import Array, Finding, Mask
@@ -206,10 +206,13 @@ def read_photographs(rgb: Images) -> Array:
     return photographs
 
 
-def read_mask(path: Path, source: str, shape: tuple[int, int], formats: tuple[str, ...]) -> Mask:
+def read_mask(
+    path: Path, source: str, shape: tuple[int, int], formats: tuple[str, ...]
+) -> tuple[Mask, tuple[Finding, ...]]:
     """(H, W) True where any colour channel of a picture is not zero; its size is checked first.
 
     Of a picture that is transparent in parts, a cut-out, True where it is not transparent.
+    The finding is of a soft edge.
     Raises CaptureError where it is not of `shape`, or of none of the `formats`.
     """
     data = read_bytes(path, source=source)
@@ -227,9 +230,11 @@ def read_mask(path: Path, source: str, shape: tuple[int, int], formats: tuple[st
     if header.channels in (2, 4):
         opaque = pixels[..., -1] != 0
         if opaque.any() and not opaque.all():
-            return np.asarray(opaque)
-    red, green, blue = np.moveaxis(as_rgb(pixels) != 0, 2, 0)
-    return np.asarray(red | green | blue)
+            return opaque, soft_mask_findings(pixels[..., -1], opaque, source)
+    colours = as_rgb(pixels)
+    red, green, blue = np.moveaxis(colours != 0, 2, 0)
+    mask = np.asarray(red | green | blue)
+    return mask, soft_mask_findings(colours.max(axis=2), mask, source)
 
 
 def file_findings(images: Images) -> tuple[Finding, ...]:

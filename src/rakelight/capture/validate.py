@@ -35,6 +35,11 @@ LONGEST_BASELINE_M = 1.0
 # Principal point's distance from the middle over the image's side: lenses have up to 0.06,
 # intrinsics of half the size 0.25.
 FARTHEST_OFF_CENTRE = 0.15
+# Of a mask: how much of the object a soft edge takes (that of one pixel takes 3 % of an object 80
+# pixels wide), and the levels of grey that it has, more than labels.
+_SOFT_SHARE, _SOFT_LEVELS = 0.05, 8
+# Largest values of sensors whose values were not stretched to 16 bit, and how often it is seen.
+_WHITE_LEVELS, _LEAST_WHITE = {1023: 10, 4095: 12, 16383: 14}, 3
 NOISIEST = 0.2  # standard deviation over depth
 STEEPEST_GROWTH = 4.0
 # Why a depth value is none, in the order of the codes that the reader gives.
@@ -378,7 +383,7 @@ def check_exposure(
                 if brighter
                 else "expose shorter or move the lamp away",
             )
-    return tuple(
+    exposed = tuple(
         Finding(
             "note",
             code,
@@ -393,6 +398,23 @@ def check_exposure(
         )
         if max(shares) >= 0.001
     )
+    return _narrow_range(photographs) + exposed
+
+
+def _narrow_range(photographs: Array) -> tuple[Finding, ...]:
+    """A warning where values of fewer bits were stored in 16 (N, H, W, 3) as they are."""
+    few = photographs[:, ::8, ::8]
+    if photographs.dtype != np.uint16 or int(few.max(initial=0)) > max(_WHITE_LEVELS):
+        return ()
+    top = int(photographs.max())
+    if top not in _WHITE_LEVELS or np.count_nonzero(photographs == top) < _LEAST_WHITE:
+        return ()
+    message = (
+        f"the largest value is {top}, white of {_WHITE_LEVELS[top]} bit: in 16 bit saturated "
+        "values are not known for it, and dark ones count as black"
+    )
+    remedy = f"multiply the photographs by {round(65535 / top)}"
+    return (Finding("warning", "narrow-range", message, remedy),)
 
 
 def check_mask_size(mask_shape: tuple[int, int], shape: tuple[int, int], source: str) -> None:
@@ -427,6 +449,33 @@ def check_mask(mask: Mask, source: str) -> tuple[Finding, ...]:
             ),
         )
     return ()
+
+
+def soft_mask_findings(values: Array, mask: Mask, source: str) -> tuple[Finding, ...]:
+    """A warning where much of the object is of a mask's weak values: a soft edge, JPEG's noise.
+
+    values : (H, W) as stored, looked at where they are integers of 8 or 16 bit
+    mask : (H, W) True where they are not zero
+    Labels, which have few values, are no soft edge.
+
+    >>> edge = np.arange(0, 250, 10, dtype=np.uint8)[None]
+    >>> soft_mask_findings(edge, edge > 0, "mask.png")[0].code
+    'mask-soft'
+    """
+    if values.dtype not in (np.uint8, np.uint16):
+        return ()
+    top = int(values.max(initial=0))
+    weak = mask & (values < top / 2)
+    share = weak.sum() / max(int(mask.sum()), 1)
+    if 2 * top < np.iinfo(values.dtype).max or share < _SOFT_SHARE:
+        return ()
+    if len(np.unique(values[weak])) < _SOFT_LEVELS:
+        return ()
+    message = (
+        f"{source}: {share:.0%} of the object are values below half of white, as of a soft edge"
+    )
+    remedy = "make it black and white, with a threshold at half: all that is not 0 counts as object"
+    return (Finding("warning", "mask-soft", message, remedy),)
 
 
 def depth_factor(

@@ -74,13 +74,13 @@ FINDINGS = (
     Row(("few-photographs",)),
     # What the reader assumed, changed or left out.
     Row((
-        "encoding-assumed", "linear-8-bit",
+        "encoding-assumed", "linear-8-bit", "narrow-range",
         "intrinsics-from-exif", "default-intrinsics", "depth-unit-assumed", "depth-pose-assumed",
         "lights-by-order", "same-view", "depth-camera", "confidence-applied",
         "ignored-files", "unread-images", "misnamed",
         "jpeg", "compressed", "raw", "grey", "alpha-dropped", "display-p3", "exif-orientation",
         "ambient-subtracted", "flat-divided", "light-scaled", "undistorted",
-        "mask-everything", "no-mask", "median-depth", "phone-moved",
+        "mask-everything", "mask-soft", "no-mask", "median-depth", "phone-moved",
         "frames-taken", "frames-over-exposed", "frames-too-dark", "frames-camera-or-object-moved",
         "frames-something-before-the-object", "frames-blurred", "lamp-hardly-moved",
         "auto-exposure",

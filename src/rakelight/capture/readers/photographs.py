@@ -31,7 +31,7 @@ from rakelight.capture.loose_photographs import Photos, read_loose_photographs
 from rakelight.capture.readers.base import Reader, Reading, Wanted
 from rakelight.capture.readers.stated_depth_camera import stated_depth_camera
 from rakelight.errors import CaptureError, MachineError, listed, named_in, printable
-from rakelight.model import Camera, Encoding, Finding, Floats, GivenLights, RigidTransform
+from rakelight.model import Camera, Encoding, Finding, Floats, GivenLights, Mask, RigidTransform
 
 # Sides whose proportions differ by less show the same field of view: 4032x3024 and 256x192 are
 # alike, 1920x1440 and 640x480, and rounding of one pixel in 192.
@@ -95,9 +95,7 @@ def reading_of(
         photos = read_loose_photographs(files, decoder, depth_m.shape[2], wanted.progress)
     camera, camera_findings = _camera(path, files, photos)
     depth_camera, depth_to_color, view_findings = _depth_place(path, files, camera, depth_m)
-    mask = None
-    if files.mask is not None:
-        mask = read_mask(files.mask.path, files.mask.source, camera.shape, ("PNG", "TIFF"))
+    mask, mask_findings = _mask(files, camera)
     with named_in(str(path)):
         capture = capture_from_arrays(
             photos.pixels,
@@ -118,10 +116,18 @@ def reading_of(
         *photos.findings,
         *depth_noted(depth_findings, capture),
         *doubt_findings,
+        *mask_findings,
         *_unused(files, lights),
         *capture.findings,
     )
     return Reading(replace(capture, source=str(path), findings=findings))
+
+
+def _mask(files: LooseFiles, camera: Camera) -> tuple[Mask | None, tuple[Finding, ...]]:
+    """(H, W) of the file that is the mask, None without one."""
+    if files.mask is None:
+        return None, ()
+    return read_mask(files.mask.path, files.mask.source, camera.shape, ("PNG", "TIFF"))
 
 
 def _camera(folder: Path, files: LooseFiles, photos: Photos) -> tuple[Camera, tuple[Finding, ...]]:
