@@ -251,6 +251,8 @@ def _syntax_remedy(line: str) -> str:
     comma = re.fullmatch(r"(\w{1,40}\s*=\s*[-+]?\d{1,20}),(\d{1,20})\s*(#.*)?", line)
     if comma:
         return f"write {comma[1]}.{comma[2]}"
+    if re.search("[“”„‘’«»]", line):
+        return 'write straight quotes: "srgb"'
     if re.search(r"=\s*\".*\\", line):
         return "write / in paths, or put the text into 'single quotes'"
     return "write the line as key = value, texts in quotes"
@@ -314,8 +316,15 @@ def _refuse_value(content: dict[str, Any], message: str, source: str, cause: Exc
         source=source,
         seen=seen,
         needed=needed,
-        remedy=f"write {_LENS}" if lens else "write it as docs/reference/files.md has it",
+        remedy=f"write {_LENS}" if lens else _value_remedy(seen, needed),
     ) from cause
+
+
+def _value_remedy(seen: str, needed: str) -> str:
+    """What to do about a value of a wrong type, by the words for both."""
+    if (seen, needed) == (_TYPES["str"], _TYPES["float"]):
+        return "write it without quotes"
+    return "write it as docs/reference/files.md has it"
 
 
 def _at(content: dict[str, Any], path: str) -> Any:

@@ -41,13 +41,14 @@ from rakelight.capture.defaults import (
 from rakelight.capture.depth import check_depth_kind, depth_geometry, depth_values, read_depth
 from rakelight.capture.headers import read_header
 from rakelight.capture.images import as_rgb, decode_image, encode_png, encode_tiff
-from rakelight.capture.lights import checked_lights, lights_lines, read_lights
+from rakelight.capture.lights import checked_lights, lights_files, lights_lines, read_lights
 from rakelight.capture.listing import (
     Images,
     Root,
     check_photograph_kind,
     file_findings,
     list_images,
+    meant_otherwise,
     numbered,
     read_mask,
     read_photographs,
@@ -270,10 +271,11 @@ def _list_all(
 ) -> tuple[Images, Images, GivenLights | None, tuple[Finding, ...]]:
     """The photographs, those chosen, and the depth maps: of kinds that are read; their lights.
 
-    The findings are of the lights.
+    The findings are of the lights, and of files that are read under no such name.
     """
     rgb = list_images(root, "rgb", "photographs")
     lights, findings = read_lights(table.lights, root.path, root.shown, rgb.names)
+    findings += meant_otherwise(root, ("mask.png", "lights.json", *lights_files(table.lights)))
     if photographs is not None:
         count, rgb = len(rgb.names), rgb.chosen(photographs)
         if lights is not None and len(lights) == count:

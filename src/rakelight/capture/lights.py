@@ -225,6 +225,18 @@ def read_lights(
     return GivenLights(given, None, intensities, table.fixed), ()
 
 
+def lights_files(table: LightsTable | None) -> tuple[str, ...]:
+    """Names of the files of lights that are read.
+
+    >>> lights_files(None), lights_files(LightsTable(positions="at.txt", intensities=[1.0]))
+    (('lights.lp',), ('at.txt',))
+    """
+    if table is None:
+        return (LIGHTS_FILE,)
+    named = (table.file, table.directions, table.positions, table.intensities)
+    return tuple(each for each in named if isinstance(each, str))
+
+
 def _array(rows: Rows, source: str) -> Floats:
     with parsing(source, "rows of different length", CaptureError):
         return np.array(rows, np.float64)

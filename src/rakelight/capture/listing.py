@@ -25,6 +25,11 @@ UNREAD = {
     ".bmp", ".gif", ".pgm", ".ppm", ".webp", ".avif", ".heic", ".jp2", ".exr", ".hdr",
     ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw",
 }  # fmt: skip
+# What may be meant for a mask, for lights or for confidence, by names.
+_MEANT = re.compile(
+    r"(?<![a-z])(masks?|conf(idence)?)(?![a-z])|^[^.]\S*\.lp$|light\w*\.(txt|csv|json)$",
+    re.IGNORECASE,
+)
 
 
 def numbered(index: int, suffix: str = ".png") -> str:
@@ -101,12 +106,7 @@ def list_images(root: Root, name: str, what: str) -> Images:
     """The images in the subfolder `name`, in the order of the numbers in their names."""
     folder, source = root.path / name, root.shown(name)
     if not folder.is_dir():
-        raise CaptureError(
-            f"no folder {name} in it",
-            source=root.shown(),
-            needed=f"the {what} as {name}/000.png, {name}/001.png, …",
-            remedy="put them there",
-        )
+        raise _no_folder(root, name, what)
     with clear_errors(source, "cannot be read"):
         present = sorted((p for p in folder.iterdir() if p.name[0] != "."), key=by_number)
     chosen = [p.name for p in present if p.suffix.lower() in SUFFIXES]
@@ -122,6 +122,37 @@ def list_images(root: Root, name: str, what: str) -> Images:
     _refuse_same_stem(chosen, source)
 
     return looked_at(folder, source, chosen, ignored)
+
+
+def _no_folder(root: Root, name: str, what: str) -> CaptureError:
+    """The error for a folder that is not there, which may have another name."""
+    with clear_errors(root.shown(), "cannot be read"):
+        names = sorted(path.name for path in root.path.iterdir())
+    capital = next((each for each in names if each.lower() == name), None)
+    return CaptureError(
+        f"no folder {name} in it",
+        source=root.shown(),
+        seen=printable(listed([each for each in names if each.lower().startswith(name)])),
+        needed=f"the {what} as {name}/000.png, {name}/001.png, …",
+        remedy=f"rename {capital} to {name}" if capital else "put them there",
+    )
+
+
+def meant_otherwise(root: Root, read: Sequence[str]) -> tuple[Finding, ...]:
+    """A warning of what the folder holds of masks, lights and confidence beside what is `read`."""
+    with clear_errors(root.shown(), "cannot be read"):
+        names = sorted(path.name for path in root.path.iterdir())
+    copies = {Path(name).stem for name in read if name in names}
+    others = [
+        name
+        for name in names
+        if name not in read and Path(name).stem.lower() not in copies and _MEANT.search(name)
+    ]
+    if not others:
+        return ()
+    message = f"not read under these names: {printable(listed(others))}"
+    remedy = "the mask is mask.png, directions of lights are lights.lp; or move them away"
+    return (Finding("warning", "ignored-files", message, remedy),)
 
 
 def looked_at(folder: Path, source: str, names: Sequence[str], ignored: Sequence[str]) -> Images:

@@ -130,7 +130,10 @@ def role_of(name: str) -> Role | None:
         if re.search(words, path.stem) or re.search(words, path.parent.name):
             return role
     for word in ("mask", "ambient", "flat"):
-        if re.search(rf"(?<![a-z]){word}(?![a-z])", path.stem) or path.parent.name == word:
+        if re.search(rf"(?<![a-z]){word}(?![a-z])", path.stem) or path.parent.name in (
+            word,
+            f"{word}s",
+        ):
             return word
     return "depth" if "depth" in path.stem or "depth" in path.parent.name else None
 

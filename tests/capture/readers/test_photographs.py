@@ -50,9 +50,11 @@ def refusal(folder, *words):
     return line
 
 
-def test_photographs_depth_and_a_matrix(tmp_path):
+@pytest.mark.parametrize("name", ["mask.png", "mask/000.png", "masks/img9.png"])
+def test_photographs_depth_and_a_matrix(tmp_path, name):
     made = fill(tmp_path)
-    (tmp_path / "mask.png").write_bytes(encode_png(made.mask.astype(np.uint8)))
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_bytes(encode_png(made.mask.astype(np.uint8)))
     assert find_reader(tmp_path).name == "photographs"
     capture = load_capture(tmp_path)
     assert capture.names == ("img9.png", "img10.png", "img11.png", "img12.png")

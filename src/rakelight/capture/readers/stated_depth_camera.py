@@ -27,6 +27,10 @@ _SAME_VIEW_PX = 0.5
 # Files that hold a pose, by their names; those of a camera that moves are other ones.
 _POSES = re.compile(r"extrinsic|stereo|calib\w*pose")
 _IN_TOML = "write [depth_intrinsics] and [depth_to_color] into a capture.toml"
+_AS_JSON = (
+    'write {"rotation": [three rows], "translation": [metres]} into depth_to_color.json: '
+    "X_color = rotation X_depth + translation"
+)
 
 
 @dataclass(frozen=True)
@@ -163,4 +167,4 @@ def _pose_assumed(cameras: list[str], unclear: list[str]) -> Finding:
     )
     if unclear:
         message += f"; not clear is {listed(list(dict.fromkeys(unclear)))}"
-    return Finding("warning", "depth-pose-assumed", message, _IN_TOML)
+    return Finding("warning", "depth-pose-assumed", message, _AS_JSON)
