@@ -61,7 +61,7 @@ _FISHEYE_ORDER = ("k1", "k2", "k3", "k4")
 
 Size = tuple[int, int]
 
-_DEPTH = "depth|infra(?:red)?1?|tof"
+_DEPTH = "depth|infra(?:red)?1?"
 _COLOR = "colou?r|rgb"
 _POSE = re.compile(r"(?:to|2)(?:depth|infra|colou?r|rgb)")  # in names of what is no camera
 

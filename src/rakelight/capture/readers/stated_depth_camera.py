@@ -140,7 +140,7 @@ def _flat(pose: RigidTransform) -> Floats:
 def _meant(name: str) -> bool:
     """Whether a file's name says that it holds intrinsics of the depth."""
     stem = Path(name).stem
-    return names_depth(stem) and named_intrinsics(stem)
+    return names_depth(stem) and named_intrinsics(stem) and "scale" not in stem.lower()
 
 
 def _same_view(camera: Camera, color: Camera) -> bool:
