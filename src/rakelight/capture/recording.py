@@ -8,16 +8,30 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
+from rakelight.capture.listing import read_mask
 from rakelight.capture.readers.base import Reading, Wanted
 from rakelight.errors import CaptureError
-from rakelight.model import Array, Camera, Encoding, Finding, Floats, RigidTransform, SensorNoise
+from rakelight.model import (
+    Array,
+    Camera,
+    Encoding,
+    Finding,
+    Floats,
+    Mask,
+    RigidTransform,
+    SensorNoise,
+)
 
 # Photographs that are made of a recording: within the 10 to 20 that the README asks people to take;
 # other numbers were not measured.
 PHOTOGRAPHS = 16
+_MASK_IN_CAPTURE = (
+    "`rakelight import` it, and save the object, white on black, as mask.png in the capture folder"
+)
 
 
 @dataclass(frozen=True)
@@ -77,11 +91,13 @@ def capture_of(recording: Recording, wanted: Wanted) -> Reading:
                 source=recording.source,
                 remedy="record colour and depth together",
             )
+    mask, mask_findings = _mask(recording)
     taken = take(recording, wanted.photographs, wanted.progress)
     capture = capture_from_arrays(
         taken.photographs,
         taken.depth_m,
         recording.camera,
+        mask=mask,
         encoding="linear",
         lighting="moving-lamp",
         names=taken.names,
@@ -89,10 +105,22 @@ def capture_of(recording: Recording, wanted: Wanted) -> Reading:
         depth_to_color=recording.depth_to_color,
         depth_noise=recording.depth_noise,
     )
-    findings = (*recording.findings, *taken.findings, *capture.findings)
+    findings = (*recording.findings, *taken.findings, *mask_findings, *capture.findings)
+    if not Path(recording.source).is_dir():
+        findings = tuple(
+            replace(f, remedy=_MASK_IN_CAPTURE) if f.code == "no-mask" else f for f in findings
+        )
     return Reading(
         replace(capture, findings=findings, source=recording.source), taken.contact_sheet
     )
+
+
+def _mask(recording: Recording) -> tuple[Mask | None, tuple[Finding, ...]]:
+    """mask.png (H, W) of the folder that the recording is, and what is to say of it; else None."""
+    path = Path(recording.source) / "mask.png"
+    if not recording.source or path.is_symlink() or not path.is_file():
+        return None, ()
+    return read_mask(path, str(path), recording.color.shape, ("PNG",))
 
 
 def evenly(count: int, wanted: int) -> list[int]:

@@ -17,8 +17,11 @@ from tests.capture.readers.phone_sources import (
     expected,
     frames,
     png,
+    write_open3d,
     write_polycam,
+    write_r3d,
     write_scanner_app,
+    write_tum,
 )
 from tests.capture.readers.test_recordings import COUNT, decoded, depth_of, images_of
 
@@ -126,3 +129,25 @@ def test_polycam_s_images_without_their_cameras(tmp_path):
         each.rename(each.with_name(f"1{each.name}"))
     with pytest.raises(CaptureError, match="no image has a camera of its number"):
         polycam.recording(path)
+
+
+@pytest.mark.parametrize("write", [write_scanner_app, write_polycam, write_open3d, write_tum])
+def test_a_mask_in_the_folder_of_a_recording_is_read(tmp_path, write):
+    path = write(tmp_path / "scan")
+    (unmasked,) = [f for f in load_capture(path).findings if f.code == "no-mask"]
+    assert "save it as mask.png" in unmasked.remedy
+    mask = np.zeros(CAMERA.shape, bool)
+    mask[30:60, 40:80] = True
+    (path / "mask.png").write_bytes(png(mask.astype(np.uint8) * 255))
+    capture = load_capture(path)
+    np.testing.assert_array_equal(capture.mask, mask)
+    assert "no-mask" not in [finding.code for finding in capture.findings]
+    (path / "mask.png").write_bytes(png(mask[1:].astype(np.uint8)))
+    with pytest.raises(CaptureError, match=r"mask\.png: the mask has another size"):
+        load_capture(path)
+
+
+def test_a_recording_in_one_file_is_to_be_imported_first(tmp_path):
+    path = write_r3d(tmp_path / "a.r3d")
+    (unmasked,) = [f for f in load_capture(path).findings if f.code == "no-mask"]
+    assert "`rakelight import` it" in unmasked.remedy
