@@ -39,15 +39,31 @@ def depth_to_color(data: bytes, source: str, stem: str) -> list[RigidTransform |
     text = text_of(data) if len(data) <= MAX_BYTES else None
     if text is None:
         return []
-    lines = (line.split("#")[0] for line in text.splitlines())
-    words = re.sub(r"[\s,;\[\]]+", " ", " ".join(lines)).split()
-    if len(words) in (12, 16) and all(re.fullmatch(NUMBER, word) for word in words):
+    if words := _matrix_words(text):
         return _stated({plain_key(stem): words})
     with parsing(source, "no pose of a camera", CaptureError):
         for content in contents(text, source):
             if found := _stated({plain_key(stem): content}) or _stated(content):
                 return found
     return []
+
+
+def is_identity(data: bytes) -> bool:
+    """Whether a text is the matrix of no motion, of which it does not matter from what to what.
+
+    >>> is_identity(b"1 0 0 0\\n0 1 0 0\\n0 0 1 0\\n0 0 0 1"), is_identity(b"1 0 0 0")
+    (True, False)
+    """
+    words = _matrix_words(text_of(data) or "")
+    return bool(words) and np.array_equal(np.array(words, float), np.eye(4).ravel()[: len(words)])
+
+
+def _matrix_words(text: str) -> list[str]:
+    """The 12 or 16 numbers that a text is; empty where it is another."""
+    lines = (line.split("#")[0] for line in text.splitlines())
+    words = re.sub(r"[\s,;\[\]]+", " ", " ".join(lines)).split()
+    numbers = len(words) in (12, 16) and all(re.fullmatch(NUMBER, word) for word in words)
+    return words if numbers else []
 
 
 def _stated(content: Any, nested: int = 0) -> list[RigidTransform | None]:

@@ -158,6 +158,17 @@ def test_without_a_clear_pose_a_warning_says_what_was_assumed(tmp_path, pose):
         assert name.replace("_json", ".json") in warning.message
 
 
+def test_extrinsics_of_no_motion_are_a_pose(tmp_path):
+    """ScanNet's folders have them, of both cameras."""
+    same = "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"
+    texts = {"extrinsic_depth_txt": same, "extrinsic_color_txt": same}
+    made = folder(tmp_path, intrinsic_depth_txt=MATRIX, intrinsic_color_txt=MATRIX_C, **texts)
+    (tmp_path / "intrinsics.txt").unlink()
+    assert "depth-camera" in codes(load_capture(made))
+    (tmp_path / "extrinsic_color.txt").write_text(ROWS)
+    assert "depth-pose-assumed" in codes(load_capture(made))
+
+
 @pytest.mark.parametrize(
     ("texts", "says"),
     [

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from rakelight.capture import validate
-from rakelight.capture.extrinsics import depth_to_color
+from rakelight.capture.extrinsics import depth_to_color, is_identity
 from rakelight.capture.intrinsics import (
     named_intrinsics,
     names_depth,
@@ -68,8 +68,12 @@ def stated_depth_camera(
         registered = "depth of the photographs' size is taken to be registered to them"
         unused |= dict.fromkeys([*cameras, *poses], registered)
         return StatedDepthCamera(findings=_not_used(unused))
+    beside = [path for path in files.texts if _POSES.search(path.stem.lower())]
+    small = small_texts(beside)
+    if not poses and small.keys() == set(beside) != set() and all(map(is_identity, small.values())):
+        poses = {path.name: RigidTransform(np.eye(3), np.zeros(3)) for path in beside}
     if not poses:
-        unclear += [path.name for path in files.texts if _POSES.search(path.stem.lower())]
+        unclear += [path.name for path in beside]
         pose = RigidTransform(np.eye(3), np.zeros(3))
         findings = (_pose_assumed(list(cameras), unclear), *_not_used(unused))
         return StatedDepthCamera(camera, pose, findings)
