@@ -13,7 +13,7 @@ import OpenEXR
 from rakelight.capture import load_capture
 from rakelight.capture.images import encode_jpeg, encode_png, encode_tiff
 from rakelight.capture.readers import kinect_mkv
-from rakelight.model import RigidTransform
+from rakelight.model import Camera, RigidTransform
 from tests.capture.photo_files import dng, exr, heic, mosaic_of, pfm
 from tests.capture.readers import test_known_lights as datasets
 from tests.capture.readers.kinect_files import Take as KinectTake
@@ -21,6 +21,7 @@ from tests.capture.readers.kinect_files import some_color, some_depth, write_mkv
 from tests.capture.readers.realsense_files import Take, write_bag
 from tests.capture.readers.ros_files import Messages, node, write_node
 from tests.capture.readers.test_photographs import fill
+from tests.capture.readers.test_stated_depth_camera import snapshots
 from tests.faults.sound_recordings import read_all
 
 # Of a .mat: text with the time at which it was written.
@@ -64,6 +65,7 @@ def source_kinds(folder: Path) -> list[tuple[str, Path, Callable[[], object]]]:
             "depth_to_color.txt",
             "conf.png",
         ),
+        viewer(folder / "photographs-viewer"): ("s1_Depth.raw", "s1_Depth_metadata.csv"),
         decoded_elsewhere(folder / "photographs-heic", ".heic"): ("img9.heic",),
         decoded_elsewhere(folder / "photographs-raw", ".dng"): ("img9.dng",),
         decoded_elsewhere(folder / "photographs-exr", ".exr"): ("img9.exr", "depth.exr"),
@@ -86,6 +88,12 @@ def decoded_elsewhere(folder: Path, suffix: str) -> Path:
             new.write_bytes(heic(pixels, 90) if suffix == ".heic" else dng(mosaic_of(light)))
     if suffix == ".exr":
         exr(folder / "depth.exr", Z=made.depth_m[0])
+    return folder
+
+
+def viewer(folder: Path) -> Path:
+    """Snapshots of the RealSense Viewer."""
+    snapshots(folder, Camera(20, 14, 22.0, 22.5, 9.25, 6.75))
     return folder
 
 

@@ -18,6 +18,7 @@ from rakelight.capture.npy import decode_npy
 from rakelight.capture.pfm import decode_pfm
 from rakelight.capture.text_tables import text_of
 from rakelight.capture.validate import PLAUSIBLE_M, plausible_scales
+from rakelight.capture.z16 import decode_z16
 from rakelight.errors import CaptureError, listed
 from rakelight.files import read_bytes
 from rakelight.model import Array, Capture, Finding, Floats
@@ -82,6 +83,8 @@ def _pixels(file: LooseFile, decoder: DecoderProcess) -> Array:
     if file.header is not None:
         check_depth_header(file.header, file.source)
         return decode_image(data, file.source)
+    if file.shape is not None:
+        return decode_z16(data, file.shape, file.source)
     if file.kind == "pfm":
         return decode_pfm(data, file.source)
     if file.kind == "npy":

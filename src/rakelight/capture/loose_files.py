@@ -17,16 +17,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from rakelight.capture import exr, heic, intrinsics, npy, pfm, raw
+from rakelight.capture import exr, heic, intrinsics, npy, pfm, raw, z16
 from rakelight.capture.headers import PNG_MAGIC, Header, TiffTags, read_header
 from rakelight.capture.listing import SUFFIXES, TO_PNG, UNREAD, by_number
 from rakelight.capture.tone_curve import read_photograph_header
 from rakelight.errors import CaptureError, listed
 from rakelight.files import clear_errors, read_bytes
 
-Kind = Literal["PNG", "JPEG", "TIFF", "heic", "raw", "exr", "pfm", "npy"]
+Kind = Literal["PNG", "JPEG", "TIFF", "heic", "raw", "exr", "pfm", "npy", "z16"]
 Role = Literal["photograph", "depth", "mask", "ambient", "flat", "confidence", "disparity"]
 
+_ONLY_DEPTH = ("pfm", "npy", "z16")
 # Endings of files that are images, or damaged.
 _IMAGES = (*SUFFIXES, *raw.SUFFIXES, ".heic", ".heif", ".exr")
 # Words that say, in the name of a file or of its folder, what is not read for a photograph.
@@ -45,6 +46,7 @@ class LooseFile:
 
     name : relative to the folder; source : for messages
     header : of PNG, JPEG and TIFF; exr : of EXR
+    shape : (height, width) of depth without a header, as a file beside it says
     """
 
     path: Path
@@ -53,6 +55,7 @@ class LooseFile:
     kind: Kind
     header: Header | None = None
     exr: exr.ExrHeader | None = None
+    shape: tuple[int, int] | None = None
 
     @property
     def one_channel(self) -> bool:
@@ -61,14 +64,14 @@ class LooseFile:
             return bool(self.exr.depth) or len(set(self.exr.color)) == 1
         if self.header is not None:
             return self.header.channels == 1 and self.header.dtype != "uint8"
-        return self.kind in ("pfm", "npy")
+        return self.kind in _ONLY_DEPTH
 
     @property
     def only_depth(self) -> bool:
         """Whether it can be nothing else."""
         if self.exr is not None:
             return not self.exr.color
-        return self.kind in ("pfm", "npy")
+        return self.kind in _ONLY_DEPTH
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,7 +213,8 @@ def list_loose_files(folder: Path, photographs: Sequence[str] = ()) -> LooseFile
     unread = [name for name in others if Path(name).suffix.lower() in UNREAD]
     if not images:
         _check_photographs(folder, [], [], unread)
-    meant = [name for name in others if name in unread or role_of(name) == "depth"]
+    of_depth = [name for name in others if role_of(name) == "depth" and name not in unread]
+    meant = [name for name in others if name in unread or name in of_depth]
     meant = [*(file.name for file in named["disparity"]), *meant]
     depth, unused = _depth_among(folder, named["depth"], rest, meant)
     if photographs:
@@ -226,7 +230,10 @@ def list_loose_files(folder: Path, photographs: Sequence[str] = ()) -> LooseFile
         one["flat"],
         tuple(p for p in texts if p not in scales),
         scales[0] if scales else None,
-        tuple(file.name for file in (*unused, *named["disparity"], *paired)),
+        (
+            *(name for name in of_depth if Path(name).suffix.lower() not in intrinsics.SUFFIXES),
+            *(file.name for file in (*unused, *named["disparity"], *paired)),
+        ),
         tuple(named["confidence"]),
         tuple(unread),
     )
@@ -243,6 +250,8 @@ def _looked_at(folder: Path, path: Path) -> LooseFile | None:
     with clear_errors(source, "cannot be read"), path.open("rb") as file:
         start = file.read(64)
     kind = kind_of(start, path.suffix)
+    if kind is None and (shape := z16.stated_shape(path)):
+        return LooseFile(path, name, source, "z16", shape=shape)
     if kind is None and stated:
         read_header(start, source)  # says what it is: never left out without a word
     if kind in ("PNG", "JPEG", "TIFF"):

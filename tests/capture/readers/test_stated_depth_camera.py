@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rakelight import load_capture
-from rakelight.capture.images import encode_tiff
+from rakelight.capture.images import encode_png, encode_tiff
 from rakelight.errors import CaptureError
 from rakelight.model import Camera
 from tests.capture.readers.test_photographs import codes, fill
@@ -217,3 +217,65 @@ def test_several_sizes_without_the_photographs_are_refused(tmp_path):
     )
     with pytest.raises(CaptureError, match=r"several camera matrices.*2 of them"):
         load_capture(folder(tmp_path, intrinsics_txt=text))
+
+
+def snapshot_metadata(kind, pixels, camera):
+    """As the RealSense Viewer writes it."""
+    return (
+        f"Frame Info: \nType,{kind}\nFormat,{pixels}\nFrame Number,14661\n"
+        f"Timestamp (ms),1681849042763.90\nResolution x,{camera.width}\n"
+        f"Resolution y,{camera.height}\nBytes per pixel,2\n\nIntrinsic:,\nFx,{camera.fx}\n"
+        f"Fy,{camera.fy}\nPPx,{camera.cx}\nPPy,{camera.cy}\nDistorsion,Brown Conrady\n"
+    )
+
+
+def snapshots(path, depth):
+    """Four snapshots of the RealSense Viewer; returns the millimetres (h, w) of each."""
+    made = fill(path, depth=False, texts=False)
+    values = np.arange(550, 550 + depth.width * depth.height).reshape(depth.shape)
+    for i in range(4):
+        (path / f"img{9 + i}.png").rename(path / f"s{i}_Color.png")
+        (path / f"s{i}_Color_metadata.csv").write_text(
+            snapshot_metadata("Color", "RGB8", made.camera)
+        )
+        (path / f"s{i}_Depth.raw").write_bytes(values.astype("<u2").tobytes())
+        picture = np.zeros((*depth.shape, 3), np.uint8)
+        (path / f"s{i}_Depth.png").write_bytes(encode_png(picture))
+        (path / f"s{i}_Depth_metadata.csv").write_text(snapshot_metadata("Depth", "Z16", depth))
+    return values
+
+
+@pytest.mark.parametrize("depth", [DEPTH, Camera(32, 24, 30.0, 30.5, 15.5, 11.5)])
+def test_snapshots_of_the_realsense_viewer(tmp_path, depth):
+    values = snapshots(tmp_path, depth)
+    capture = load_capture(tmp_path)
+    np.testing.assert_allclose(capture.depth_m, np.stack([values / 1000] * 4), rtol=1e-6)
+    assert capture.names == ("s0_Color.png", "s1_Color.png", "s2_Color.png", "s3_Color.png")
+    assert (capture.camera.fx, capture.camera.cx) == (40, 15.25)
+    assert capture.depth_camera == depth
+    assert "depth-pose-assumed" in codes(capture)
+    (tmp_path / "depth_to_color.json").write_text(json.dumps(TABLES["rows"]))
+    np.testing.assert_allclose(load_capture(tmp_path).depth_to_color.translation_m, SHIFT_M)
+
+
+def test_a_snapshot_that_is_left_out_is_named(tmp_path):
+    snapshots(tmp_path, DEPTH)
+    (tmp_path / "s3_Depth_metadata.csv").unlink()
+    capture = load_capture(tmp_path)
+    assert len(capture.depth_m) == 3
+    messages = [f.message for f in capture.findings if f.code == "ignored-files"]
+    assert any("s3_Depth.raw" in message for message in messages)
+
+
+def test_snapshots_that_are_damaged_or_without_their_metadata(tmp_path):
+    snapshots(tmp_path, DEPTH)
+    (tmp_path / "s2_Depth.raw").write_bytes(bytes(100))
+    with pytest.raises(CaptureError, match=r"s2_Depth\.raw: .*damaged.*100 bytes for 20x14"):
+        load_capture(tmp_path)
+    for each in tmp_path.glob("*_Depth_metadata.csv"):
+        each.write_text("Format,Z16\nResolution x,wide\n")
+    with pytest.raises(CaptureError, match="depth has one channel"):
+        load_capture(tmp_path)
+    (tmp_path / "s0_Depth_metadata.csv").write_text("Format,Z16\nResolution x,0\nResolution y,9")
+    with pytest.raises(CaptureError, match="a size of 0x9"):
+        load_capture(tmp_path)

@@ -48,7 +48,7 @@ def stated_depth_camera(
     """The depth camera of depth maps (h, w) = `shape` beside photographs of the camera `color`.
 
     Depth of the photographs' size is taken to be registered to them: programs that register it
-    write the sensor's own intrinsics beside it all the same.
+    write the sensor's own intrinsics beside it all the same.  The RealSense Viewer's never is.
     """
     data = _of_depth(folder, files)
     cameras, unused = _cameras(folder, data, shape)
@@ -64,13 +64,13 @@ def stated_depth_camera(
     camera = next(iter(cameras.values()))
     if not poses and _same_view(camera, color):
         return StatedDepthCamera(findings=_not_used(unused))
-    if shape == color.shape:
+    if shape == color.shape and files.depth[0].kind != "z16":
         registered = "depth of the photographs' size is taken to be registered to them"
         unused |= dict.fromkeys([*cameras, *poses], registered)
         return StatedDepthCamera(findings=_not_used(unused))
     beside = [path for path in files.texts if _POSES.search(path.stem.lower())]
-    small = small_texts(beside)
-    if not poses and small.keys() == set(beside) != set() and all(map(is_identity, small.values())):
+    still = [is_identity(text) for text in small_texts(beside).values()]
+    if not poses and beside and len(still) == len(beside) and all(still):
         poses = {path.name: RigidTransform(np.eye(3), np.zeros(3)) for path in beside}
     if not poses:
         unclear += [path.name for path in beside]
