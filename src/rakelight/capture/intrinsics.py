@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections import ChainMap
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,8 @@ _DISTORTION_KEYS = re.compile(r"dist(ortion)?(coef\w*|param\w*)?|d|coeffs")
 _MODEL_KEYS = ("distortionmodel", "distmodel", "cameramodel", "cameratype", "model")
 _WIDTH_KEYS, _HEIGHT_KEYS = ("imagewidth", "width", "w"), ("imageheight", "height", "h")
 _SIZE_KEYS = ("resolution", "imagesize", "size")
+# Pixels, and coefficients of a lens, by which one camera differs in two files.
+_ROUNDING = np.array([0.005] * 4 + [1e-5] * 8)
 _NESTED = 3  # tables within tables that are looked into
 
 # Models of distortion by the words of their names, OpenCV's coefficients in OpenCV's order.
@@ -95,6 +97,22 @@ def may_state(path: Path) -> bool:
     """
     suffix = path.suffix.lower()
     return suffix in SUFFIXES or (suffix == ".npy" and named_intrinsics(path.stem))
+
+
+def alike(cameras: Collection[Camera]) -> bool:
+    """Whether all are one camera but for their sizes and rounding: programs print six digits.
+
+    >>> fx, other, wider = (Camera(4, 3, f, 5.0, 1.5, 1.0) for f in (5.0, 5.000001, 5.1))
+    >>> alike([fx, other]), alike([fx, wider])
+    (True, False)
+    """
+    numbers = np.array([
+        (c.fx, c.fy, c.cx, c.cy, *np.resize((*c.distortion.coefficients, *(0.0,) * 8), 8))
+        if c.distortion else (c.fx, c.fy, c.cx, c.cy, *(0.0,) * 8)
+        for c in cameras
+    ])  # fmt: skip
+    models = {camera.distortion.model for camera in cameras if camera.distortion}
+    return len(models) < 2 and bool(np.all(np.ptp(numbers, axis=0) <= _ROUNDING))
 
 
 def small_texts(paths: Iterable[Path]) -> dict[Path, bytes]:

@@ -258,6 +258,18 @@ def test_snapshots_of_the_realsense_viewer(tmp_path, depth):
     np.testing.assert_allclose(load_capture(tmp_path).depth_to_color.translation_m, SHIFT_M)
 
 
+def test_snapshots_beside_what_rs_enumerate_devices_prints(tmp_path):
+    """Its numbers have more digits than those of the snapshots."""
+    snapshots(tmp_path, DEPTH)
+    (tmp_path / "calibration.txt").write_text(ENUMERATED.replace("22.5\n", "22.500000298\n"))
+    capture = load_capture(tmp_path)
+    np.testing.assert_allclose(capture.depth_to_color.translation_m, SHIFT_M)
+    assert not {"depth-pose-assumed"} & set(codes(capture))
+    (tmp_path / "calibration.txt").write_text(ENUMERATED.replace("22.5\n", "22.6\n"))
+    with pytest.raises(CaptureError, match=r"other proportions.*calibration\.txt: several depth"):
+        load_capture(tmp_path)
+
+
 def test_a_snapshot_that_is_left_out_is_named(tmp_path):
     snapshots(tmp_path, DEPTH)
     (tmp_path / "s3_Depth_metadata.csv").unlink()

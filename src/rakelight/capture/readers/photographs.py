@@ -12,6 +12,7 @@ from rakelight.capture.decoder_process import DecoderProcess
 from rakelight.capture.exif import ROUGHNESS, camera_of
 from rakelight.capture.from_arrays import capture_from_arrays
 from rakelight.capture.intrinsics import (
+    alike,
     may_state,
     named_intrinsics,
     names_depth,
@@ -188,8 +189,8 @@ def _stated(folder: Path, files: LooseFiles, full: tuple[int, int]) -> tuple[str
                 remedy=f"write {_MATRIX}",
             )
     sized = {name: camera for name, camera in found.items() if camera.width}
-    alike = {replace(camera, width=0, height=0) for camera in found.values()}
-    if len(alike) > 1 or len(set(sized.values())) > 1:
+    sizes = {camera.shape for camera in sized.values()}
+    if len(sizes) > 1 or (found and not alike(found.values())):
         raise CaptureError(
             "several files with intrinsics",
             source=str(folder),
@@ -206,7 +207,8 @@ def _depth_place(
     """depth_camera and depth_to_color: as a file states them, else those of the same view.
 
     None where the depth (K, h, w) has the photographs' field of view and its sides divide theirs by
-    an integer, and where the proportions are others: that is refused elsewhere.
+    an integer, and where the proportions are others: that is refused elsewhere.  Raises
+    CaptureError where a file that would say more of them is not used.
     """
     h, w = depth_m.shape[1:]
     stated = stated_depth_camera(folder, files, camera, (h, w))
@@ -216,7 +218,15 @@ def _depth_place(
     if (h * factor, w * factor) == camera.shape:
         return None, None, stated.findings
     if abs((camera.width / camera.height) / (w / h) - 1) > _SAME_PROPORTIONS:
-        return None, None, stated.findings
+        if stated.findings:
+            raise CaptureError(
+                "depth of other proportions than the photographs",
+                source=str(folder),
+                seen=f"{w}x{h}; {stated.findings[0].message}",
+                needed="the depth camera's intrinsics for this size",
+                remedy="correct that file, or write [depth_intrinsics] into a capture.toml",
+            )
+        return None, None, ()
     message = (
         f"depth {w}x{h} is taken to show the field of view of the photographs "
         f"({camera.width}x{camera.height}), {camera.width / w:.3g} pixels to one"

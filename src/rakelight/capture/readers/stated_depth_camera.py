@@ -12,6 +12,7 @@ import numpy as np
 from rakelight.capture import validate
 from rakelight.capture.extrinsics import depth_to_color, is_identity
 from rakelight.capture.intrinsics import (
+    alike,
     named_intrinsics,
     names_depth,
     parse_depth_intrinsics,
@@ -53,11 +54,11 @@ def stated_depth_camera(
     data = _of_depth(folder, files)
     cameras, unused = _cameras(folder, data, shape)
     poses, unclear = _poses(folder, data)
-    if len(set(cameras.values())) > 1:
+    if cameras and not alike(cameras.values()):
         unused |= dict.fromkeys(cameras, "several depth cameras")
         cameras = {}
     if not cameras:
-        unused |= dict.fromkeys((*poses, *unclear), "no depth intrinsics beside it")
+        unused = dict.fromkeys((*poses, *unclear), "no depth intrinsics beside it") | unused
         silent = (name for name in data if name not in unused and _meant(name))
         unused |= dict.fromkeys(silent, "no intrinsics found in it")
         return StatedDepthCamera(findings=_not_used(unused))
