@@ -70,7 +70,9 @@ def test_what_a_capture_folder_does_not_read_is_named(tmp_path, name):
     assert name.partition("/")[0] in warning.message
 
 
-@pytest.mark.parametrize("name", ["mask.jpg", "mask.psd", "notes.txt", "highlights.png", "x.json"])
+@pytest.mark.parametrize(
+    "name", ["mask.jpg", "mask.psd", "notes.txt", "highlights.png", "conf.toml"]
+)
 def test_copies_and_notes_in_a_capture_folder_are_nobody_s_concern(tmp_path, name):
     folder = build(tmp_path / "c")
     (folder / name).write_bytes(b"")

@@ -27,7 +27,8 @@ UNREAD = {
 }  # fmt: skip
 # What may be meant for a mask, for lights or for confidence, by names.
 _MEANT = re.compile(
-    r"(?<![a-z])(masks?|conf(idence)?)(?![a-z])|^[^.]\S*\.lp$|light\w*\.(txt|csv|json)$",
+    r"(?<![a-z])(masks?|conf(idence)?)(?![a-z])[^.]*(\.(png|jpe?g|tiff?|bmp|gif|psd|xcf|npy))?$"
+    r"|^[^.].*\.lp$|light\w*\.(txt|csv|json)$",
     re.IGNORECASE,
 )
 
