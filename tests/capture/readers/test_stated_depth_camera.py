@@ -291,3 +291,15 @@ def test_snapshots_that_are_damaged_or_without_their_metadata(tmp_path):
     (tmp_path / "s0_Depth_metadata.csv").write_text("Format,Z16\nResolution x,0\nResolution y,9")
     with pytest.raises(CaptureError, match="a size of 0x9"):
         load_capture(tmp_path)
+
+
+@pytest.mark.parametrize(("off_m", "clear"), [(-1e-6, True), (0.01, False)])
+def test_two_files_of_one_pose(tmp_path, off_m, clear):
+    poses = POSE.copy(), POSE.copy()
+    poses[0][2, 3], poses[1][2, 3] = 0, off_m
+    texts = {
+        "depth_to_color_json": {"depth_to_color": poses[0].tolist()},
+        "color2depth_txt": "\n".join(" ".join(map(str, row)) for row in np.linalg.inv(poses[1])),
+    }
+    made = folder(tmp_path, depth_intrinsics_json=DEPTH_FACTS, K_txt=MATRIX_C, **texts)
+    assert ("depth-camera" in codes(load_capture(made))) == clear

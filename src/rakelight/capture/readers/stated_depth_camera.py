@@ -20,11 +20,12 @@ from rakelight.capture.intrinsics import (
 )
 from rakelight.capture.loose_files import LooseFiles
 from rakelight.capture.text_tables import text_of
-from rakelight.errors import InputError, listed
-from rakelight.model import Camera, Finding, Floats, RigidTransform
+from rakelight.errors import InputError, listed, printable
+from rakelight.model import Camera, Finding, RigidTransform
 
 # Pixels of depth by which focal lengths and centres of one view may differ: rounding.
 _SAME_VIEW_PX = 0.5
+_SAME_POSE = 1e-4  # radians and metres by which one pose differs in two files: rounding
 # Files that hold a pose, by their names; those of a camera that moves are other ones.
 _POSES = re.compile(r"extrinsic|stereo|calib\w*pose")
 _IN_TOML = "write [depth_intrinsics] and [depth_to_color] into a capture.toml"
@@ -132,14 +133,10 @@ def _poses(folder: Path, data: dict[str, bytes]) -> tuple[dict[str, RigidTransfo
             found[name] = clear[0]
         elif stated:
             unclear.append(name)
-    if len({np.round(_flat(pose), 4).tobytes() for pose in found.values()}) > 1:
+    numbers = [[*pose.rotation.ravel(), *pose.translation_m] for pose in found.values()]
+    if numbers and np.ptp(np.array(numbers), axis=0).max() > _SAME_POSE:
         return {}, [*unclear, *found]
     return found, unclear
-
-
-def _flat(pose: RigidTransform) -> Floats:
-    """(12,) the numbers of a pose; none of them is -0."""
-    return np.concatenate([pose.rotation.ravel(), pose.translation_m]) + 0.0
 
 
 def _meant(name: str) -> bool:
@@ -159,7 +156,7 @@ def _not_used(why: dict[str, str]) -> tuple[Finding, ...]:
     """A warning of the files that say something of the depth camera in vain."""
     if not why:
         return ()
-    message = "; ".join(f"{name}: {reason}" for name, reason in list(why.items())[:4])
+    message = "; ".join(f"{printable(name)}: {reason}" for name, reason in list(why.items())[:4])
     more = f"; and {len(why) - 4} more" if len(why) > 4 else ""
     message = f"depth camera not used, by {message}{more}"
     return (Finding("warning", "ignored-files", message, f"if it is another camera: {_IN_TOML}"),)
