@@ -45,7 +45,7 @@ class LightModel:
         Light by light: the vector, or its length where directions are given; the inverse distance
         where near; the ambient light, or, once and last, the ratio that all share.
         """
-        from scipy.sparse import block_diag, hstack
+        from scipy.sparse import csr_array
 
         vector = lights.vector.reshape(-1, 3)
         size = np.maximum(lights.irradiance.ravel(), np.finfo(float).tiny)
@@ -57,9 +57,17 @@ class LightModel:
         if self.directions is not None:
             along = np.broadcast_to(self.directions, lights.vector.shape).reshape(-1, 3, 1)
             own = np.concatenate([own[..., :3] @ along, own[..., 3:]], axis=-1)
-        jacobian = block_diag(own, format="csr")
+        count, rows, columns = own.shape
+        # Blocks beside each other and, where it is shared, the last column: row by row.
+        own_columns = np.arange(count * columns).reshape(count, 1, columns)
+        where = np.broadcast_to(own_columns, own.shape).reshape(count * rows, columns)
+        values, width = own.reshape(count * rows, columns), count * columns
         if self.shared_ambient:
-            jacobian = hstack([jacobian, shared.reshape(-1, 1)], format="csr")
+            values = np.column_stack([values, shared.ravel()])
+            where = np.column_stack([where, np.full(count * rows, width)])
+            width += 1
+        starts = np.arange(0, values.size + 1, values.shape[1])
+        jacobian = csr_array((values.ravel(), where.ravel(), starts), shape=(len(values), width))
         jacobian.eliminate_zeros()
         return jacobian
 
