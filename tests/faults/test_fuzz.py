@@ -38,7 +38,7 @@ def test_a_case_is_the_same_file_each_time(tmp_path):
     assert [first.file(case) for case in cases] == [second.file(case) for case in cases]
     assert [first.file(case) for case in cases] != [others.file(case) for case in cases]
     damaged = [first.file(case) != first.sound[case % len(first.kinds)] for case in cases]
-    assert sum(damaged) > 130
+    assert sum(damaged) > 0.95 * (len(cases) - len(first.kinds))  # the first of each kind is not
 
 
 @pytest.mark.parametrize(
