@@ -60,10 +60,10 @@ MODULES = {
 """Where a method's constants stand."""
 NOT_TUNED = (
     "FOURTH_DIFFERENCE", "MEAN_ABSOLUTE_TO_SIGMA", "GAUGE_FREEDOM", "FEWEST", "SMALLEST_NOISE",
-    "TINY", "ROUNDING", "LEAST", "BLOCKS", "ROWS",
+    "TINY", "ROUNDING", "BLOCKS", "ROWS",
 )  # fmt: skip
 """The coefficients of one; the normal distribution's; unknowns, and what they need at least; the
-rounding of values; against division by zero; so small that less is the same; parts of the work."""
+rounding of values; against division by zero; parts of the work."""
 OFF: dict[str, Any] = {
     "model_selection.LEAST_GAIN": 0.0,
     "model_selection.MOST_VARIED_DISTANCES": np.inf,

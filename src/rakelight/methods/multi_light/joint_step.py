@@ -43,7 +43,8 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     It is not repeated at once: to set it up costs as much as all other steps.
     """
     after = partial(after_joint_step, level, fit, most_cells)
-    lower, damping = lowered(fit, fit.joint_damping, after)
+    # Any damping shortens steps along the valley.
+    lower, damping = lowered(fit, fit.joint_damping, after, least=1e-6)
     return replace(lower, joint_damping=damping)
 
 
