@@ -25,12 +25,12 @@ from large import FACTORS, write_capture
 from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light.energy import depth_system, first_fit
 from rakelight.methods.multi_light.initial_lights import lights_of_prior
-from rakelight.photometry.images import SAMPLE_PIXELS
 from rakelight.prepare import prepare
 from rakelight.solve import build_hierarchy
 
 REPEATS = 5
-BANDWIDTH_MB = 400
+# Size of the array that is read for the bandwidth, megabytes: more than any cache holds.
+READ_MB = 400
 
 
 def best(work: Callable[[], Any]) -> float:
@@ -47,14 +47,14 @@ def best(work: Callable[[], Any]) -> float:
 def bandwidth() -> float:
     """Bytes that all cores together read in a second."""
     cores = cpu_count() or 1
-    parts = np.array_split(np.ones(BANDWIDTH_MB * 125_000), cores)
+    parts = np.array_split(np.ones(READ_MB * 125_000), cores)
     with ThreadPoolExecutor(cores) as pool:
         seconds = best(lambda: list(pool.map(np.sum, parts)))
-    return 1e6 * BANDWIDTH_MB / seconds
+    return 1e6 * READ_MB / seconds
 
 
 def passes(capture: Path) -> Iterator[tuple[str, float, int]]:
-    """Name, bytes a pixel and pixels of each pass, and its seconds."""
+    """Name, seconds and bytes of each pass; the bytes are those that it must read and write."""
     prepared = prepare(rakelight.load_capture(capture))
     level = finest_level(prepared, cut=True, unbiased=True)
     pixels = int(np.count_nonzero(level.mask))
@@ -77,7 +77,7 @@ def passes(capture: Path) -> Iterator[tuple[str, float, int]]:
     terms = best(
         lambda: photographs.light_terms(
             fit.surface, fit.lights, fit.linearization.albedo, scale=fit.scales,
-            subsampling=photographs.subsampling(SAMPLE_PIXELS),
+            subsampling=photographs.subsampling(),
         )
     )  # fmt: skip
     yield "second derivatives of the lights, of a sample", terms, sample * (values + images)
@@ -85,16 +85,12 @@ def passes(capture: Path) -> Iterator[tuple[str, float, int]]:
     tensor = fit.linearization.jtwj
     system = depth_system(level, fit, tensor)
     # M, b, data weight and target in; stencil and right side out
-    yield "assembling the depth system", best(lambda: depth_system(level, fit, tensor)), (
-        pixels * 8 * (3 + 2 + 2 + 5 + 1)
-    )  # fmt: skip
+    assembling = best(lambda: depth_system(level, fit, tensor))
+    yield "assembling the depth system", assembling, pixels * 8 * (3 + 2 + 2 + 5 + 1)
     hierarchy = build_hierarchy(system)
     # stencil in double; in single precision the stencil, two pivots, interpolation; 4/3 for levels
-    yield (
-        "multigrid, building it",
-        best(lambda: build_hierarchy(system)),
-        (pixels * (40 + 4 * (5 + 2 + 4)) * 4 // 3),
-    )
+    building = best(lambda: build_hierarchy(system))
+    yield "multigrid, building it", building, pixels * (40 + 4 * (5 + 2 + 4)) * 4 // 3
     # Four sweeps over lines read stencil, pivots, right side and x, and write x.
     cycle = pixels * 4 * 4 * (5 + 1 + 1 + 2) * 4 // 3
     rhs = system.rhs

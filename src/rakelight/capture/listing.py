@@ -52,6 +52,11 @@ class Root:
         """The folder, or a file in it, as the user would write it."""
         return f"{self.path}/{name}" if name else str(self.path)
 
+    def names(self) -> list[str]:
+        """Of all files and folders in it, sorted; raises CaptureError where it cannot be read."""
+        with clear_errors(self.shown(), "cannot be read"):
+            return sorted(path.name for path in self.path.iterdir())
+
 
 @dataclass(frozen=True)
 class Images:
@@ -127,8 +132,7 @@ def list_images(root: Root, name: str, what: str) -> Images:
 
 def _no_folder(root: Root, name: str, what: str) -> CaptureError:
     """The error for a folder that is not there, which may have another name."""
-    with clear_errors(root.shown(), "cannot be read"):
-        names = sorted(path.name for path in root.path.iterdir())
+    names = root.names()
     capital = next((each for each in names if each.lower() == name), None)
     return CaptureError(
         f"no folder {name} in it",
@@ -141,8 +145,7 @@ def _no_folder(root: Root, name: str, what: str) -> CaptureError:
 
 def meant_otherwise(root: Root, read: Sequence[str]) -> tuple[Finding, ...]:
     """A warning of what the folder holds of masks, lights and confidence beside what is `read`."""
-    with clear_errors(root.shown(), "cannot be read"):
-        names = sorted(path.name for path in root.path.iterdir())
+    names = root.names()
     copies = {Path(name).stem for name in read if name in names}
     others = [
         name
@@ -172,8 +175,7 @@ def refuse_misnamed(root: Root, names: Sequence[str]) -> None:
 
     Capitals do not count.  Where a file of the right name is there, the other is somebody's copy.
     """
-    with clear_errors(root.shown(), "cannot be read"):
-        present = sorted(path.name for path in root.path.iterdir())
+    present = root.names()
     for name in names:
         stem, others = Path(name).stem, (*SUFFIXES, *UNREAD)
         meant = [

@@ -33,7 +33,7 @@ from rakelight.solve.gauss_newton import border
 from rakelight.solve.levenberg_marquardt import lowered
 
 # Weight of one-sided differences over mean ones in the matrix of a joint step of pixels
-# (ablation.md: halved 1.16, doubled 1.04).  Cells have only those.
+# (ablation.md: halved 1.16, doubled 1.04).  Cells have one-sided differences alone.
 STIFFNESS = 0.03
 
 
@@ -43,7 +43,7 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     It is not repeated at once: to set it up costs as much as all other steps.
     """
     after = partial(after_joint_step, level, fit, most_cells)
-    # Any damping shortens steps along the valley.
+    # Any damping shortens steps along the bas-relief valley: next to none.
     lower, damping = lowered(fit, fit.joint_damping, after, least=1e-6)
     return replace(lower, joint_damping=damping)
 
