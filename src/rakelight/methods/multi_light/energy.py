@@ -188,8 +188,9 @@ def light_system(
 
     F counts the lights' free parameters.  The second ones are of about `most` pixels, scaled up:
     enough for curvature, while the gradient near the minimum needs all of them.
-    mixed : whether to find, of each of these pixels, the derivatives (h, w, 2, F) with the gradient
-        of log depth as well; an empty array if not
+    mixed : whether to find, of each of these pixels, the derivatives (h, w, 2, K) with the gradient
+        of log depth as well; an empty array if not.  With all K numbers of the lights: to multiply
+        sums of them by `model.jacobian` (K, F) is faster
     """
     photographs, model = level.photographs, fit.model
     share = np.count_nonzero(photographs.active) / np.count_nonzero(photographs.subsample(most))
@@ -206,11 +207,9 @@ def light_system(
     weight = fit.noise**2 * fit.equal_intensity_weight
     slope = slope + weight * equal_intensity[0]
     hessian *= share
+    both *= share
     hessian += gauge(fit, hessian) + weight * equal_intensity[1]
     jacobian = model.jacobian(fit.lights)
-    # In rows, as the sums over pixels read it: a product with a sparse matrix comes in columns.
-    flat = np.ascontiguousarray(share * both.reshape(-1, both.shape[-1]) @ jacobian)
-    both = flat.reshape(*both.shape[:-1], jacobian.shape[1])
     return jacobian.T @ (hessian @ jacobian), slope @ jacobian, both
 
 

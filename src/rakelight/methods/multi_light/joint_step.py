@@ -73,7 +73,8 @@ def after_joint_step(level: Level, fit: Fit, most_cells: int, damping: float) ->
     grid = Links.of(level.grid if cell == 1 else cells.inside)
     uphill = (grid.gradient / cell).T
     subsampling = level.photographs.subsampling(most)
-    columns = uphill @ _subsampled_sums(mixed, subsampling, cell, cells.inside)
+    free = fit.model.jacobian(fit.lights)
+    columns = uphill @ _subsampled_sums(mixed, subsampling, cell, cells.inside) @ free
     relief_too = fit.model.near and cell > 1
     if relief_too:
         relief = relief_scaling(level, fit.log_depth)
@@ -81,7 +82,7 @@ def after_joint_step(level: Level, fit: Fit, most_cells: int, damping: float) ->
         along, weighted_relief = applied(tensor, gradient), weight * relief
         own = uphill @ cell_sums(along, cell)[cells.inside].ravel()
         columns = np.column_stack([columns, own + cells.gather(weighted_relief)[cells.inside]])
-        lights = np.tensordot(gradient[::subsampling, ::subsampling], mixed, 3)
+        lights = np.tensordot(gradient[::subsampling, ::subsampling], mixed, 3) @ free
         information = np.vdot(gradient, along) + np.vdot(relief, weighted_relief)
         hessian = np.block([[hessian, lights[:, None]], [lights, information]])
         slope = np.append(slope, -np.vdot(negative_gradient, relief))
