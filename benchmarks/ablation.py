@@ -65,13 +65,11 @@ NOT_TUNED = (
 """The coefficients of one; the normal distribution's; unknowns, and what they need at least; the
 rounding of values; against division by zero; parts of the work."""
 OFF: dict[str, Any] = {
-    "model_selection.LEAST_GAIN": 0.0,
     "model_selection.MOST_VARIED_DISTANCES": np.inf,
     "energy.FOURTH_DIFFERENCE_WEIGHT": 0.0,
     "levels.FILLED": 1e-9,
     "specular.LEAST_EXPLAINED": 2.0,
     "factored_start.FREEDOM": 1e9,
-    "held_back.LARGEST_RATIO": np.inf,
     "robust.CAUCHY": 1e9,
 }
 """Values with which a constant does nothing."""

@@ -33,8 +33,9 @@ from rakelight.errors import RakelightError
 from rakelight.methods import load_method
 from rakelight.model import Capture, silent
 from rakelight.pipeline.guarded import surface
-from rakelight.pipeline.held_back import LARGEST_RATIO, predict
+from rakelight.pipeline.held_back import predict
 from rakelight.prepare import prepare
+from rakelight.solve.robust import NOTABLE
 from rakelight.synthetic import Draw, draw, render_draw
 
 Change = Callable[[Capture], Capture]
@@ -194,7 +195,7 @@ def main() -> None:
         gains = np.array([gain for gain, _ in rows])
         gains, odd = gains[np.isfinite(gains)], [count > 0 for _, count in rows]
         low, high = gains.min(), gains.max()
-        kept = share((gains > LARGEST_RATIO).tolist())
+        kept = share((gains > 1 - NOTABLE).tolist())
         print(f"{name}: error ratio {low:.2f} to {high:.2f}, kept {kept}, odd in {share(odd)}")
 
 

@@ -36,10 +36,11 @@ from rakelight.solve.direct import factorised
 # Precision of depth that was filled in, over that of measured depth (ablation.md: off 1.05, halved
 # 1.02, doubled 1.04).
 FILLED = 0.01
-# Standard deviation, pixels, of the Gaussian that averages the residual of the prepared depth
-# against the measurements; over fewer pixels their noise is back (ablation.md: halved 1.05, doubled
-# 0.94).
-BIAS_PX = 5.0
+# Side, pixels, of the square over which errors are taken to be correlated: the photographs' where
+# the model holds, of slopes, and of the sensor's depth until it is known; and standard deviation of
+# the Gaussian that averages the residual of the prepared depth against the measurements
+# (ablation.md: of the one halved 0.92, doubled 1.09, of the other 1.05 and 0.94).
+CORRELATION_PX = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -316,19 +317,19 @@ def find_small_components(grid: Grid, averaging: Averaging | None) -> Mask:
 def unbiased_depth(prepared: Prepared) -> Floats:
     """(h, w) the prepared log depth without the bias of its smoothing, which flattens slopes.
 
-    Its residual against the measurements, averaged over `BIAS_PX`, is added.
+    Its residual against the measurements, averaged over `CORRELATION_PX`, is added.
     """
     prior = np.log(prepared.depth_m)
     miss, seen = sensor_error(prepared, prior)
-    miss = blurred(miss, BIAS_PX / prepared.factor, seen)
+    miss = blurred(miss, CORRELATION_PX / prepared.factor, seen)
     return np.asarray(prior + prepared.sensor.nearest_upsample(miss, prior.shape))
 
 
 def held_to_measurements(level: Level, prepared: Prepared) -> Level:
     """The finest level with a p_0 whose means are the measurements themselves, not smoothed.
 
-    The sensor then tells how high relief is that is a few of its pixels wide: `BIAS_PX` averages
-    that away.  Not for a start: lights that are not known yet follow what is wrong beside jumps.
+    The sensor then tells how high relief is that is a few of its pixels wide, which averaging takes
+    away.  Not for a start: lights that are not known yet follow what is wrong beside jumps.
     """
     smooth = level.unbiased_prior
     miss, _ = sensor_error(prepared, smooth)

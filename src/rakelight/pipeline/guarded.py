@@ -17,7 +17,6 @@ from rakelight.model import Finding, Floats, ProgressCallback, silent
 from rakelight.pipeline.degenerate import without_normals
 from rakelight.pipeline.given_lights import wrong_lights
 from rakelight.pipeline.held_back import (
-    LARGEST_RATIO,
     NO_BETTER,
     NO_BETTER_SO_LIT,
     ONE_PLACE,
@@ -26,6 +25,7 @@ from rakelight.pipeline.held_back import (
     predict,
 )
 from rakelight.prepare import Prepared
+from rakelight.solve.robust import NOTABLE
 
 Options = TypeVar("Options")
 Run = Callable[[Prepared, Options, ProgressCallback], Estimate]
@@ -99,7 +99,8 @@ def reason_to_keep(
     """
     if not estimate.iterations:
         return None  # it is the answer already
-    if prediction is not None and prediction.gain > LARGEST_RATIO:
+    # Without information the two are alike to 1 %, else the ratio is a half or less.
+    if prediction is not None and prediction.gain > 1 - NOTABLE:
         return NO_BETTER
     given = prepared.lights is not None and prepared.lights.fixed
     if not given and any(each.code == ONE_LAMP_POSITION for each in estimate.findings):

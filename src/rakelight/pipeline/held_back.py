@@ -38,10 +38,6 @@ from rakelight.pipeline.prediction import sampled_pixels
 from rakelight.prepare import Prepared
 from rakelight.solve.robust import ROUNDS
 
-# Largest ratio of the error of held-back photographs by the refined surface to that by the prepared
-# depth, for which refining counts: without information the two are alike to 1 %, else the ratio is
-# a half or less (ablation.md: off 1.00, doubled 1.08).
-LARGEST_RATIO = 0.95
 # Least number of photographs: from two, a normal and an albedo are undetermined.
 FEWEST = 4
 # Least precision of a gradient over its largest, and least one of all: below is rounding.

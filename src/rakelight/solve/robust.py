@@ -9,9 +9,15 @@ from rakelight.model import Floats
 # Scale s of the Cauchy loss s^2 log(1 + (r/s)^2) in standard deviations: 95 % efficient on Gaussian
 # noise (ablation.md: least squares 1.27, halved 1.24, doubled 1.10).
 CAUCHY = 2.385
-# Rounds of least squares that are reweighted by the last residuals, or whose unknowns take turns
-# (ablation.md: of 3 instead of 4, 6 and 12 one of 50 draws is better by 5 %, one worse).
+# Rounds of least squares that are reweighted by the last residuals, or whose unknowns take turns;
+# steps of the lights alone, and the most at a level that is not the last, where to converge gains
+# nothing (ablation.md: of 3 instead of 4, 6 and 12 one of 50 draws is better by 5 %, one worse).
 ROUNDS = 3
+# Fraction by which residuals have to be smaller to count as smaller: those of another model or of
+# the next step (ablation.md: doubled 1.00 to 1.08, off 0.98 and 1.00).
+NOTABLE = 0.05
+# Standard deviations up to which a value may be off by chance.
+BY_CHANCE = 3.0
 # Least standard deviation of a value, where the model explains photographs exactly: the rounding
 # to 16 bit (white is 1).
 SMALLEST_NOISE = 12**-0.5 / 65535

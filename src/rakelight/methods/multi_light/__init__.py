@@ -23,28 +23,33 @@ from dataclasses import replace
 import numpy as np
 
 from rakelight.methods.base import Estimate, Method, brightest, light_findings, require_photographs
-from rakelight.methods.levels import Level, finest_level, held_to_measurements, pyramid
+from rakelight.methods.levels import (
+    CORRELATION_PX,
+    Level,
+    finest_level,
+    held_to_measurements,
+    pyramid,
+)
 from rakelight.methods.multi_light.bas_relief_variance import bas_relief_variance, sensor_moment
 from rakelight.methods.multi_light.confidence import depth_sigma, normal_errors
 from rakelight.methods.multi_light.energy import Fit, evaluated, reset_scale
 from rakelight.methods.multi_light.model_selection import cheapest, descents, select_model
 from rakelight.methods.multi_light.noise import (
-    CORRELATION_AREA_PX,
     estimate_depth_weight,
     estimate_equal_intensity_weight,
 )
 from rakelight.methods.multi_light.normals import fine_normals
 from rakelight.methods.multi_light.options import MultiLight
 from rakelight.methods.multi_light.outliers import remove_outliers
-from rakelight.methods.multi_light.steps import FEW_STEPS, Descent, descend, try_bas_relief
+from rakelight.methods.multi_light.steps import Descent, descend, try_bas_relief
 from rakelight.model import Finding, Floats, ProgressCallback
 from rakelight.photometry.specular import Highlights, trim_brightest
 from rakelight.prepare import Prepared
+from rakelight.solve.robust import ROUNDS
 
 # Depth weights that the coarsest level chooses from, multiples of white noise's, 1/variance, times
 # the result's pixels in a depth pixel over which the photographs' errors are correlated: all of
-# them while they are fewer than `CORRELATION_AREA_PX` (ablation.md: halved 0.94, doubled
-# 1.01).
+# them up to a side of `CORRELATION_PX` (ablation.md: halved 0.94, doubled 1.01).
 FIRST_DEPTH_WEIGHTS = (0.01, 0.1, 1.0, 10.0)
 # Factor of the depth weight per halving of the resolution: a coarser level explains averaged
 # photographs, and only roughly (ablation.md: halved 1.03; uw-owl then 5.3 degrees instead of 4.7).
@@ -70,7 +75,7 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     levels = [each.weighted(weight * COARSER_WEIGHT**k) for k, each in enumerate(levels)]
 
     # 3. Coarse to fine, a few steps each: lights and depth together.
-    briefly = replace(options, max_iterations=min(options.max_iterations, FEW_STEPS))
+    briefly = replace(options, max_iterations=min(options.max_iterations, ROUNDS))
     for index in reversed(range(coarsest)):
         log_depth = levels[index].carried(levels[index + 1], descent.fit.log_depth)
         level, _ = remove_outliers(levels[index], log_depth, descent.fit.lights)
@@ -108,7 +113,7 @@ def first_levels(prepared: Prepared, options: MultiLight) -> tuple[list[Level], 
     Those are multiples of white noise's at the finest level, the least first.
     """
     levels = pyramid(finest_level(prepared, cut=True, unbiased=True), options.coarse_pixels)
-    correlation_area = min(prepared.factor**2, CORRELATION_AREA_PX)
+    correlation_area = min(prepared.factor, CORRELATION_PX) ** 2
     weights = [each * correlation_area for each in FIRST_DEPTH_WEIGHTS]
     return levels, weights if options.depth_weight is None else [options.depth_weight]
 

@@ -12,10 +12,7 @@ from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.model import Floats
 from rakelight.photometry.images import LightParameters
-
-# Standard deviations, of the sensor's white noise, that a must be below 0 to turn a relief inside
-# out: three leave nothing to chance.  Where the sensor shows no relief, a is 0 within its noise.
-SURELY_TURNED = 3.0
+from rakelight.solve.robust import BY_CHANCE
 
 
 def nearest_bas_relief(
@@ -53,7 +50,8 @@ def nearest_bas_relief(
         both = (minimize(cost, start, method="L-BFGS-B") for start in starts)
         offset = min(both, key=lambda found: found.fun).x
         transform = nearest + basis @ offset
-    turned = nearest[0] < -SURELY_TURNED * np.linalg.norm(basis[0])
+    # Where the sensor shows no relief, a is 0 within its noise.
+    turned = nearest[0] < -BY_CHANCE * np.linalg.norm(basis[0])
     return _transformed(level, log_depth, transform, turned)
 
 

@@ -30,9 +30,8 @@ from scipy.sparse import diags_array, eye_array
 from rakelight.geometry.grid import Links, has_gradient
 from rakelight.methods.base import scatter
 from rakelight.methods.ldr_ps import Factors, LdrPs, factorise, integrable_basis
-from rakelight.methods.levels import Level
+from rakelight.methods.levels import CORRELATION_PX, Level
 from rakelight.methods.multi_light.initial_lights import LEAST_FACING, bas_relief_of_slopes
-from rakelight.methods.multi_light.noise import CORRELATION_AREA_PX
 from rakelight.model import Floats, Mask
 from rakelight.photometry.images import LightParameters
 from rakelight.solve.direct import factorised
@@ -102,7 +101,7 @@ class Problem:
     def counts(self) -> tuple[float, float]:
         """N_g and N_s: numbers of independent slopes and depths."""
         slopes, depths = 2 * np.count_nonzero(self.determined), len(self.determined)
-        return slopes / CORRELATION_AREA_PX, depths / CORRELATION_AREA_PX
+        return slopes / CORRELATION_PX**2, depths / CORRELATION_PX**2
 
     def sum_of_squares(self, log_depth: Floats) -> float:
         """sum (K p - z)^2 / sigma^2 of log depth (P,)."""

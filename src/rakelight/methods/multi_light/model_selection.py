@@ -21,11 +21,8 @@ from rakelight.methods.multi_light.options import MultiLight
 from rakelight.methods.multi_light.steps import Descent, descend, refine_lights
 from rakelight.model import GivenLights, ProgressCallback
 from rakelight.photometry.images import LightParameters
-from rakelight.solve.robust import SMALLEST_NOISE
+from rakelight.solve.robust import NOTABLE, SMALLEST_NOISE
 
-# Coloured lights are taken where they lower the residuals' sigma by more than this fraction
-# (ablation.md: off 0.98, halved 0.99, doubled 1.00).
-LEAST_GAIN = 0.05
 # Pixels of the object above which a level is halved for the factorisation, which is as good there
 # and faster (ablation.md: halved 0.98, doubled 1.12).
 FACTORED_PIXELS = 2000
@@ -62,7 +59,7 @@ def select_model(
     if options.lights != "white":
         coloured = along("try coloured lights", least, with_coloured_lights(best.fit))[0]
         freer, white = (each.fit.linearization.noise_sigma for each in (coloured, best))
-        if options.lights == "coloured" or freer < (1 - LEAST_GAIN) * white:
+        if options.lights == "coloured" or freer < (1 - NOTABLE) * white:
             best, begins = coloured, [with_coloured_lights(fit) for fit in begins]
     choices = [best, *along("try a larger depth weight", larger, best.fit)]
     if options.distance != "distant" and best.fit.model.directions is None:

@@ -6,19 +6,14 @@ import numpy as np
 
 from rakelight.geometry.cells import cell_sums
 from rakelight.geometry.grid import pair_slices
-from rakelight.methods.levels import Level, sensor_error
+from rakelight.methods.levels import CORRELATION_PX, Level, sensor_error
 from rakelight.methods.multi_light.energy import Fit
 from rakelight.model import MAD_TO_SIGMA, Floats, Mask
 from rakelight.prepare import Prepared
+from rakelight.solve.robust import BY_CHANCE
 
-# Area, pixels, over which errors are taken to be correlated: the photographs' where the model
-# holds, of slopes, and of the sensor's depth until it is known (ablation.md: halved 0.92, doubled
-# 1.09).
-CORRELATION_AREA_PX = 25.0
 # Least number of blocks over which errors are summed (ablation.md: halved 0.92, doubled 1.00).
 FEWEST_BLOCKS = 16
-# Standard deviations at which errors are clipped: depth jumps lie beyond.
-FARTHEST = 4.0
 
 
 def estimate_depth_weight(fit: Fit, prepared: Prepared) -> float:
@@ -26,9 +21,9 @@ def estimate_depth_weight(fit: Fit, prepared: Prepared) -> float:
 
     Depth errors e that are correlated over an area of r^2 = <e^2> / <|de|^2> of the sensor's pixels
     count r^2 times less than independent ones (medians, so that depth jumps do not count).  The
-    photographs' residuals are correlated, too: over `CORRELATION_AREA_PX` where the model
-    holds, and the more, the heavier their tails, since shadows, highlights and edges are not white
-    noise.
+    photographs' residuals are correlated, too: over squares of side `CORRELATION_PX` where the
+    model holds, and the more, the heavier their tails, since shadows, highlights and edges are not
+    white noise.
     """
     error, seen = sensor_error(prepared, fit.log_depth)
     steps = np.concatenate(
@@ -38,11 +33,11 @@ def estimate_depth_weight(fit: Fit, prepared: Prepared) -> float:
         ]
     )
     if not steps.size:
-        return CORRELATION_AREA_PX  # no two depth pixels are neighbours
+        return CORRELATION_PX**2  # no two depth pixels are neighbours
     error = error[seen] - np.median(error[seen])
     correlation_area = np.median(error**2) / max(float(np.median(steps**2)), 1e-30)
     tail_ratio = max(fit.linearization.rms / max(fit.linearization.noise_sigma, 1e-30), 1.0)
-    return float(CORRELATION_AREA_PX * tail_ratio / max(float(correlation_area), 1e-30))
+    return float(CORRELATION_PX**2 * tail_ratio / max(float(correlation_area), 1e-30))
 
 
 def estimate_equal_intensity_weight(level: Level, log_depth: Floats, prepared: Prepared) -> float:
@@ -69,7 +64,7 @@ def block_variances(error: Floats, seen: Mask) -> list[tuple[int, float]]:
     """
     error = np.where(seen, error - np.median(error[seen]), 0.0)
     deviation = MAD_TO_SIGMA * float(np.median(np.abs(error[seen])))
-    error = np.clip(error, -FARTHEST * deviation, FARTHEST * deviation)
+    error = np.clip(error, -BY_CHANCE * deviation, BY_CHANCE * deviation)
     count, side = int(np.count_nonzero(seen)), 2
     found = [(1, deviation**2)]
     while count >= FEWEST_BLOCKS * side**2:

@@ -24,16 +24,11 @@ from rakelight.photometry.images import SAMPLE_PIXELS
 from rakelight.solve import solve
 from rakelight.solve.gauss_newton import damped_solution
 from rakelight.solve.levenberg_marquardt import lowered
+from rakelight.solve.robust import NOTABLE, ROUNDS
 
-# Scale of the residuals over that of the step before, above which the loss is fixed: so far it is
-# updated in each step (ablation.md: distance from 1 halved 1.00, doubled 1.05).
-NOISE_AT_REST = 0.95
 # Relative residual to which a depth step is solved; the next step starts from the rest
 # (ablation.md: halved 1.00, doubled 0.99).
 STEP_TOLERANCE = 2e-2
-# Gauss-Newton steps of the lights alone, and the most at a level that is not the last: to converge
-# there gains nothing (ablation.md, on 50 draws).
-FEW_STEPS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +71,7 @@ def descend(
         if not loss_fixed:
             # The scale of the loss falls with the residuals; then it is fixed.
             noise, fit = fit.noise, update_scale(level, fit, noisiest, one_scale=thorough)
-            loss_fixed = step > 0 and fit.noise > NOISE_AT_REST * noise
+            loss_fixed = step > 0 and fit.noise > (1 - NOTABLE) * noise
             energies = [fit.energy]
         before = fit
         fit = depth_step(level, fit, with_light_slope=together)
@@ -155,8 +150,8 @@ def after_bas_relief(level: Level, fit: Fit, with_light_slope: bool = False) -> 
 
 
 def refine_lights(level: Level, fit: Fit) -> Fit:
-    """The state after `FEW_STEPS` steps of the lights alone."""
-    for _ in range(FEW_STEPS):
+    """The state after `ROUNDS` steps of the lights alone."""
+    for _ in range(ROUNDS):
         fit = lights_step(level, fit)
     return fit
 
