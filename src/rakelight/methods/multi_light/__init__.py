@@ -35,6 +35,7 @@ from rakelight.methods.multi_light.confidence import depth_sigma, normal_errors
 from rakelight.methods.multi_light.energy import Fit, evaluated, reset_scale
 from rakelight.methods.multi_light.model_selection import cheapest, descents, select_model
 from rakelight.methods.multi_light.noise import (
+    correlation_ratio,
     estimate_depth_weight,
     estimate_equal_intensity_weight,
 )
@@ -97,12 +98,15 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     level = level.weighted(weight / first_weight).cut(fit.log_depth)
     level = held_to_measurements(level, prepared)
     equal_intensity = estimate_equal_intensity_weight(level, fit.log_depth, prepared)
-    fit = replace(fit, equal_intensity_weight=equal_intensity)
+    # What photographs say of the lights counts the less, the farther their errors are correlated.
+    correlated = max(correlation_ratio(level, fit), 1.0)
+    fit = replace(fit, equal_intensity_weight=correlated * equal_intensity)
     start = try_bas_relief(level, fit, options)
     both = descend(level, start, options, progress, "refine, weighed", last=True)
     # 6. The depth alone under these lights, from where step 5 began: its depth has errors of
     # millimetres on steep sides, where one scale takes all of a pixel for outliers.
-    fit = evaluated(level, both.fit, start.log_depth, both.fit.lights)
+    fit = replace(both.fit, equal_intensity_weight=equal_intensity)
+    fit = evaluated(level, fit, start.log_depth, both.fit.lights)
     last = descend(level, fit, options, progress, "refine, depth", together=False, last=True)
     steps, converged = descent.steps + both.steps + last.steps, both.converged and last.converged
     descent = replace(last, steps=steps, converged=converged)

@@ -9,8 +9,9 @@ from rakelight.geometry.grid import pair_slices
 from rakelight.methods.levels import CORRELATION_PX, Level, sensor_error
 from rakelight.methods.multi_light.energy import Fit
 from rakelight.model import MAD_TO_SIGMA, Floats, Mask
+from rakelight.photometry.forward import shadings
 from rakelight.prepare import Prepared
-from rakelight.solve.robust import BY_CHANCE
+from rakelight.solve.robust import BY_CHANCE, SMALLEST_NOISE
 
 # Least number of blocks over which errors are summed (ablation.md: halved 0.92, doubled 1.00).
 FEWEST_BLOCKS = 16
@@ -51,6 +52,29 @@ def estimate_equal_intensity_weight(level: Level, log_depth: Floats, prepared: P
         return 0.0
     variance = max(variance for _, variance in block_variances(error, seen))
     return float(np.median(level.sensor_weight) * variance)
+
+
+def correlation_ratio(level: Level, fit: Fit) -> float:
+    """How many residuals count as one, over what `estimate_depth_weight` takes for granted.
+
+    The largest, over blocks of all sizes, of  (sum of a block's residuals)^2 / values,  over
+    sigma^2: errors of the model are alike over large parts of an object.
+    """
+    photographs, active = level.photographs, level.photographs.active
+    lights = fit.lights.as_lights(level.middle_m)
+    normals, points = level.normals(fit.log_depth)[0][active], level.points[active] + level.middle_m
+    albedo, variances = fit.linearization.albedo[active], []
+    for i in range(len(photographs)):
+        shading = shadings(normals, points, lights.of(i))[0]
+        residual = photographs.usable(i)[active] * (
+            albedo * shading - photographs.decoded(i)[active]
+        )
+        error = np.zeros(active.shape)
+        error[active] = residual.sum(axis=-1) / np.sqrt(residual.shape[-1])
+        variances.append([variance for _, variance in block_variances(error, active)])
+    sigma = max(fit.linearization.noise_sigma, SMALLEST_NOISE)
+    correlated = float(np.mean(variances, axis=0).max()) / sigma**2
+    return correlated / (CORRELATION_PX**2 * max(fit.linearization.rms / sigma, 1.0))
 
 
 def block_variances(error: Floats, seen: Mask) -> list[tuple[int, float]]:

@@ -78,7 +78,7 @@ def descend(
         if together:
             fit = joint_step(level, fit, options.coarse_pixels)
         fit = project_bas_relief(level, fit)
-        small = options.tolerance * before.energy
+        small = options.tolerance * before.linearization.energy
         if loss_fixed and (thorough or before.energy - fit.energy >= small):
             fit = extrapolated(level, before, fit)
         converged = loss_fixed and before.energy - fit.energy < small
