@@ -73,7 +73,8 @@ def correlation_ratio(level: Level, fit: Fit) -> float:
         error[active] = residual.sum(axis=-1) / np.sqrt(residual.shape[-1])
         variances.append([variance for _, variance in block_variances(error, active)])
     sigma = max(fit.linearization.noise_sigma, SMALLEST_NOISE)
-    correlated = float(np.mean(variances, axis=0).max()) / sigma**2
+    # The median of the photographs: one of something else is no error of the model.
+    correlated = float(np.median(variances, axis=0).max()) / sigma**2
     return correlated / (CORRELATION_PX**2 * max(fit.linearization.rms / sigma, 1.0))
 
 
