@@ -22,7 +22,7 @@ BLOCKS = 16
 # Rows of the image in one task of `Photographs.linearize`.
 ROWS = 16
 # Pixels, evenly spread, that stand for all where medians, sums or the nearest one are wanted: more
-# only take longer (ablation.md: with 4,000 none of 50 draws changes).
+# only take longer (ablation.md).
 SAMPLE_PIXELS = 5_000
 
 

@@ -16,7 +16,8 @@ ROUNDS = 3
 # Fraction by which residuals have to be smaller to count as smaller: those of another model or of
 # the next step (ablation.md: doubled 1.00 to 1.08, off 0.98 and 1.00).
 NOTABLE = 0.05
-# Standard deviations up to which a value may be off by chance.
+# Standard deviations up to which a value may be off by chance (ablation.md: 4 for clipped errors
+# 1.00).
 BY_CHANCE = 3.0
 # Least standard deviation of a value, where the model explains photographs exactly: the rounding
 # to 16 bit (white is 1).

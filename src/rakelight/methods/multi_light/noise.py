@@ -1,11 +1,17 @@
-"""The weight of the sensor's depth, from the correlation of its errors and the photographs'."""
+"""The weights of the sensor's depth and of equal intensities, from how far errors are correlated.
+
+The sensor's errors and the photographs' alike.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 
 from rakelight.geometry.cells import cell_sums
 from rakelight.geometry.grid import pair_slices
+from rakelight.jit import side_by_side, worth_side_by_side
 from rakelight.methods.levels import CORRELATION_PX, Level, sensor_error
 from rakelight.methods.multi_light.energy import Fit
 from rakelight.model import MAD_TO_SIGMA, Floats, Mask
@@ -22,9 +28,7 @@ def estimate_depth_weight(fit: Fit, prepared: Prepared) -> float:
 
     Depth errors e that are correlated over an area of r^2 = <e^2> / <|de|^2> of the sensor's pixels
     count r^2 times less than independent ones (medians, so that depth jumps do not count).  The
-    photographs' residuals are correlated, too: over squares of side `CORRELATION_PX` where the
-    model holds, and the more, the heavier their tails, since shadows, highlights and edges are not
-    white noise.
+    photographs' residuals are correlated, too: over `assumed_correlation_area`.
     """
     error, seen = sensor_error(prepared, fit.log_depth)
     steps = np.concatenate(
@@ -37,8 +41,17 @@ def estimate_depth_weight(fit: Fit, prepared: Prepared) -> float:
         return CORRELATION_PX**2  # no two depth pixels are neighbours
     error = error[seen] - np.median(error[seen])
     correlation_area = np.median(error**2) / max(float(np.median(steps**2)), 1e-30)
-    tail_ratio = max(fit.linearization.rms / max(fit.linearization.noise_sigma, 1e-30), 1.0)
-    return float(CORRELATION_PX**2 * tail_ratio / max(float(correlation_area), 1e-30))
+    return assumed_correlation_area(fit) / max(float(correlation_area), 1e-30)
+
+
+def assumed_correlation_area(fit: Fit) -> float:
+    """Area, pixels, over which the photographs' residuals are taken to be correlated.
+
+    A square of side `CORRELATION_PX` where the model holds, and the more, the heavier the tails of
+    the residuals, since shadows, highlights and edges are not white noise.
+    """
+    tail_ratio = fit.linearization.rms / max(fit.linearization.noise_sigma, 1e-30)
+    return float(CORRELATION_PX**2 * max(tail_ratio, 1.0))
 
 
 def estimate_equal_intensity_weight(level: Level, log_depth: Floats, prepared: Prepared) -> float:
@@ -55,7 +68,7 @@ def estimate_equal_intensity_weight(level: Level, log_depth: Floats, prepared: P
 
 
 def correlation_ratio(level: Level, fit: Fit) -> float:
-    """How many residuals count as one, over what `estimate_depth_weight` takes for granted.
+    """How many residuals count as one independent value, over `assumed_correlation_area`.
 
     The largest, over blocks of all sizes, of  (sum of a block's residuals)^2 / values,  over
     sigma^2: errors of the model are alike over large parts of an object.
@@ -63,26 +76,31 @@ def correlation_ratio(level: Level, fit: Fit) -> float:
     photographs, active = level.photographs, level.photographs.active
     lights = fit.lights.as_lights(level.middle_m)
     normals, points = level.normals(fit.log_depth)[0][active], level.points[active] + level.middle_m
-    albedo, variances = fit.linearization.albedo[active], []
-    for i in range(len(photographs)):
-        shading = shadings(normals, points, lights.of(i))[0]
-        residual = photographs.usable(i)[active] * (
-            albedo * shading - photographs.decoded(i)[active]
-        )
+    albedo = fit.linearization.albedo[active]
+
+    def variances(photograph: int, check: Callable[[], None]) -> list[float]:
+        check()
+        shading = shadings(normals, points, lights.of(photograph))[0]
+        residual = albedo * shading - photographs.decoded(photograph)[active]
+        residual *= photographs.usable(photograph)[active]
         error = np.zeros(active.shape)
         error[active] = residual.sum(axis=-1) / np.sqrt(residual.shape[-1])
-        variances.append([variance for _, variance in block_variances(error, active)])
+        return [variance for _, variance in block_variances(error, active)]
+
+    each = list(side_by_side(variances, range(len(photographs)), worth_side_by_side()))
     sigma = max(fit.linearization.noise_sigma, SMALLEST_NOISE)
     # The median of the photographs: one of something else is no error of the model.
-    correlated = float(np.median(variances, axis=0).max()) / sigma**2
-    return correlated / (CORRELATION_PX**2 * max(fit.linearization.rms / sigma, 1.0))
+    correlated = float(np.median(each, axis=0).max()) / sigma**2
+    return correlated / assumed_correlation_area(fit)
 
 
 def block_variances(error: Floats, seen: Mask) -> list[tuple[int, float]]:
     """Sides 1, 2, 4 ... of square blocks, and the (sum of a block)^2 / pixels over all of them.
 
-    error : (hs, ws) of the sensor, of which the median is taken off; seen : where it counts.  Of
-    single pixels the variance comes from the median; larger blocks need to be `FEWEST_BLOCKS`.
+    error : (h, w) of the sensor or of a photograph, of which the median is taken off
+    seen : (h, w) where it counts
+
+    Of single pixels the variance comes from the median; larger blocks need to be `FEWEST_BLOCKS`.
 
     >>> [side for side, _ in block_variances(np.ones((8, 8)), np.ones((8, 8), bool))]
     [1, 2]
