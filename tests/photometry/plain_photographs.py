@@ -10,6 +10,7 @@ import numpy as np
 
 TINY = 1e-30
 ALBEDO_ROUNDS = 2
+LEAST_ALBEDO = 1e-6
 
 
 def decoded(photographs):
@@ -56,6 +57,34 @@ def shading(photographs, gradient, points, vector, ambient, inverse_distance, la
     return np.moveaxis(np.broadcast_to(stack, (*stack.shape[:3], 3)), 2, 0)
 
 
+def highlight(photographs, gradient, points, vector, inverse_distance, gloss, lagged_length=None):
+    """(N, h, w, 3) Blinn-Phong highlights |s| sum_e k_e (n . h)^e, exponents 8, 32 and 128."""
+    camera, (count, channels) = photographs.camera, inverse_distance.shape
+    m = m_of(gradient, camera)
+    n = m / (length(m) if lagged_length is None else lagged_length)
+    right, below = np.arange(camera.width) - camera.cx, np.arange(camera.height) - camera.cy
+    rays = np.ones(m.shape)
+    rays[..., 0], rays[..., 1] = right / camera.fx, below[:, None] / camera.fy
+    view = -rays / length(rays)
+    images = []
+    for i in range(count):
+        for c in range(channels):
+            s = light_at(vector[i, c], inverse_distance[i, c], points)
+            halfway = s / length(s) + view
+            cosine = (halfway / length(halfway) * n).sum(axis=-1)
+            faces = ((s * n).sum(axis=-1).real > 0) & (cosine.real > 0)
+            lobes = sum(k * cosine**e for k, e in zip(gloss, (8, 32, 128), strict=True))
+            images.append(np.where(faces, length(s)[..., 0] * lobes, 0))
+    stack = np.stack(images, axis=-1).reshape(*m.shape[:2], count, channels)
+    return np.moveaxis(np.broadcast_to(stack, (*stack.shape[:3], 3)), 2, 0)
+
+
+def highlight_of(photographs, surface, lights):
+    """(N, h, w, 3) highlights of a Surface under LightParameters."""
+    parts = lights.vector, lights.inverse_distance, lights.gloss
+    return highlight(photographs, surface.gradient, surface.points, *parts)
+
+
 def shading_of(photographs, surface, lights):
     """(N, h, w, 3) shading of a Surface under LightParameters."""
     return shading(photographs, surface.gradient, surface.points, *numbers(lights))
@@ -67,27 +96,39 @@ def numbers(lights):
 
 
 def shading_by_gradient(photographs, surface, lights, lagged):
-    """(2, N, h, w, 3) derivatives of the shading with the gradient of log depth."""
+    """(2, N, h, w, 3) of shading, of highlights: with the gradient of log depth."""
     fixed = length(m_of(surface.gradient, photographs.camera)) if lagged else None
+    parts = lights.vector, lights.inverse_distance, lights.gloss
     derivatives = []
     for axis in (0, 1):
         moved = surface.gradient.astype(complex)
         moved[..., axis] += 1j * TINY
         a = shading(photographs, moved, surface.points, *numbers(lights), lagged_length=fixed)
-        derivatives.append(a.imag / TINY)
-    return np.stack(derivatives)
+        g = highlight(photographs, moved, surface.points, *parts, lagged_length=fixed)
+        derivatives.append((a.imag / TINY, g.imag / TINY))
+    return (np.stack(each) for each in zip(*derivatives, strict=True))
 
 
 def shading_by_light(photographs, surface, lights, near):
-    """(K, N, h, w, 3) derivatives of the shading with vector, [inverse distance,] ambient."""
+    """(K, N, h, w, 3) of shading, of highlights: with vector, [inverse distance,] ambient; gloss.
+
+    With the gloss only where there is one.
+    """
     derivatives = []
     for light in np.ndindex(lights.ambient.shape):
         for k in [(0, 0), (0, 1), (0, 2), (2,), (1,)] if near else [(0, 0), (0, 1), (0, 2), (1,)]:
             moved = [array.astype(complex) for array in numbers(lights)]
             moved[k[0]][(*light, *k[1:])] += 1j * TINY
             a = shading(photographs, surface.gradient, surface.points, *moved)
-            derivatives.append(a.imag / TINY)
-    return np.stack(derivatives)
+            vector, _, inverse_distance = moved
+            parts = surface.gradient, surface.points, vector, inverse_distance, lights.gloss
+            g = highlight(photographs, *parts)
+            derivatives.append((a.imag / TINY, g.imag / TINY))
+    parts = surface.gradient, surface.points, lights.vector, lights.inverse_distance
+    for one in np.eye(3) if lights.gloss.any() else ():
+        g = highlight(photographs, *parts, one)
+        derivatives.append((np.zeros_like(g), g))
+    return (np.stack(each) for each in zip(*derivatives, strict=True))
 
 
 def weights(residual, good, scale):
@@ -107,7 +148,9 @@ def fitted_albedo(image, good, a, scale, start):
     rho, w = start, good.astype(float)
     for _ in range(ALBEDO_ROUNDS if np.any(scale > 0) else 1):
         w = good.astype(float) if rho is None else weights(rho * a - image, good, scale)
-        rho = ratio((w * a * image).sum(axis=0), (w * a * a).sum(axis=0))
+        squares = (w * a * a).sum(axis=0)
+        rho = ratio((w * a * image).sum(axis=0), squares)
+        rho = np.where(squares > 1e-12, np.maximum(rho, LEAST_ALBEDO), 0)
     return rho, w
 
 
@@ -132,6 +175,7 @@ class Plain:
     counted: np.ndarray
     mean_abs_residual: np.ndarray
     light_slope: np.ndarray
+    gloss_slope: np.ndarray
 
 
 def one_channel(shape):
@@ -144,18 +188,23 @@ def linearize(photographs, surface, lights, *, scale=0.0, start=None, lagged=Fal
     """Albedo, energy and depth terms of one pass: `Photographs.linearize`."""
     scale = np.asarray(scale, dtype=float)
     image, good = decoded(photographs)
+    image = image - highlight_of(photographs, surface, lights)
     a = shading_of(photographs, surface, lights)
     rho, w = fitted_albedo(image, good, a, scale, start)
     residual = rho * a - image
     wide = np.broadcast_to(scale, good.shape[1:3])[..., None]
     loss = wide**2 * np.log1p((residual / wide) ** 2) if np.all(scale > 0) else residual**2
 
-    J = rho * shading_by_gradient(photographs, surface, lights, lagged)
+    by_shading, by_highlight = shading_by_gradient(photographs, surface, lights, lagged)
+    J = rho * by_shading + by_highlight
     rhs = -(w * J * residual).sum(axis=(1, -1))
     if project:
         J = freed(J, a, w)
     pairs = ((0, 0), (0, 1), (1, 1))
-    turned = rho * shading_by_light(photographs, surface, lights, near=True)
+    by_shading, by_highlight = shading_by_light(photographs, surface, lights, near=True)
+    turned = rho * by_shading + by_highlight
+    turned = (weights(residual, good, scale) * turned * residual).sum(axis=(1, 2, 3, 4))
+    own = 5 * lights.ambient.size
     return Plain(
         albedo=rho,
         energy=float(loss[good].sum()),
@@ -164,9 +213,8 @@ def linearize(photographs, surface, lights, *, scale=0.0, start=None, lagged=Fal
         residuals=residual[good],
         counted=residual[good & one_channel(photographs.mask.shape)],
         mean_abs_residual=ratio((abs(residual) * good).sum(axis=(0, -1)), good.sum(axis=(0, -1))),
-        light_slope=(weights(residual, good, scale) * turned * residual)
-        .sum(axis=(1, 2, 3, 4))
-        .reshape(*lights.ambient.shape, 5),
+        light_slope=turned[:own].reshape(*lights.ambient.shape, 5),
+        gloss_slope=turned[own:] if lights.gloss.any() else np.zeros(3),
     )
 
 
@@ -176,6 +224,7 @@ def light_terms(
 ):  # fmt: skip
     """Derivatives of half the energy with the lights: `Photographs.light_terms`."""
     image, good = decoded(photographs)
+    image = image - highlight_of(photographs, surface, lights)
     thin = np.s_[::subsampling, ::subsampling]
     some = np.zeros(photographs.mask.shape, bool)
     some[thin] = True
@@ -184,8 +233,10 @@ def light_terms(
     residual = albedo * a - image
     w = weights(residual, good, np.asarray(scale, dtype=float))
 
-    B = albedo * shading_by_light(photographs, surface, lights, near)
-    J = albedo * shading_by_gradient(photographs, surface, lights, lagged=False)
+    by_shading, by_highlight = shading_by_light(photographs, surface, lights, near)
+    B = albedo * by_shading + by_highlight
+    by_shading, by_highlight = shading_by_gradient(photographs, surface, lights, lagged=False)
+    J = albedo * by_shading + by_highlight
     slope = (w * B * residual).sum(axis=(1, 2, 3, 4))
     if project:
         B, J = freed(B, a, w), freed(J, a, w)

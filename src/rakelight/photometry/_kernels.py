@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 
 from rakelight import jit
+from rakelight.photometry.specular import EXPONENTS
 
 # Reordered sums are within one strip, which no core shares: results stay reproducible.
 kernel = partial(jit.kernel, any_order=True)
@@ -25,10 +26,12 @@ inlined = partial(jit.helper, any_order=True, inline=True)
 # Pixels of a strip, whose arrays are to fit the cache; columns of the matrix that is multiplied by
 # its transpose at once.
 STRIP, WIDE = 64, 384
-# Rows of `frame`: the normal n, dn/dg_u, dn/dg_v with g the gradient of log depth, the point X.
-NORMAL, BY_U, BY_V, POINT, FRAME = 0, 3, 6, 9, 12
-# Rows of `light`: s . n and the derivatives of max(0, s . n) with g_u and g_v.
-DOT, SU, SV, LIGHT = range(4)
+# Rows of `frame`: the normal n, dn/dg_u, dn/dg_v with g the gradient of log depth, the point X, the
+# unit vector to the camera.
+NORMAL, BY_U, BY_V, POINT, VIEW, FRAME = range(0, 18, 3)
+# Rows of `light`: s . n and the derivatives of max(0, s . n) with g_u, g_v and (three rows) s.  Of
+# `shine`: a highlight and its derivatives, after LIGHT of them those with each coefficient k_e.
+DOT, SU, SV, BY_S, LIGHT = 0, 1, 2, 3, 6
 # Rows of `own`, three each, one per channel: albedo; sums over the photographs of w a^2, w a I,
 # w a su and w a sv, with weights w and shading a; 1 / sum of w a^2.
 ALBEDO, SQUARES, PRODUCTS, ALONG_U, ALONG_V, INV_SQUARES, OWN = range(0, 21, 3)
@@ -46,6 +49,12 @@ ALBEDO_ROUNDS = 2
 # Bins of the histogram of absolute residuals, and its upper end; white is 1.
 BINS = 1024
 WIDEST = 0.5
+# What stands for a value that is not usable: light less a highlight may be below 0.
+UNUSABLE = -1e3
+# Least albedo where a value is usable: the derivatives of a highlight are divided by it.
+LEAST_ALBEDO = 1e-6
+# Exponents of the highlights' lobes, each four times the one before.
+WIDE_LOBE, MIDDLE_LOBE, NARROW_LOBE = map(float, EXPONENTS)
 # Factor beyond which its logarithm is taken: losses are summed as the logarithm of a product.
 LARGEST = 1e150
 
@@ -76,7 +85,7 @@ def clear(row, active, albedo, jtwj, rhs):
 
 @inlined
 def load_geometry(here, size, row, gradient, points, camera, lagged, frame):
-    """Fill frame: normals, their derivatives, with |m| lagged or not, and points."""
+    """Fill frame: normals, their derivatives, with |m| lagged or not, points, views."""
     fx, fy, cx, cy = camera
     y, free = row - cy, 0.0 if lagged else 1.0
     for j in range(size):
@@ -96,6 +105,10 @@ def load_geometry(here, size, row, gradient, points, camera, lagged, frame):
         frame[BY_V, j] = -along_v * n0
         frame[BY_V + 1, j] = over * fy - along_v * n1
         frame[BY_V + 2, j] = -over * y - along_v * n2
+    for j in range(size):
+        right, below = (here[j] - cx) / fx, y / fy
+        over = -1.0 / np.sqrt(right * right + below * below + 1.0)
+        frame[VIEW, j], frame[VIEW + 1, j], frame[VIEW + 2, j] = right * over, below * over, over
 
 
 @inlined
@@ -124,10 +137,51 @@ def evaluate_light(q0, q1, q2, nearness, size, frame, light):
         u0, u1, u2 = frame[BY_U, j], frame[BY_U + 1, j], frame[BY_U + 2, j]
         v0, v1, v2 = frame[BY_V, j], frame[BY_V + 1, j], frame[BY_V + 2, j]
         dot = gain * (t0 * n0 + t1 * n1 + t2 * n2)
-        lit = gain if dot > 0.0 else 0.0
+        lit = 1.0 if dot > 0.0 else 0.0
         light[DOT, j] = dot
-        light[SU, j] = lit * (t0 * u0 + t1 * u1 + t2 * u2)
-        light[SV, j] = lit * (t0 * v0 + t1 * v1 + t2 * v2)
+        light[SU, j] = lit * gain * (t0 * u0 + t1 * u1 + t2 * u2)
+        light[SV, j] = lit * gain * (t0 * v0 + t1 * v1 + t2 * v2)
+        light[BY_S, j], light[BY_S + 1, j], light[BY_S + 2, j] = lit * n0, lit * n1, lit * n2
+
+
+@inlined
+def evaluate_highlight(q0, q1, q2, nearness, gloss, size, frame, shine):
+    """Fill shine: the highlight |s| sum_e k_e c^e of a light, as in `vector_at`, derivatives.
+
+    With l = s/|s|, h = l + view, c = n . h/|h|:  dc/dl = (n - c h/|h|) / |h|.  gloss (E,) : the k_e
+    """
+    for j in range(size):
+        t0, t1, t2, gain = q0, q1, q2, 1.0
+        if nearness > 0.0:
+            t0, t1, t2, gain = vector_at(q0, q1, q2, nearness, frame, j)
+        length = np.sqrt(t0 * t0 + t1 * t1 + t2 * t2) + 1e-300
+        l0, l1, l2, strength = t0 / length, t1 / length, t2 / length, gain * length
+        n0, n1, n2 = frame[NORMAL, j], frame[NORMAL + 1, j], frame[NORMAL + 2, j]
+        h0, h1, h2 = l0 + frame[VIEW, j], l1 + frame[VIEW + 1, j], l2 + frame[VIEW + 2, j]
+        over = 1.0 / (np.sqrt(h0 * h0 + h1 * h1 + h2 * h2) + 1e-12)
+        h0, h1, h2 = over * h0, over * h1, over * h2
+        cosine = max(n0 * h0 + n1 * h1 + n2 * h2, 0.0) if n0 * l0 + n1 * l1 + n2 * l2 > 0.0 else 0.0
+        # Not a loop over the exponents, in which the pixels would be taken one by one.
+        fourth = cosine * cosine * cosine * cosine
+        wide = fourth * fourth
+        middle = wide * wide * wide * wide
+        narrow = middle * middle * middle * middle
+        shine[LIGHT, j], shine[LIGHT + 1, j] = strength * wide, strength * middle
+        shine[LIGHT + 2, j] = strength * narrow
+        wide, middle, narrow = gloss[0] * wide, gloss[1] * middle, gloss[2] * narrow
+        total_power = wide + middle + narrow
+        by_cosine = WIDE_LOBE * wide + MIDDLE_LOBE * middle + NARROW_LOBE * narrow
+        by_cosine /= cosine + 1e-300
+        u0, u1, u2 = frame[BY_U, j], frame[BY_U + 1, j], frame[BY_U + 2, j]
+        v0, v1, v2 = frame[BY_V, j], frame[BY_V + 1, j], frame[BY_V + 2, j]
+        shine[DOT, j] = strength * total_power
+        shine[SU, j] = strength * by_cosine * (h0 * u0 + h1 * u1 + h2 * u2)
+        shine[SV, j] = strength * by_cosine * (h0 * v0 + h1 * v1 + h2 * v2)
+        c0, c1, c2 = over * (n0 - cosine * h0), over * (n1 - cosine * h1), over * (n2 - cosine * h2)
+        along = c0 * l0 + c1 * l1 + c2 * l2
+        shine[BY_S, j] = total_power * l0 + by_cosine * (c0 - along * l0)
+        shine[BY_S + 1, j] = total_power * l1 + by_cosine * (c1 - along * l1)
+        shine[BY_S + 2, j] = total_power * l2 + by_cosine * (c2 - along * l2)
 
 
 @inlined
@@ -143,10 +197,10 @@ def shade(q0, q1, q2, nearness, ambient, size, frame, shading):
 
 @inlined
 def differentiate(q0, q1, q2, nearness, size, frame, light, derivatives):
-    """Fill derivatives (4, STRIP): of max(0, s . n) with a light's vector and inverse distance.
+    """Fill derivatives (4, STRIP) with a light's vector and inverse distance, from those with s.
 
-    With f, t as in `vector_at`, e = t/|t| and Df = f (I - 3 e e^T):
-        d/dq = Df n + u (s . n / |q| - u . Df n),  d/dk = -|q| X . Df n
+    With w the derivatives with s, f, t as in `vector_at`, e = t/|t| and Df = f (I - 3 e e^T):
+        d/dq = Df w + u (s . w / |q| - u . Df w),  d/dk = -|q| X . Df w
     """
     size2 = q0 * q0 + q1 * q1 + q2 * q2 + 1e-24
     length = np.sqrt(size2)
@@ -154,11 +208,11 @@ def differentiate(q0, q1, q2, nearness, size, frame, light, derivatives):
         t0, t1, t2, gain = q0, q1, q2, 1.0
         if nearness > 0.0:
             t0, t1, t2, gain = vector_at(q0, q1, q2, nearness, frame, j)
-        n0, n1, n2 = frame[NORMAL, j], frame[NORMAL + 1, j], frame[NORMAL + 2, j]
-        lit = gain if light[DOT, j] > 0.0 else 0.0
-        bent = 3.0 * (t0 * n0 + t1 * n1 + t2 * n2) / (t0 * t0 + t1 * t1 + t2 * t2 + 1e-300)
-        f0, f1, f2 = lit * (n0 - bent * t0), lit * (n1 - bent * t1), lit * (n2 - bent * t2)
-        along = (max(light[DOT, j], 0.0) - (q0 * f0 + q1 * f1 + q2 * f2)) / size2
+        w0, w1, w2 = gain * light[BY_S, j], gain * light[BY_S + 1, j], gain * light[BY_S + 2, j]
+        along_s = t0 * w0 + t1 * w1 + t2 * w2
+        bent = 3.0 * along_s / (t0 * t0 + t1 * t1 + t2 * t2 + 1e-300)
+        f0, f1, f2 = w0 - bent * t0, w1 - bent * t1, w2 - bent * t2
+        along = (along_s - (q0 * f0 + q1 * f1 + q2 * f2)) / size2
         derivatives[0, j], derivatives[1, j], derivatives[2, j] = (
             f0 + along * q0,
             f1 + along * q1,
@@ -170,11 +224,29 @@ def differentiate(q0, q1, q2, nearness, size, frame, light, derivatives):
 
 @inlined
 def decode(here, size, row, photos, table, value):
-    """Fill value (3, N, STRIP) with linear light, negative where it is not usable."""
+    """Fill value (3, N, STRIP) with linear light, `UNUSABLE` where it is not usable."""
     for i in range(value.shape[1]):
         for c in range(3):
             for j in range(size):
-                value[c, i, j] = table[photos[i, row, here[j], c]]
+                light = table[photos[i, row, here[j], c]]
+                value[c, i, j] = light if light >= 0.0 else UNUSABLE
+
+
+@inlined
+def subtract_highlight(first, last, i, size, shine, value):
+    """Subtract photograph i's highlight from its usable values in the channels it lights."""
+    for c in range(first, last):
+        for j in range(size):
+            value[c, i, j] -= shine[DOT, j] if value[c, i, j] > UNUSABLE else 0.0
+
+
+@inlined
+def add_highlight(rho, size, light, shine, both):
+    """Fill both's SU and SV: light's and, over the albedo rho (STRIP), the highlight's."""
+    for j in range(size):
+        over = 1.0 / max(rho[j], LEAST_ALBEDO)
+        both[SU, j] = light[SU, j] + over * shine[SU, j]
+        both[SV, j] = light[SV, j] + over * shine[SV, j]
 
 
 @inlined
@@ -188,7 +260,7 @@ def load_scales(here, size, row, scales, pixel):
 @inlined
 def residual(rho, shading, value):
     """Model minus value, 0 for a value that is not usable."""
-    return rho * shading - value if value >= 0.0 else 0.0
+    return rho * shading - value if value > UNUSABLE else 0.0
 
 
 @inlined
@@ -218,14 +290,15 @@ def fit_albedo(rounds, size, a, value, w, own, pixel):
                 for j in range(size):
                     v, shading = value[c, i, j], a[light_c, i, j]
                     off = own[ALBEDO + c, j] * shading - v
-                    good = 1.0 if v >= 0.0 else 0.0
+                    good = 1.0 if v > UNUSABLE else 0.0
                     weight = good / (1.0 + pixel[MIXED, j] * off * off)
                     w[c, i, j] = weight
                     own[SQUARES + c, j] += weight * shading * shading
                     own[PRODUCTS + c, j] += weight * shading * v
             for j in range(size):
                 squares, products = own[SQUARES + c, j], own[PRODUCTS + c, j]
-                own[ALBEDO + c, j] = products / squares if squares > 1e-12 else 0.0
+                rho = max(products / squares, LEAST_ALBEDO) if squares > 1e-12 else 0.0
+                own[ALBEDO + c, j] = rho
 
 
 @inlined
@@ -253,7 +326,7 @@ def accumulate_residuals(c, i, size, a, value, w, light, own, pixel):
         information, gradient = rho * rho * weight, rho * weight * r
         pixel[SQUARED, j] += r * r
         pixel[ABS_RESIDUAL, j] += abs(r)
-        pixel[COUNT, j] += 1.0 if value[c, i, j] >= 0.0 else 0.0
+        pixel[COUNT, j] += 1.0 if value[c, i, j] > UNUSABLE else 0.0
         pixel[FACTOR, j] *= 1.0 + inv_scale2 * r * r
         pixel[UU, j] += information * su * su
         pixel[UV, j] += information * su * sv
@@ -295,9 +368,9 @@ def accumulate_residuals_all(i, size, a, value, w, light, own, pixel):
         own[ALONG_U + 2, j] += w2 * shading * su
         own[ALONG_V + 2, j] += w2 * shading * sv
     for j in range(size):
-        seen0 = 1.0 if value[0, i, j] >= 0.0 else 0.0
-        seen1 = 1.0 if value[1, i, j] >= 0.0 else 0.0
-        seen2 = 1.0 if value[2, i, j] >= 0.0 else 0.0
+        seen0 = 1.0 if value[0, i, j] > UNUSABLE else 0.0
+        seen1 = 1.0 if value[1, i, j] > UNUSABLE else 0.0
+        seen2 = 1.0 if value[2, i, j] > UNUSABLE else 0.0
         pixel[COUNT, j] += seen0 + seen1 + seen2
 
 
@@ -321,6 +394,31 @@ def accumulate_light_slope(first, last, i, size, a, value, own, pixel, derivativ
             r = residual(rho, a[i, j], value[c, i, j])
             pixel[GRADIENT, j] += rho * r / (1.0 + pixel[INV_SCALE2, j] * r * r)
     slope[4, i] += total(pixel[GRADIENT], size)
+    for k in range(4):
+        for j in range(size):
+            derivatives[k, j] *= pixel[GRADIENT, j]
+        slope[k, i] += total(derivatives[k], size)
+
+
+@helper
+def accumulate_highlight_slope(
+    first, last, i, size, a, value, own, pixel, shine, derivatives, slope, gloss_slope
+):
+    """Add the part of photograph i's highlight to slope (5, N) and gloss_slope (E,).
+
+    Spoils derivatives.
+    """
+    for j in range(size):
+        pixel[GRADIENT, j] = 0.0
+    for c in range(first, last):
+        for j in range(size):
+            r = residual(own[ALBEDO + c, j], a[i, j], value[c, i, j])
+            pixel[GRADIENT, j] += r / (1.0 + pixel[INV_SCALE2, j] * r * r)
+    for e in range(gloss_slope.size):
+        along = 0.0
+        for j in range(size):
+            along += pixel[GRADIENT, j] * shine[LIGHT + e, j]
+        gloss_slope[e] += along
     for k in range(4):
         for j in range(size):
             derivatives[k, j] *= pixel[GRADIENT, j]
@@ -366,7 +464,7 @@ def count_residuals(here, size, row, a, value, own, histogram):
         if turn_of % 2 == 0:
             c = turn_of // 2
             for i in range(value.shape[1]):
-                if value[c, i, j] >= 0.0:
+                if value[c, i, j] > UNUSABLE:
                     shading = a[min(c, a.shape[0] - 1), i, j]
                     r = residual(own[ALBEDO + c, j], shading, value[c, i, j])
                     histogram[max(min(int(abs(r) * (BINS / WIDEST)), BINS - 1), 0)] += 1
@@ -375,26 +473,26 @@ def count_residuals(here, size, row, a, value, own, histogram):
 @kernel
 def linearize(
     first_row, last_row, photos, table, active, gradient, points, camera, vectors, ambients,
-    nearness, scales, lagged, project, albedo, jtwj, rhs, sums, histogram, mean_abs_residual,
-    with_light_slope, slope,
+    nearness, gloss, scales, lagged, project, albedo, jtwj, rhs, sums, histogram, mean_abs_residual,
+    with_light_slope, slope, gloss_slope,
 ):  # fmt: skip
     """Albedo, M, b, energy and residuals of the active pixels; see `Photographs.linearize`.
 
     In rows from first_row up to last_row, which is not among them.
     table : linear light of a value, negative where it is not usable
-    vectors (C, 3, N), ambients (C, N), nearness (C, N) of the lights: `LightParameters.arrays`
+    vectors (C, 3, N), ambients (C, N), nearness (C, N) of the lights, gloss (E,) of the surface:
+    `LightParameters.arrays`
     sums (h, 3): energy, squared residuals, count; histogram (h, BINS) of absolute residuals in one
     channel of every other pixel; mean_abs_residual (h, w): of each pixel.  With `with_light_slope`,
     slope (h, C, 5, N) gets the first derivatives of half the energy with each light's vector,
-    inverse distance and ambient light.
+    inverse distance and ambient light, gloss_slope (h, E) with the gloss.
     """
     channels, _, count = vectors.shape
     here = np.empty(STRIP, np.int64)
-    frame, light, derivatives = (
-        np.empty((FRAME, STRIP)),
-        np.empty((LIGHT, STRIP)),
-        np.empty((4, STRIP)),
-    )
+    frame, derivatives = np.empty((FRAME, STRIP)), np.empty((4, STRIP))
+    light, both = np.empty((LIGHT, STRIP)), np.empty((LIGHT, STRIP))
+    glossy = gloss.sum() > 0.0
+    shines = np.empty((channels, count if glossy else 0, LIGHT + gloss.size, STRIP))
     own, pixel = np.empty((OWN, STRIP)), np.empty((PIXEL, STRIP))
     value = np.empty((3, count, STRIP), np.float32)
     a, w = np.empty((channels, count, STRIP)), np.empty((3, count, STRIP))
@@ -410,14 +508,19 @@ def linearize(
             load_scales(here, size, row, scales, pixel)
             reset_sums(here, size, row, albedo, own, pixel)
             for light_c in range(channels):
+                first, last = (0, 3) if channels == 1 else (light_c, light_c + 1)
                 for i in range(count):
                     q0, q1, q2 = (
                         vectors[light_c, 0, i],
                         vectors[light_c, 1, i],
                         vectors[light_c, 2, i],
                     )
-                    ambient = ambients[light_c, i]
-                    shade(q0, q1, q2, nearness[light_c, i], ambient, size, frame, a[light_c, i])
+                    near, ambient = nearness[light_c, i], ambients[light_c, i]
+                    shade(q0, q1, q2, near, ambient, size, frame, a[light_c, i])
+                    if glossy:
+                        shine = shines[light_c, i]
+                        evaluate_highlight(q0, q1, q2, near, gloss, size, frame, shine)
+                        subtract_highlight(first, last, i, size, shine, value)
             rounds = ALBEDO_ROUNDS if total(pixel[INV_SCALE2], size) > 0.0 else 1
             fit_albedo(rounds, size, a, value, w, own, pixel)
             for light_c in range(channels):
@@ -428,8 +531,13 @@ def linearize(
                         vectors[light_c, 1, i],
                         vectors[light_c, 2, i],
                     )
-                    evaluate_light(q0, q1, q2, nearness[light_c, i], size, frame, light)
-                    if channels == 1:
+                    near = nearness[light_c, i]
+                    evaluate_light(q0, q1, q2, near, size, frame, light)
+                    if glossy:
+                        for c in range(first, last):
+                            add_highlight(own[ALBEDO + c], size, light, shines[light_c, i], both)
+                            accumulate_residuals(c, i, size, a[light_c], value, w, both, own, pixel)
+                    elif channels == 1:
                         accumulate_residuals_all(i, size, a[light_c], value, w, light, own, pixel)
                     else:
                         accumulate_residuals(
@@ -437,21 +545,18 @@ def linearize(
                         )
                     take_logarithm(size, pixel)
                     if with_light_slope:
-                        differentiate(
-                            q0, q1, q2, nearness[light_c, i], size, frame, light, derivatives
-                        )
+                        differentiate(q0, q1, q2, near, size, frame, light, derivatives)
                         accumulate_light_slope(
-                            first,
-                            last,
-                            i,
-                            size,
-                            a[light_c],
-                            value,
-                            own,
-                            pixel,
-                            derivatives,
+                            first, last, i, size, a[light_c], value, own, pixel, derivatives,
                             slope[row, light_c],
-                        )
+                        )  # fmt: skip
+                    if with_light_slope and glossy:
+                        shine = shines[light_c, i]
+                        differentiate(q0, q1, q2, near, size, frame, shine, derivatives)
+                        accumulate_highlight_slope(
+                            first, last, i, size, a[light_c], value, own, pixel, shine,
+                            derivatives, slope[row, light_c], gloss_slope[row],
+                        )  # fmt: skip
             eliminate_albedo(project, size, own, pixel)
             store(here, size, row, own, pixel, albedo, jtwj, rhs, mean_abs_residual)
             count_residuals(here, size, row, a, value, own, histogram[row])
@@ -486,15 +591,60 @@ def illuminate(
                 derivatives[k, i, j] = by_light[k, j]
 
 
+@helper
+def reflect(
+    light_c, first, last, size, vectors, nearness, gloss, frame, shine, by_light, value, shone,
+    derivatives,
+):  # fmt: skip
+    """As `illuminate`, for each photograph's highlight, which is subtracted from its values.
+
+    shone (BY_S + E, N, STRIP) : after SU and SV the derivatives with the gloss
+    """
+    for i in range(vectors.shape[2]):
+        q0, q1, q2 = vectors[light_c, 0, i], vectors[light_c, 1, i], vectors[light_c, 2, i]
+        evaluate_highlight(q0, q1, q2, nearness[light_c, i], gloss, size, frame, shine)
+        differentiate(q0, q1, q2, nearness[light_c, i], size, frame, shine, by_light)
+        subtract_highlight(first, last, i, size, shine, value)
+        for j in range(size):
+            shone[SU, i, j] = shine[SU, j]
+            shone[SV, i, j] = shine[SV, j]
+            for e in range(gloss.size):
+                shone[BY_S + e, i, j] = shine[LIGHT + e, j]
+        for k in range(derivatives.shape[0] - 1):
+            for j in range(size):
+                derivatives[k, i, j] = by_light[k, j]
+
+
+@helper
+def add_highlights(rho, size, shaded, shone, by_light, by_highlight, both, by_both):
+    """Fill both and by_both (parameters, N, STRIP): light's and, over the albedo, highlights'."""
+    for i in range(shaded.shape[1]):
+        for j in range(size):
+            over = 1.0 / max(rho[j], LEAST_ALBEDO)
+            both[DOT, i, j] = shaded[DOT, i, j]
+            both[SU, i, j] = shaded[SU, i, j] + over * shone[SU, i, j]
+            both[SV, i, j] = shaded[SV, i, j] + over * shone[SV, i, j]
+            for e in range(BY_S, shone.shape[0]):
+                both[e, i, j] = over * shone[e, i, j]
+            for k in range(by_light.shape[0] - 1):
+                by_both[k, i, j] = by_light[k, i, j] + over * by_highlight[k, i, j]
+
+
 @inlined
-def weigh(c, here, size, row, albedo, project, shaded, value, w, own, pixel):
+def load_albedo(c, here, size, row, albedo, own):
+    """Fill own's first row with the albedo of channel c."""
+    for j in range(size):
+        own[ALBEDO, j] = albedo[row, here[j], c]
+
+
+@inlined
+def weigh(c, size, project, shaded, value, w, own, pixel):
     """Fill w with the weights of all photographs in channel c, and own with the albedo's sums.
 
-    shaded (LIGHT, N, STRIP) : as `light`, of all photographs, but its DOT is the shading
+    shaded (BY_S, N, STRIP) : as `light`, of all photographs, but its DOT is the shading
     INV_SQUARES is 1 / sum of w a^2, or 0 to keep the albedo fixed.
     """
     for j in range(size):
-        own[ALBEDO, j] = albedo[row, here[j], c]
         own[SQUARES, j] = 0.0
         own[ALONG_U, j] = 0.0
         own[ALONG_V, j] = 0.0
@@ -502,7 +652,7 @@ def weigh(c, here, size, row, albedo, project, shaded, value, w, own, pixel):
         for j in range(size):
             v, a = value[c, i, j], shaded[DOT, i, j]
             r = residual(own[ALBEDO, j], a, v)
-            good = 1.0 if v >= 0.0 else 0.0
+            good = 1.0 if v > UNUSABLE else 0.0
             weight = good / (1.0 + pixel[INV_SCALE2, j] * r * r)
             w[i, j] = weight
             own[SQUARES, j] += weight * a * a
@@ -557,6 +707,38 @@ def accumulate_light(i, size, derivatives, pixel, hessian, slope, eliminated, fu
             hessian[at, m * count + i] += both
 
 
+@helper
+def accumulate_gloss(
+    i, row, here, size, both, derivatives, pixel, hessian, slope, cross, eliminated, full
+):
+    """Add photograph i's part to the rows of hessian (Q + E, Q + E), slope (E,) of the gloss.
+
+    both : of `add_highlights`; cross (h, w, 2, E) : mixed derivatives with the depth, or empty;
+        eliminated (Q + E, WIDE) : as in `accumulate_light`, but summed over photographs
+    """
+    parameters, count = derivatives.shape[0], derivatives.shape[1]
+    for e in range(both.shape[0] - BY_S):
+        at, along = parameters * count + e, 0.0
+        for j in range(size):
+            along += pixel[GRADIENT, j] * both[BY_S + e, i, j]
+            eliminated[at, full + j] += pixel[MIXED, j] * both[BY_S + e, i, j]
+        slope[e] += along
+        for k in range(parameters):
+            mixed = 0.0
+            for j in range(size):
+                mixed += pixel[INFORMATION, j] * derivatives[k, i, j] * both[BY_S + e, i, j]
+            hessian[k * count + i, at] += mixed
+        for f in range(e, both.shape[0] - BY_S):
+            second = 0.0
+            for j in range(size):
+                second += pixel[INFORMATION, j] * both[BY_S + e, i, j] * both[BY_S + f, i, j]
+            hessian[at, parameters * count + f] += second
+        if cross.shape[0] > 0:
+            for j in range(size):
+                cross[row, here[j], 0, e] += pixel[BU, j] * both[BY_S + e, i, j]
+                cross[row, here[j], 1, e] += pixel[BV, j] * both[BY_S + e, i, j]
+
+
 @inlined
 def accumulate_mixed(i, here, size, light_c, derivatives, pixel, cross):
     """Add to cross, a row of pixels, the mixed derivatives of photograph i's light and depth."""
@@ -565,6 +747,24 @@ def accumulate_mixed(i, here, size, light_c, derivatives, pixel, cross):
         for k in range(derivatives.shape[0]):
             both[0, i, light_c, k] += pixel[BU, j] * derivatives[k, i, j]
             both[1, i, light_c, k] += pixel[BV, j] * derivatives[k, i, j]
+
+
+@inlined
+def accumulate_channel(
+    c, light_c, row, here, size, seen, slopes, value, w, own, pixel, hessian, slope, gloss_slope,
+    cross, gloss_cross, eliminated, full,
+):  # fmt: skip
+    """Add all photographs' parts, in channel c, to the sums of `light_terms`."""
+    for i in range(slopes.shape[1]):
+        linearize_light(c, i, size, seen, value, w, own, pixel)
+        accumulate_light(i, size, slopes, pixel, hessian, slope, eliminated, full)
+        if cross.shape[0] > 0:
+            accumulate_mixed(i, here, size, light_c, slopes, pixel, cross[row])
+        if seen.shape[0] > BY_S:
+            accumulate_gloss(
+                i, row, here, size, seen, slopes, pixel, hessian, gloss_slope, gloss_cross,
+                eliminated, full,
+            )  # fmt: skip
 
 
 @helper
@@ -577,28 +777,32 @@ def subtract_eliminated(full, eliminated, hessian):
 @kernel
 def light_terms(
     block, photos, table, active, gradient, points, camera, vectors, ambients, nearness,
-    scales, albedo, parameters, project, hessian, slope, cross,
+    gloss, scales, albedo, parameters, project, hessian, slope, cross, gloss_slope, gloss_cross,
 ):  # fmt: skip
     """Second and first derivatives of half the energy with the lights, of one block of rows.
 
     Each light has `parameters` numbers: its vector, [inverse distance,] ambient light.  The lights
     of one of C channels, 1 or 3, have Q numbers, those of one kind side by side; second derivatives
-    between channels are 0.  The albedo is eliminated when `project`.  hessian (blocks, C, Q, Q),
-    its upper triangle, and slope (blocks, C, parameters, N) are sums per block of rows; cross
-    (h, w, 2, N, C, parameters) each pixel's mixed derivatives with the gradient of log depth, or
-    (0, ...) for none.
+    between channels are 0.  After these stand the E of the gloss, or none where it is 0.  The
+    albedo is eliminated when `project`.  hessian (blocks, C, Q + E, Q + E), its upper triangle,
+    slope (blocks, C, parameters, N) and gloss_slope (blocks, E) are sums per block of rows; cross
+    (h, w, 2, N, C, parameters) and gloss_cross (h, w, 2, E) each pixel's mixed derivatives with the
+    gradient of log depth, or (0, ...) for none.
     """
     channels, _, count = vectors.shape
     blocks, height = hessian.shape[0], active.shape[0]
     here = np.empty(STRIP, np.int64)
     frame, light = np.empty((FRAME, STRIP)), np.empty((LIGHT, STRIP))
     own, pixel = np.empty((OWN, STRIP)), np.empty((PIXEL, STRIP))
-    by_light = np.empty((4, STRIP))
+    by_light, shine = np.empty((4, STRIP)), np.empty((LIGHT + gloss.size, STRIP))
     value = np.empty((3, count, STRIP), np.float32)
-    shaded, w = np.empty((LIGHT, count, STRIP)), np.empty((count, STRIP))
-    derivatives = np.ones((parameters, count, STRIP))
+    shaded, w = np.empty((BY_S, count, STRIP)), np.empty((count, STRIP))
+    derivatives, glossy = np.ones((parameters, count, STRIP)), gloss.sum() > 0.0
+    many, rows = (count, BY_S + gloss.size) if glossy else (0, BY_S)
+    shone, both = np.empty((rows, many, STRIP)), np.empty((rows, many, STRIP))
+    by_highlight, by_both = np.empty((parameters, many, STRIP)), np.ones((parameters, many, STRIP))
     # A column for each pixel and channel; the product with the transpose is subtracted.
-    eliminated = np.empty((channels, parameters * count, WIDE))
+    eliminated = np.zeros((channels, hessian.shape[2], WIDE))
     full = np.zeros(channels, np.int64)
     for row in range(block * height // blocks, (block + 1) * height // blocks):
         size, column = next_strip(active, row, 0, here)
@@ -608,33 +812,35 @@ def light_terms(
             load_scales(here, size, row, scales, pixel)
             for light_c in range(channels):
                 illuminate(
-                    light_c,
-                    size,
-                    vectors,
-                    ambients,
-                    nearness,
-                    frame,
-                    light,
-                    by_light,
-                    shaded,
+                    light_c, size, vectors, ambients, nearness, frame, light, by_light, shaded,
                     derivatives,
-                )
+                )  # fmt: skip
                 first, last = (0, 3) if channels == 1 else (light_c, light_c + 1)
+                seen, slopes = (both, by_both) if glossy else (shaded, derivatives)
+                if glossy:
+                    reflect(
+                        light_c, first, last, size, vectors, nearness, gloss, frame, shine,
+                        by_light, value, shone, by_highlight,
+                    )  # fmt: skip
                 for c in range(first, last):
                     if full[light_c] + size > WIDE:
                         subtract_eliminated(
                             full[light_c], eliminated[light_c], hessian[block, light_c]
                         )
                         full[light_c] = 0
-                    weigh(c, here, size, row, albedo, project, shaded, value, w, own, pixel)
-                    for i in range(count):
-                        linearize_light(c, i, size, shaded, value, w, own, pixel)
-                        accumulate_light(
-                            i, size, derivatives, pixel, hessian[block, light_c],
-                            slope[block, light_c], eliminated[light_c], full[light_c],
+                    load_albedo(c, here, size, row, albedo, own)
+                    if glossy:
+                        eliminated[light_c, parameters * count :, full[light_c] :] = 0.0
+                        add_highlights(
+                            own[ALBEDO], size, shaded, shone, derivatives, by_highlight, both,
+                            by_both,
                         )  # fmt: skip
-                        if cross.shape[0] > 0:
-                            accumulate_mixed(i, here, size, light_c, derivatives, pixel, cross[row])
+                    weigh(c, size, project, seen, value, w, own, pixel)
+                    accumulate_channel(
+                        c, light_c, row, here, size, seen, slopes, value, w, own, pixel,
+                        hessian[block, light_c], slope[block, light_c], gloss_slope[block], cross,
+                        gloss_cross, eliminated[light_c], full[light_c],
+                    )  # fmt: skip
                     full[light_c] += size if project else 0
             size, column = next_strip(active, row, column, here)
     for light_c in range(channels):

@@ -7,8 +7,8 @@ and, when asked, eliminated from the derivatives (variable projection).  The loo
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from rakelight.geometry.grid import Grid, Links, has_gradient
 from rakelight.jit import in_blocks, in_parts
 from rakelight.model import FARTHEST_M, MAD_TO_SIGMA, Array, Camera, Floats, Lights, Mask
+from rakelight.photometry.specular import EXPONENTS
 
 # Blocks of rows with a sum each; their number does not depend on the cores, nor does the result.
 BLOCKS = 16
@@ -28,16 +29,19 @@ SAMPLE_PIXELS = 5_000
 
 @dataclass(frozen=True, slots=True)
 class LightParameters:
-    """The lights of N photographs as the solver moves them.
+    """The lights of N photographs as the solver moves them, and how the surface reflects them.
 
     vector : (N, C, 3) towards the light times irradiance at the object's middle; C is 1 or 3
     ambient : (N, C)
     inverse_distance : (N, C) 1/metre, from the object's middle; 0 for a distant light
+    gloss : (E,) coefficients k of the surface's highlights, see `photometry.specular`; 0 where it
+        is matte
     """
 
     vector: Floats
     ambient: Floats
     inverse_distance: Floats
+    gloss: Floats = field(default_factory=lambda: np.zeros(len(EXPONENTS)))
 
     @classmethod
     def distant(cls, vector: Floats, ambient: Floats) -> LightParameters:
@@ -62,26 +66,34 @@ class LightParameters:
         return np.concatenate(parts, axis=-1)
 
     @property
-    def arrays(self) -> tuple[Floats, Floats, Floats]:
-        """Vector q (C, 3, N), ambient (C, N), |q| inverse_distance (C, N), as kernels take them."""
+    def arrays(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """As kernels take them: vector q (C, 3, N), ambient, |q| inverse_distance (C, N), gloss."""
         nearness = self.irradiance * self.inverse_distance
         vector, ambient, nearness = (
             np.ascontiguousarray(each.T, dtype=np.float64)
             for each in (self.vector.swapaxes(1, 2), self.ambient, nearness)
         )
-        return vector, ambient, nearness
+        return vector, ambient, nearness, self.gloss
 
-    def moved(self, step: Floats) -> LightParameters:
-        """The lights after a step (N, C, 4 or 5): vector, [inverse_distance,] ambient."""
+    def moved(self, step: Floats, gloss_step: Floats | float = 0.0) -> LightParameters:
+        """The lights after a step (N, C, 4 or 5): vector, [inverse_distance,] ambient; gloss (E,).
+
+        What cannot be below 0 is not.
+        """
         inverse_distance = self.inverse_distance
         if step.shape[-1] == 5:
             inverse_distance = np.maximum(inverse_distance + step[..., 3], 0.0)
         ambient = np.maximum(self.ambient + step[..., -1], 0.0)
-        return LightParameters(self.vector + step[..., :3], ambient, inverse_distance)
+        return replace(
+            self, vector=self.vector + step[..., :3], ambient=ambient,
+            inverse_distance=inverse_distance, gloss=np.maximum(self.gloss + gloss_step, 0.0),
+        )  # fmt: skip
 
     def brighter(self, gain: float) -> LightParameters:
-        """The lights with `gain` times the intensity, for an albedo divided by `gain`."""
-        return replace(self, vector=self.vector * gain, ambient=self.ambient * gain)
+        """The lights with `gain` times the intensity, for albedo and gloss divided by `gain`."""
+        return replace(
+            self, vector=self.vector * gain, ambient=self.ambient * gain, gloss=self.gloss / gain
+        )
 
     def as_lights(self, middle_m: Floats) -> Lights:
         """The lights as a result states them; near ones get their positions."""
@@ -116,6 +128,7 @@ class Linearization:
     observations : number of usable values; mean_abs_residual : (h, w) over those of each pixel
     light_slope : (N, C, 5) half the energy's derivatives with the lights' vector, inverse_distance
         and ambient, the albedo eliminated; None unless asked for
+    gloss_slope : (E,) those with the gloss, likewise; 0 where it is 0
     """
 
     albedo: Floats
@@ -127,6 +140,7 @@ class Linearization:
     observations: int
     mean_abs_residual: Floats
     light_slope: Floats | None = None
+    gloss_slope: Floats | None = None
 
     def darker(self, gain: float) -> Linearization:
         """The same with the albedo divided by `gain`, for lights multiplied by it."""
@@ -209,44 +223,12 @@ class Photographs:
         values = self.values[photograph]
         return np.asarray((values >= self.low) & (values <= self.high))
 
-    def cleared(
-        self,
-        hidden: Mask | None,
-        specular: Callable[[int], Floats] | None = None,
-        largest_fraction: float = np.inf,
-    ) -> Photographs:
-        """The photographs without given values, and with given light subtracted.
-
-        hidden : (N, h, w, C) values to leave out, such as those in cast shadow; None for none
-        specular : of a photograph's number, the light (P, C) to subtract at its active pixels
-        largest_fraction : a value of which that light is a larger fraction is left out
-        """
-        active, table = self.active, np.arange(65536) / 65535
-        values, low, high = np.empty_like(self.values, dtype=np.uint16), 1, 65534
-        for i, value in enumerate(values):
-            light = self._light[self.values[i]]
-            usable = light >= 0
-            if hidden is not None:
-                usable &= ~hidden[i]
-            if specular is not None:
-                highlights = specular(i)
-                usable[active] &= highlights <= largest_fraction * light[active]
-                light[active] -= highlights
-            np.clip(np.rint(65535 * light), low, high, out=light)
-            value[:] = np.where(usable, light, 0)
-        return Photographs(values, table.astype(np.float32), low, high, self.grid, self.camera)
-
-    def trim_brightest(self, share: float, least: int) -> Photographs:
-        """The photographs without the brightest usable values of each pixel and channel.
-
-        share : fraction of the usable values that is left out (rank trimming); `least` remain
-        """
-        light = np.stack([self._light[values] for values in self.values])
-        light[light < 0] = np.inf
-        usable = np.isfinite(light).sum(axis=0)
-        keep = np.maximum(usable - np.rint(share * usable), np.minimum(usable, least))
-        rank = light.argsort(axis=0).argsort(axis=0)
-        return self.cleared(rank >= keep)
+    def without(self, hidden: Iterable[Mask]) -> Photographs:
+        """The photographs without some values: of each photograph (h, w, C or 3)."""
+        values = np.empty_like(self.values)
+        for one, leave_out, left in zip(self.values, hidden, values, strict=True):
+            np.copyto(left, np.where(leave_out, 0, one))
+        return replace(self, values=values)
 
     @property
     def _optics(self) -> tuple[float, float, float, float]:
@@ -280,10 +262,12 @@ class Photographs:
         histogram = np.zeros((height, _kernels.BINS), dtype=np.int64)
         mean_abs_residual = np.zeros((height, width))
         slope = np.zeros((height if with_light_slope else 0, lights.ambient.shape[1], 5, len(self)))
+        gloss_slope = np.zeros((len(slope), len(lights.gloss)))
         given = (
             self.values, self._light, self.active, surface.gradient, surface.points,
             self._optics, *lights.arrays, self._scales(scale), lagged, project,
             albedo, jtwj, rhs, sums, histogram, mean_abs_residual, with_light_slope, slope,
+            gloss_slope,
         )  # fmt: skip
 
         def some_rows(block: int) -> None:
@@ -301,6 +285,7 @@ class Photographs:
             observations=int(count),
             mean_abs_residual=mean_abs_residual,
             light_slope=np.moveaxis(slope.sum(axis=0), -1, 0) if with_light_slope else None,
+            gloss_slope=gloss_slope.sum(axis=0) if with_light_slope else None,
         )
 
     def light_terms(
@@ -317,7 +302,8 @@ class Photographs:
     ) -> tuple[Floats, Floats, Floats]:
         """Second (K, K) and first (K,) derivatives of half the energy with the lights.
 
-        K counts vector, inverse_distance where `near`, and ambient of each light.
+        K counts vector, inverse_distance where `near`, and ambient of each light; and last the
+        gloss, unless it is 0.
         subsampling : factor along each side by which fewer pixels are used; see `subsample`
         mixed : whether to find the used pixels' mixed derivatives with the gradient of log depth
             as well, (h / subsampling, w / subsampling, 2, K), rounded up; an empty array if not
@@ -328,12 +314,14 @@ class Photographs:
 
         parameters = 5 if near else 4
         count, channels = lights.ambient.shape
-        own = count * parameters
-        hessian = np.zeros((BLOCKS, channels, own, own))
+        own, extra = count * parameters, len(lights.gloss) if lights.gloss.any() else 0
+        hessian = np.zeros((BLOCKS, channels, own + extra, own + extra))
         slope = np.zeros((BLOCKS, channels, parameters, count))
         every = (slice(None, None, subsampling),) * 2
         active = np.ascontiguousarray(self.active[every])
-        both = np.zeros((*(active.shape if mixed else (0, 0)), 2, count, channels, parameters))
+        shape = active.shape if mixed else (0, 0)
+        both = np.zeros((*shape, 2, count, channels, parameters))
+        gloss_slope, gloss_both = np.zeros((BLOCKS, extra)), np.zeros((*shape, 2, extra))
         # A camera whose pixels are wider by the factor; the gradient per pixel grows by it, too.
         optics = tuple(value / subsampling for value in self._optics)
         gradient, points, scales, albedo = (
@@ -343,20 +331,26 @@ class Photographs:
         values, gradient = np.ascontiguousarray(self.values[:, *every]), subsampling * gradient
         given = (
             values, self._light, active, gradient, points, optics, *lights.arrays, scales,
-            albedo, parameters, project, hessian, slope, both,
+            albedo, parameters, project, hessian, slope, both, gloss_slope, gloss_both,
         )  # fmt: skip
         in_blocks(
             lambda block: _kernels.light_terms(block, *given), BLOCKS, len(self) * active.size
         )
-        both *= subsampling
         # Order of the lights' numbers: photograph, channel, number; of the sums: channel, number,
         # photograph.
         numbers = np.arange(channels * own).reshape(channels, parameters, count)
         order = np.moveaxis(numbers, -1, 0).ravel()
         upper = np.triu(hessian.sum(axis=0))
-        blocks = block_diag(*(upper + np.triu(upper, 1).swapaxes(1, 2)))
+        whole = upper + np.triu(upper, 1).swapaxes(1, 2)
+        blocks = block_diag(*whole[:, :own, :own])[np.ix_(order, order)]
+        beside = whole[:, :own, own:].reshape(channels * own, extra)[order]
+        blocks = np.block([[blocks, beside], [beside.T, whole[:, own:, own:].sum(axis=0)]])
+        slopes = np.append(slope.sum(axis=0).ravel()[order], gloss_slope.sum(axis=0))
         both = both.reshape(*both.shape[:3], channels * own)
-        return blocks[np.ix_(order, order)], slope.sum(axis=0).ravel()[order], both
+        if extra:
+            both = np.concatenate([both, gloss_both], axis=-1)
+        both *= subsampling
+        return blocks, slopes, both
 
     def _scales(self, scale: Floats | float) -> Floats:
         # Writable, as a number would make it: kernels are compiled for one of both.

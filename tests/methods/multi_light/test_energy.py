@@ -88,22 +88,26 @@ def start(level, name):
     count = len(lights.vector)
     wild = LightParameters.distant(rng.normal(size=(count, 1, 3)), rng.uniform(0, 1, (count, 1)))
     alike = (np.repeat(each[:1], count, axis=0) for each in (lights.vector, lights.ambient))
+    near = replace(lights, inverse_distance=np.full((count, 1), 3.0))
     depth, light = {
         "rough depth": (prior + 0.03 * rough(level), lights),
         "flat depth": (np.full_like(prior, prior.mean()), lights),
         "wild lights": (prior, wild),
         "lights behind": (prior, replace(lights, vector=-lights.vector)),
-        "no light": (prior, lights.brighter(0.0)),
+        "no light": (prior, LightParameters.distant(0 * lights.vector, 0 * lights.ambient)),
         "lights alike": (prior, LightParameters.distant(*alike)),
-        "near": (prior, replace(lights, inverse_distance=np.full((count, 1), 3.0))),
+        "near": (prior, near),
+        "glossy near": (prior, near),
     }.get(name, (prior, lights))
+    if "glossy" in name:
+        light = replace(light, gloss=np.array([0.02, 0.05, 0.01]))
     fit = first_fit(level, depth, light, LightModel(near="near" in name))
     return update_scale(level, with_coloured_lights(fit)) if "coloured" in name else fit
 
 
 STARTS = (
     "prior", "rough depth", "flat depth", "wild lights", "lights behind", "no light",
-    "lights alike", "coloured", "near", "coloured near",
+    "lights alike", "coloured", "near", "coloured near", "glossy", "glossy near", "glossy coloured",
 )  # fmt: skip
 
 
@@ -158,7 +162,7 @@ def test_ripples_do_not_reach_across_a_cut():
 # ---- the derivative
 
 
-@pytest.mark.parametrize("name", ["prior", "rough depth", "near"])
+@pytest.mark.parametrize("name", ["prior", "rough depth", "near", "glossy near"])
 def test_the_right_side_is_minus_half_the_derivative_of_the_energy(level, name):
     # By then the albedo's reweighting has come to rest, and the energy owes nothing to it.
     fit = start(level, name)
@@ -170,14 +174,16 @@ def test_the_right_side_is_minus_half_the_derivative_of_the_energy(level, name):
     np.testing.assert_allclose(
         depth_negative_gradient(level, fit)[level.mask], system.rhs[level.mask], atol=close
     )
+    # Light less a highlight is rounded to 24 bits: longer steps.
+    size, worst = (1e-5, 1e-5) if "glossy" in name else (1e-7, 1e-8)
     for seed in range(3):
-        way = 1e-7 * rough(level, seed)
+        way = size * rough(level, seed)
         ahead, behind = (
             evaluated(level, fit, fit.log_depth + sign * way, fit.lights).energy for sign in (1, -1)
         )
         expected = -(ahead - behind) / 4
         scale = np.linalg.norm(system.rhs) * np.linalg.norm(way[level.mask])
-        assert (system.rhs * way)[level.mask].sum() == pytest.approx(expected, abs=1e-8 * scale)
+        assert (system.rhs * way)[level.mask].sum() == pytest.approx(expected, abs=worst * scale)
         assert abs(expected) > 1e-4 * scale
 
 
@@ -196,7 +202,8 @@ def test_steps_never_raise_the_energy(level, name, kind):
         assert np.isfinite(fit.log_depth).all()
         assert extrapolated(level, before, fit).energy <= fit.energy
         before = fit
-    if name in ("prior", "rough depth", "near", "coloured near") and kind != "joint, cells":
+    falling = "prior", "rough depth", "near", "coloured near", "glossy near"
+    if name in falling and kind != "joint, cells":
         assert fit.energy < 0.7 * first
 
 

@@ -1,12 +1,12 @@
 """Multi-light, solved jointly: Gauss-Newton on log depth and all lights, albedo eliminated.
 
-    I_ic = rho_c (max(0, s_i . n) + phi_i)                                       equation (3)
+    I_ic = rho_c (max(0, s_i . n) + phi_i) + |s_i| sum_e k_e (n . h_i)^e      equation (3), gloss
 
 The albedo is linear given the shading and is eliminated per pixel and channel (variable
 projection).  The lights are few and are eliminated by a Schur complement.  Alternation (3.4)
 is slow along the bas-relief valley, in which lights and depth have to move together; the joint step
-is not.  Coarse to fine; Cauchy weights per photograph, pixel and channel; cast shadows and
-highlights are predicted and left out.
+is not.  Coarse to fine; Cauchy weights per photograph, pixel and channel; cast shadows are left
+out as they are predicted, and so are values with much of a highlight.
 
 The files, in the order of reading: energy.py (what is minimised, and its derivatives),
 light_model.py (which numbers of the lights are free), steps.py and joint_step.py (Gauss-Newton
@@ -44,7 +44,6 @@ from rakelight.methods.multi_light.options import MultiLight
 from rakelight.methods.multi_light.outliers import remove_outliers
 from rakelight.methods.multi_light.steps import Descent, descend, try_bas_relief
 from rakelight.model import Finding, Floats, ProgressCallback
-from rakelight.photometry.specular import Highlights, trim_brightest
 from rakelight.prepare import Prepared
 from rakelight.solve.robust import ROUNDS
 
@@ -69,8 +68,8 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     coarse, factor = coarsest_level(levels)
     weights = [factor * each for each in weights]
     descent = select_model(coarse, weights, options, progress, stage(coarsest), prepared.lights)
-    # 2. Without the highlights and cast shadows that this fit predicts, the weight is chosen again:
-    # they had been errors of the photographs.
+    # 2. With the highlights and without the cast shadows that this fit predicts, the weight is
+    # chosen again: they had been errors of the photographs.
     descent = select_without_outliers(coarse, descent, weights, options, progress, stage(coarsest))
     weight = descent.weight / factor
     levels = [each.weighted(weight * COARSER_WEIGHT**k) for k, each in enumerate(levels)]
@@ -79,8 +78,8 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     briefly = replace(options, max_iterations=min(options.max_iterations, ROUNDS))
     for index in reversed(range(coarsest)):
         log_depth = levels[index].carried(levels[index + 1], descent.fit.log_depth)
-        level, _ = remove_outliers(levels[index], log_depth, descent.fit.lights)
-        fit = reset_scale(level, descent.fit, log_depth)
+        level, lights = remove_outliers(levels[index], log_depth, descent.fit.lights)
+        fit = reset_scale(level, replace(descent.fit, lights=lights), log_depth)
         # At the finest level the depth alone, to take up detail; the lights move in step 5.
         descent = descend(level, fit, briefly, progress, stage(index), together=index > 0)
         # Under near lights the sensor's bas-relief may be closer to the minimum: a step from both.
@@ -95,7 +94,7 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     # predicted again, and links cut at jumps that the sensor blurred or its noise hid: they are
     # steep by now.  One scale for all pixels: the lights do not follow those where the model errs.
     # The sensor's measurements themselves, not smoothed, say how high fine relief is.
-    level, fit, highlights = without_outliers(levels[0], descent.fit)
+    level, fit = without_outliers(levels[0], descent.fit)
     level = level.weighted(weight / first_weight).cut(fit.log_depth)
     level = held_to_measurements(level, prepared)
     equal_intensity = estimate_equal_intensity_weight(level, fit.log_depth, prepared)
@@ -111,7 +110,7 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     last = descend(level, fit, options, progress, "refine, depth", together=False, last=True)
     steps, converged = descent.steps + both.steps + last.steps, both.converged and last.converged
     descent = replace(last, steps=steps, converged=converged)
-    return finished(prepared, level, descent, weight, highlights, start.log_depth)
+    return finished(prepared, level, descent, weight, start.log_depth)
 
 
 def first_levels(prepared: Prepared, options: MultiLight) -> tuple[list[Level], list[float]]:
@@ -148,25 +147,18 @@ def select_without_outliers(
 
     Itself where it predicts none.
     """
-    clear, fit, highlights = without_outliers(level, descent.fit)
-    if highlights:
-        # Where they bent the surface, it predicts them in the wrong place: first steps without the
-        # brightest of each pixel's values (rank trimming).
-        least = level.weighted(weights[0])
-        dim = replace(least, photographs=trim_brightest(level.photographs))
-        found = descend(dim, reset_scale(dim, fit), options, progress, "try without the brightest")
-        clear, fit, _ = without_outliers(level, reset_scale(level, found.fit))
+    clear, fit = without_outliers(level, descent.fit)
     if fit is descent.fit:
         return descent
     return cheapest(clear, descents(clear, options, progress, stage, weights, fit))
 
 
-def without_outliers(level: Level, fit: Fit) -> tuple[Level, Fit, Highlights]:
+def without_outliers(level: Level, fit: Fit) -> tuple[Level, Fit]:
     """`remove_outliers` at a state, and the state on what is left, its robust scale reset."""
-    clear, highlights = remove_outliers(level, fit.log_depth, fit.lights)
-    if clear is not level:
-        fit = reset_scale(clear, fit)
-    return clear, fit, highlights
+    clear, lights = remove_outliers(level, fit.log_depth, fit.lights)
+    if clear is level and not fit.lights.gloss.any():
+        return level, fit
+    return clear, reset_scale(clear, replace(fit, lights=lights))
 
 
 def stage(index: int) -> str:
@@ -179,12 +171,11 @@ def finished(
     level: Level,
     descent: Descent,
     weight: float,
-    highlights: Highlights,
     start: Floats,
 ) -> Estimate:
     """The estimate of the finest level, the albedo's 99th percentile set to 1.
 
-    weight, highlights : the depth weight and what was left out, for the notes
+    weight : the depth weight, for the notes
     start : (h, w) log depth where the last descents began, see `depth_sigma`
     """
     fit = descent.fit
@@ -193,9 +184,9 @@ def finished(
     gain = brightest(albedo[level.photographs.active])
     lights = fit.lights.brighter(gain).as_lights(level.middle_m)
     notes = [Finding("note", "depth-weight", f"depth weight {weight:.3g} times white noise's")]
-    if highlights:
-        height = f"{highlights.height / gain:.2f} of white paint's brightness"
-        notes.append(Finding("note", "highlights", f"highlights up to {height}, left out"))
+    if fit.lights.gloss.any():
+        height = f"{fit.lights.gloss.sum() / gain:.2f} of white paint's brightness"
+        notes.append(Finding("note", "highlights", f"highlights up to {height}"))
     held = fit.model.directions is not None
     moment = sensor_moment(level, fit.log_depth, scale_only=held)
     free = None if held else fit.lights

@@ -2,12 +2,13 @@
 
 The energy of log depth p and lights s, albedo eliminated (variable projection):
 
-    E = sum loss(rho_c (max(0, s_i . n) + phi_i) - I_ic)    n from the mean gradient G p, (3)
+    E = sum loss(rho_c (max(0, s_i . n) + phi_i) + H_i - I_ic)    n from the mean gradient G p, (3)
         + beta sum M_uu (p_uuuu / 8)^2 + M_vv (p_vvvv / 8)^2    fourth differences
         + sigma^2 sum w (K (p - p_0))^2                     the sensor's depth
         + sigma^2 W (N - 4) log(variance of log |s_i|)      lights of equal intensity
 
-The terms and their derivatives are in `Photographs.linearize` and `light_terms`, here
+H are highlights, those of `photometry.specular`; 0 until there are any.  The terms and
+their derivatives are in `Photographs.linearize` and `light_terms`, here
 (`fourth_difference_term`), in `Level.sensor_terms`, and in equal_intensity.py; `evaluated` adds the
 terms up, `depth_system` and `light_system` the derivatives.
 
@@ -198,17 +199,19 @@ def light_system(
         fit.surface, fit.lights, fit.linearization.albedo, scale=fit.scales, near=model.near,
         subsampling=photographs.subsampling(most), mixed=mixed,
     )  # fmt: skip
-    slope = fit.linearization.light_slope
-    if slope is None:
-        again = evaluated(level, fit, fit.log_depth, fit.lights, with_light_slope=True)
-        slope = again.linearization.light_slope
-    slope = model.free(np.asarray(slope)).ravel()
+    now = fit.linearization
+    if now.light_slope is None:
+        now = evaluated(level, fit, fit.log_depth, fit.lights, with_light_slope=True).linearization
+    slope = model.free(np.asarray(now.light_slope)).ravel()
     equal_intensity = equal_intensity_derivatives(fit.lights, model.numbers)
     weight = fit.noise**2 * fit.equal_intensity_weight
     slope = slope + weight * equal_intensity[0]
     hessian *= share
     both *= share
-    hessian += gauge(fit, hessian) + weight * equal_intensity[1]
+    own = hessian[: slope.size, : slope.size]
+    own += gauge(fit, own) + weight * equal_intensity[1]
+    if fit.lights.gloss.any():
+        slope = np.append(slope, np.asarray(now.gloss_slope))
     jacobian = model.jacobian(fit.lights)
     return jacobian.T @ (hessian @ jacobian), slope @ jacobian, both
 

@@ -1,4 +1,4 @@
-"""Which numbers of the lights are free, and how the others follow from them.
+"""Which numbers of the lights and of the gloss are free, and how the others follow from them.
 
 A step is found in the free parameters alone: J being the derivatives of the lights' numbers with
 them (`LightModel.jacobian`), the energy's are  J' grad  and  J' H J.
@@ -43,9 +43,10 @@ class LightModel:
         """Sparse (K, F): derivatives of the lights' K numbers with the F free parameters.
 
         Light by light: the vector, or its length where directions are given; the inverse distance
-        where near; the ambient light, or, once and last, the ratio that all share.
+        where near; the ambient light, or, once and after all, the ratio that all share.  Last the
+        gloss, unless it is 0.
         """
-        from scipy.sparse import csr_array
+        from scipy.sparse import block_diag, csr_array, eye_array
 
         vector = lights.vector.reshape(-1, 3)
         size = np.maximum(lights.irradiance.ravel(), np.finfo(float).tiny)
@@ -69,12 +70,16 @@ class LightModel:
         starts = np.arange(0, values.size + 1, values.shape[1])
         jacobian = csr_array((values.ravel(), where.ravel(), starts), shape=(len(values), width))
         jacobian.eliminate_zeros()
+        if lights.gloss.any():
+            jacobian = block_diag([jacobian, eye_array(len(lights.gloss))], format="csr")
         return jacobian
 
     def moved(self, lights: LightParameters, step: Floats) -> LightParameters:
         """The lights after a step (F,) of the free parameters."""
         numbers = self.jacobian(lights) @ step
-        after = lights.moved(numbers.reshape(*lights.ambient.shape, self.numbers))
+        own, gloss = np.split(numbers, [lights.ambient.size * self.numbers])
+        step = own.reshape(*lights.ambient.shape, self.numbers)
+        after = lights.moved(step, gloss if gloss.size else 0.0)
         if self.directions is not None:  # without rounding, and never from the other side
             along = (after.vector * self.directions).sum(axis=-1, keepdims=True)
             after = replace(after, vector=np.maximum(along, 0.0) * self.directions)

@@ -223,8 +223,9 @@ def with_coloured_lights(fit: Fit) -> Fit:
     lights = fit.lights
     if lights.ambient.shape[1] > 1:
         return fit
-    each = (
+    vector, ambient, inverse_distance = (
         np.repeat(part, 3, axis=1)
         for part in (lights.vector, lights.ambient, lights.inverse_distance)
     )
-    return replace(fit, lights=LightParameters(*each))
+    lights = LightParameters(vector, ambient, inverse_distance, lights.gloss)
+    return replace(fit, lights=lights)

@@ -15,7 +15,8 @@ from rakelight.jit import side_by_side, worth_side_by_side
 from rakelight.methods.levels import CORRELATION_PX, Level, sensor_error
 from rakelight.methods.multi_light.energy import Fit
 from rakelight.model import MAD_TO_SIGMA, Floats, Mask
-from rakelight.photometry.forward import shadings
+from rakelight.photometry.forward import arriving, shadings
+from rakelight.photometry.specular import Highlights
 from rakelight.prepare import Prepared
 from rakelight.solve.robust import BY_CHANCE, SMALLEST_NOISE
 
@@ -76,12 +77,15 @@ def correlation_ratio(level: Level, fit: Fit) -> float:
     photographs, active = level.photographs, level.photographs.active
     lights = fit.lights.as_lights(level.middle_m)
     normals, points = level.normals(fit.log_depth)[0][active], level.points[active] + level.middle_m
-    albedo = fit.linearization.albedo[active]
+    albedo, highlights = fit.linearization.albedo[active], Highlights(fit.lights.gloss, 1.0)
 
     def variances(photograph: int, check: Callable[[], None]) -> list[float]:
         check()
         shading = shadings(normals, points, lights.of(photograph))[0]
         residual = albedo * shading - photographs.decoded(photograph)[active]
+        if highlights:
+            incident = arriving(lights.of(photograph), points)
+            residual += highlights.light(normals, points, incident)[0]
         residual *= photographs.usable(photograph)[active]
         error = np.zeros(active.shape)
         error[active] = residual.sum(axis=-1) / np.sqrt(residual.shape[-1])

@@ -1,8 +1,10 @@
-"""What equation (3) leaves out: cast shadows and specular highlights, removed from the photographs.
+"""What equation (3) leaves out: cast shadows, and specular highlights.
 
 Both are predicted from the present surface and lights: cast shadows by marching the ray to each
 light over the depth map, highlights by `photometry.specular`.  Whether there are any is estimated
-from the photographs; where they show none, nothing is changed.
+from the photographs; where they show none, nothing is changed.  Values in shadow, and those that
+are mostly a highlight's, are left out; weaker highlights are a part of the energy, as the gloss in
+`LightParameters`.
 """
 
 from __future__ import annotations
@@ -75,39 +77,38 @@ class Outliers:
         return replace(self, hidden=hidden)
 
     def removed(self, surface: LitSurface) -> Level:
-        """Its level with photographs as a Lambertian object without cast shadows would show them.
-
-        The level itself where there is nothing to remove.
-        """
-        level, photographs = surface.level, surface.level.photographs
+        """Its level without the values that are left out; the level itself where none are."""
+        level, photographs, shiny = surface.level, surface.level.photographs, self.highlights
         if not self:
             return level
-        normals, points = (
-            image[photographs.active] for image in (surface.normals, surface.points_m)
-        )
+        active = photographs.active
+        normals, points = surface.normals[active], surface.points_m[active]
 
-        def specular(photograph: int) -> Floats:
-            """(P, C) the specular light of the active pixels in a photograph."""
-            incident = arriving(surface.lights.of(photograph), points)
-            return np.asarray(self.highlights.light(normals, points, incident)[0])
+        def left_out(photograph: int) -> Mask:
+            """(h, w, C or 3) the values of a photograph that are not used."""
+            hidden = np.zeros((*active.shape, 3), bool)
+            if shiny:
+                incident = arriving(surface.lights.of(photograph), points)
+                specular = shiny.light(normals, points, incident)[0]
+                light = photographs.decoded(photograph)[active]
+                hidden[active] = specular > shiny.largest_fraction * light
+            return hidden if self.hidden is None else hidden | self.hidden[photograph]
 
-        cleared = photographs.cleared(
-            self.hidden, specular if self.highlights else None, self.highlights.largest_fraction
-        )
-        return replace(level, photographs=cleared)
+        clear = photographs.without(map(left_out, range(len(photographs))))
+        return replace(level, photographs=clear)
 
 
 def remove_outliers(
     level: Level, log_depth: Floats, lights: LightParameters
-) -> tuple[Level, Highlights]:
-    """The level with photographs as a Lambertian object without cast shadows would show them.
+) -> tuple[Level, LightParameters]:
+    """The level without the values that are left out, and the lights with the gloss found.
 
-    log_depth (h, w), lights : the present estimates.  Also the highlights that were subtracted.
-    The level itself where nothing was found.
+    log_depth (h, w), lights : the present estimates
+    The level itself where nothing is left out.
     """
     surface = LitSurface(level, log_depth, lights)
     found = find_outliers(surface)
-    return found.removed(surface), found.highlights
+    return found.removed(surface), replace(lights, gloss=found.highlights.coefficients)
 
 
 def find_outliers(surface: LitSurface) -> Outliers:

@@ -176,12 +176,14 @@ def extrapolated(level: Level, before: Fit, fit: Fit) -> Fit:
     """
     direction = fit.log_depth - before.log_depth
     lights = fit.lights.numbers - before.lights.numbers
+    gloss = fit.lights.gloss - before.lights.gloss
     best, factor = fit, 1.0
     history = [(0.0, before.energy), (1.0, fit.energy)]
     while parabola_falls(history, 1 + factor):
         trial = evaluated(
-            level, fit, fit.log_depth + factor * direction, fit.lights.moved(factor * lights)
-        )
+            level, fit, fit.log_depth + factor * direction,
+            fit.lights.moved(factor * lights, factor * gloss),
+        )  # fmt: skip
         if not trial.energy < best.energy:
             break
         history.append((1 + factor, trial.energy))

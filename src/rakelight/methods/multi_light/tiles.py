@@ -115,6 +115,7 @@ def whole_of(prepared: Prepared, estimate: Estimate, shrink: int) -> Whole:
     parameters = LightParameters(lights.vector, lights.ambient, inverse_distance)
     moment = sensor_moment(level, log_depth, scale_only=held)
     bas_relief = bas_relief_variance(level, log_depth, None if held else parameters, moment)
+    outliers = find_outliers(LitSurface(level, log_depth, parameters))
     return Whole(
         shrink=shrink,
         row=prepared.rows.start,
@@ -125,9 +126,9 @@ def whole_of(prepared: Prepared, estimate: Estimate, shrink: int) -> Whole:
         if estimate.depth_sigma is None
         else nearest_fill(estimate.depth_sigma, prepared.mask),
         stated=lights,
-        lights=parameters,
+        lights=replace(parameters, gloss=outliers.highlights.coefficients),
         middle_m=level.middle_m,
-        outliers=find_outliers(LitSurface(level, log_depth, parameters)),
+        outliers=outliers,
         bas_relief=nearest_fill(bas_relief, prepared.mask),
     )
 
