@@ -49,7 +49,7 @@ ALBEDO_ROUNDS = 2
 # Bins of the histogram of absolute residuals, and its upper end; white is 1.
 BINS = 1024
 WIDEST = 0.5
-# What stands for a value that is not usable: light less a highlight may be below 0.
+# Marks a value that is not usable.  Not -1: a usable one less its highlight may be below 0.
 UNUSABLE = -1e3
 # Least albedo where a value is usable: the derivatives of a highlight are divided by it.
 LEAST_ALBEDO = 1e-6
@@ -85,7 +85,7 @@ def clear(row, active, albedo, jtwj, rhs):
 
 @inlined
 def load_geometry(here, size, row, gradient, points, camera, lagged, frame):
-    """Fill frame: normals, their derivatives, with |m| lagged or not, points, views."""
+    """Fill frame: normals, their derivatives, with |m| lagged or not, points and views."""
     fx, fy, cx, cy = camera
     y, free = row - cy, 0.0 if lagged else 1.0
     for j in range(size):
@@ -146,9 +146,11 @@ def evaluate_light(q0, q1, q2, nearness, size, frame, light):
 
 @inlined
 def evaluate_highlight(q0, q1, q2, nearness, gloss, size, frame, shine):
-    """Fill shine: the highlight |s| sum_e k_e c^e of a light, as in `vector_at`, derivatives.
+    """Fill shine: a light's highlight |s| sum_e k_e c^e, and its derivatives; s as in `vector_at`.
 
-    With l = s/|s|, h = l + view, c = n . h/|h|:  dc/dl = (n - c h/|h|) / |h|.  gloss (E,) : the k_e
+    With l = s/|s|, h = l + the view and c = n . h/|h|:
+        dc/dl = (n - c h/|h|) / |h|,  dl/ds = (I - l l^T) / |s|
+    gloss (E,) : the k_e; E is 3
     """
     for j in range(size):
         t0, t1, t2, gain = q0, q1, q2, 1.0
@@ -384,6 +386,15 @@ def take_logarithm(size, pixel):
 
 
 @inlined
+def add_slope(i, size, pixel, derivatives, slope):
+    """Add derivatives (4, STRIP) times pixel's GRADIENT to slope (5, N); spoils derivatives."""
+    for k in range(4):
+        for j in range(size):
+            derivatives[k, j] *= pixel[GRADIENT, j]
+        slope[k, i] += total(derivatives[k], size)
+
+
+@inlined
 def accumulate_light_slope(first, last, i, size, a, value, own, pixel, derivatives, slope):
     """Add photograph i's part of half the energy's gradient to slope (5, N); spoils derivatives."""
     for j in range(size):
@@ -394,10 +405,7 @@ def accumulate_light_slope(first, last, i, size, a, value, own, pixel, derivativ
             r = residual(rho, a[i, j], value[c, i, j])
             pixel[GRADIENT, j] += rho * r / (1.0 + pixel[INV_SCALE2, j] * r * r)
     slope[4, i] += total(pixel[GRADIENT], size)
-    for k in range(4):
-        for j in range(size):
-            derivatives[k, j] *= pixel[GRADIENT, j]
-        slope[k, i] += total(derivatives[k], size)
+    add_slope(i, size, pixel, derivatives, slope)
 
 
 @helper
@@ -419,10 +427,7 @@ def accumulate_highlight_slope(
         for j in range(size):
             along += pixel[GRADIENT, j] * shine[LIGHT + e, j]
         gloss_slope[e] += along
-    for k in range(4):
-        for j in range(size):
-            derivatives[k, j] *= pixel[GRADIENT, j]
-        slope[k, i] += total(derivatives[k], size)
+    add_slope(i, size, pixel, derivatives, slope)
 
 
 @inlined

@@ -5,8 +5,8 @@
 The albedo is linear given the shading and is eliminated per pixel and channel (variable
 projection).  The lights are few and are eliminated by a Schur complement.  Alternation (3.4)
 is slow along the bas-relief valley, in which lights and depth have to move together; the joint step
-is not.  Coarse to fine; Cauchy weights per photograph, pixel and channel; cast shadows are left
-out as they are predicted, and so are values with much of a highlight.
+is not.  Coarse to fine; Cauchy weights per photograph, pixel and channel.  Values that are
+predicted to lie in cast shadow, or to be largely a highlight, are left out.
 
 The files, in the order of reading: energy.py (what is minimised, and its derivatives),
 light_model.py (which numbers of the lights are free), steps.py and joint_step.py (Gauss-Newton

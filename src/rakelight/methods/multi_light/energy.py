@@ -7,10 +7,10 @@ The energy of log depth p and lights s, albedo eliminated (variable projection):
         + sigma^2 sum w (K (p - p_0))^2                     the sensor's depth
         + sigma^2 W (N - 4) log(variance of log |s_i|)      lights of equal intensity
 
-H are highlights, those of `photometry.specular`; 0 until there are any.  The terms and
-their derivatives are in `Photographs.linearize` and `light_terms`, here
-(`fourth_difference_term`), in `Level.sensor_terms`, and in equal_intensity.py; `evaluated` adds the
-terms up, `depth_system` and `light_system` the derivatives.
+H_i is the highlight of `photometry.specular`; 0 until one is found.  The terms and their
+derivatives are in `Photographs.linearize` and `light_terms`, here (`fourth_difference_term`), in
+`Level.sensor_terms`, and in equal_intensity.py; `evaluated` adds the terms up, `depth_system` and
+`light_system` the derivatives.
 
 Under distant lights the four numbers of a bas-relief transform are taken from the sensor's depth
 (and the lights' intensities) alone, not from the photographs: `project_bas_relief`.
