@@ -33,11 +33,37 @@ Function: TypeAlias = Callable[..., Any]
 S = TypeVar("S")
 T = TypeVar("T")
 
-_kernels: list[Any] = []
+_kernels: list[Kernel] = []
+_wait: Callable[[Kernel], None] | None = None
 _most_threads: ContextVar[int] = ContextVar("most threads", default=1 << 30)
 
 
-def kernel(function: Function, *, any_order: bool = False) -> Function:
+class Kernel:
+    """A function that is compiled on its first call, to be called from Python; see `kernel`."""
+
+    def __init__(self, dispatcher: Any) -> None:
+        self.dispatcher = dispatcher
+        self.__name__: str = dispatcher.__name__
+        self.__module__ = dispatcher.__module__
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call it; before its first call, wait for a process that compiles it."""
+        if _wait is not None and not self.dispatcher.signatures:
+            _wait(self)
+        return self.dispatcher(*arguments)
+
+    @property
+    def compiled(self) -> bool:
+        """Whether it was compiled, by this process or, cached on disk, by another."""
+        return bool(self.dispatcher.signatures) or _on_disk(self.dispatcher)
+
+    @property
+    def cacheable(self) -> bool:
+        """Whether it is cached on disk for other processes when it has been compiled."""
+        return self.dispatcher.stats.cache_path is not None
+
+
+def kernel(function: Function, *, any_order: bool = False) -> Kernel:
     """Compile `function` on its first call, for a part of a loop; the interpreter's lock released.
 
     function : (first, last, ...), runs an outer loop from first up to last, which is not in it,
@@ -49,9 +75,8 @@ def kernel(function: Function, *, any_order: bool = False) -> Function:
     The machine code is cached beside the source, else in the user's cache folder (or where
     NUMBA_CACHE_DIR says).  Where none of them can be written it is compiled once per process.
     """
-    dispatcher = _compiled_lazily(function, any_order=any_order)
-    _kernels.append(dispatcher)
-    return dispatcher
+    _kernels.append(Kernel(_compiled_lazily(function, any_order=any_order)))
+    return _kernels[-1]
 
 
 def helper(function: Function, *, any_order: bool = False, inline: bool = False) -> Function:
@@ -222,12 +247,26 @@ def compiled() -> bool:
 
     False means that the next call takes seconds: worth announcing to a person.
     """
-    return any(each.signatures or _on_disk(each) for each in _kernels)
+    return any(each.compiled for each in _kernels)
 
 
-def to_be_cached(kernel: Any) -> bool:
-    """Whether a kernel was never compiled, and will be cached on disk for other processes."""
-    return kernel.stats.cache_path is not None and not (kernel.signatures or _on_disk(kernel))
+def to_be_cached() -> list[Kernel]:
+    """The kernels loaded so far that were never compiled, and will be cached for other processes.
+
+    Those of modules that have been imported.
+    """
+    return [each for each in _kernels if each.cacheable and not each.compiled]
+
+
+@contextmanager
+def waiting_for_others(wait: Callable[[Kernel], None]) -> Iterator[None]:
+    """Inside, wait(kernel) is called before the first call of each kernel, by whatever thread."""
+    global _wait
+    _wait = wait
+    try:
+        yield
+    finally:
+        _wait = None
 
 
 @cache

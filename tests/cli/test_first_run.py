@@ -1,16 +1,18 @@
-"""The first run has the largest kernels compiled by processes of its own."""
+"""The first run has parts of the kernels compiled by processes of its own."""
 
 import os
 import subprocess
 import sys
 from errno import EAGAIN
+from threading import Thread
 
 import pytest
 
-from rakelight.cli import first_run
-from rakelight.cli.first_run import compiling_beside, kernels_to_compile
+from rakelight import jit
+from rakelight.cli import compiling, first_run
+from rakelight.cli.first_run import compiling_beside, parts_to_compile
 from rakelight.errors import MachineError
-from rakelight.photometry import compiling
+from rakelight.photometry import _kernels
 
 from .cli_process import SOURCES
 
@@ -30,21 +32,55 @@ def started(monkeypatch):
 
 
 def never_compiled(monkeypatch):
-    monkeypatch.setattr(first_run.jit, "to_be_cached", lambda kernel: True)
-    monkeypatch.setattr(first_run.jit, "cores", lambda: 2)
+    monkeypatch.setattr(jit, "to_be_cached", lambda: list(jit._kernels))
+    monkeypatch.setattr(jit, "cores", lambda: 2)
 
 
-def test_each_has_a_process_that_ends_with_the_block(monkeypatch, started):
+def test_each_part_has_a_process_that_ends_with_the_block(monkeypatch, started):
     never_compiled(monkeypatch)
 
     def interrupted():
         with compiling_beside():
-            assert [each.poll() for each in started] == [None, None]
+            assert [each.poll() for each in started] == [None, None, None]
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         interrupted()
-    assert [each.poll() is None for each in started] == [False, False]
+    assert [each.poll() is None for each in started] == [False, False, False]
+
+
+def test_a_kernel_waits_for_its_process_and_only_for_that(monkeypatch, started):
+    never_compiled(monkeypatch)
+    with compiling_beside():
+        waiting = Thread(target=jit._wait, args=[_kernels.light_terms])
+        jit._wait(_kernels.halve)  # no part's: returns
+        waiting.start()
+        waiting.join(0.3)
+        assert waiting.is_alive()
+        started[1].kill()  # as if it had failed
+        waiting.join()
+        assert [each.poll() is None for each in started] == [True, False, True]
+    assert jit._wait is None
+
+
+def test_parts_for_highlights_are_begun_when_one_is_needed(monkeypatch, started):
+    never_compiled(monkeypatch)
+    with compiling_beside():
+        waiting = Thread(target=jit._wait, args=[_kernels.linearize_glossy])
+        waiting.start()
+        waiting.join(0.3)
+        assert waiting.is_alive()
+        assert len(started) == 5
+        started[3].kill()
+        waiting.join()
+        jit._wait(_kernels.linearize_glossy)  # once only
+        assert len(started) == 5
+
+
+def test_a_kernel_that_is_compiled_already_does_not_wait(monkeypatch):
+    compiling.CALLS["light_terms"]()
+    with jit.waiting_for_others(lambda kernel: pytest.fail(kernel.__name__)):
+        compiling.CALLS["light_terms"]()
 
 
 def test_what_is_compiled_already_is_not_compiled_again(started):
@@ -59,9 +95,9 @@ def test_what_is_compiled_already_is_not_compiled_again(started):
 def test_a_small_machine_does_it_alone(monkeypatch, name, value):
     never_compiled(monkeypatch)
     monkeypatch.setattr(first_run, "available_memory", lambda: 8e9)
-    assert kernels_to_compile() == ("linearize", "light_terms")
+    assert parts_to_compile() == tuple(compiling.CALLS)
     monkeypatch.setattr(first_run.jit if name == "cores" else first_run, name, lambda: value)
-    assert not kernels_to_compile()
+    assert not parts_to_compile()
 
 
 @pytest.mark.parametrize(
@@ -80,10 +116,38 @@ def test_a_system_that_starts_no_process_loses_time_alone(monkeypatch, error):
 
 
 def test_an_empty_cache_is_seen(tmp_path):
-    program = "from rakelight.cli.first_run import kernels_to_compile as k; print(*k())"
+    program = "from rakelight.cli.first_run import parts_to_compile as p; print(*p())"
     folder = {"PYTHONPATH": os.fspath(SOURCES), "NUMBA_CACHE_DIR": os.fspath(tmp_path)}
     several = {"NUMBA_NUM_THREADS": "2"}
     found = subprocess.check_output(
         [sys.executable, "-c", program], env={**os.environ, **folder, **several}, text=True
     )
     assert found.split() == list(compiling.CALLS)
+
+
+def test_parts_are_compiled_for_the_types_of_every_other_call():
+    # In a process of its own: here other tests have called the kernels.
+    program = """if True:
+        from rakelight import jit
+        from rakelight.cli import compiling
+        from rakelight.pipeline import refine
+        from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
+
+        def versions():
+            kernels = [each for each in jit._kernels if compiling.part_of(each)]
+            return {each.__name__: len(each.dispatcher.signatures) for each in kernels}
+
+        for call in compiling.CALLS.values():
+            call()
+        before = versions()
+        vase = make_shape("vase")
+        options = SceneOptions(camera=vase.camera.scaled(0.2))
+        refine(render_scene(vase, make_albedo("pattern"), options)[0])
+        assert before == versions(), (before, versions())
+        assert all(before.values()), before
+    """
+    subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, "PYTHONPATH": os.fspath(SOURCES)},
+        check=True,
+    )

@@ -3,47 +3,69 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from subprocess import DEVNULL, Popen
+from threading import Lock
 
 from rakelight import jit
 from rakelight.errors import MachineError
 from rakelight.memory import available_memory
 
-# Free memory, bytes, with which other processes are started: two of them take 0.4e9 together.
+# Free memory, bytes, with which other processes are started: three of them take 0.6e9 together.
 ENOUGH_MEMORY = 2e9
 
 
 @contextmanager
 def compiling_beside() -> Iterator[None]:
-    """While the block runs, a process for each large kernel that was not compiled before.
+    """While the block runs, a process for each part of the kernels that was not compiled before.
 
-    A kernel that is not done when the block needs it is compiled by this process as well.  The
-    processes end with the block.
+    A call in the block of such a kernel waits for its process, and compiles the kernel itself if
+    that has failed.  Parts that are seldom needed are begun by such a call.  The processes end with
+    the block.
     """
-    processes: list[Popen[bytes]] = []
-    try:
-        for name in kernels_to_compile():
+    from rakelight.cli.compiling import SELDOM, part_of
+
+    missing: tuple[str, ...] = ()
+    processes: dict[str, Popen[bytes]] = {}
+    lock = Lock()
+    with suppress(MachineError):  # the work itself may do without kernels
+        missing = parts_to_compile()
+
+    def begin(parts: Iterable[str]) -> None:
+        for part in parts:
             # "-P": what lies in the current folder is no library.
-            command = [sys.executable, "-P", "-m", "rakelight.photometry.compiling", name]
-            processes.append(Popen(command, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL))
-    except (OSError, MachineError):  # too few processes or too little memory: only time is lost
-        pass
+            command = [sys.executable, "-P", "-m", "rakelight.cli.compiling", part]
+            # Too few processes or too little memory: only time is lost.
+            with suppress(OSError, MachineError):
+                processes[part] = Popen(command, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL)
+
+    def wait(kernel: jit.Kernel) -> None:
+        part = part_of(kernel)
+        if part in SELDOM:
+            with lock:
+                begin(each for each in SELDOM if each in missing and each not in processes)
+        if part in processes:
+            processes[part].wait()
+
     try:
-        yield
+        begin(each for each in missing if each not in SELDOM)
+        with jit.waiting_for_others(wait):
+            yield
     finally:
-        for each in processes:
+        for each in processes.values():
             each.kill()
-        for each in processes:
+        for each in processes.values():
             each.wait()
 
 
-def kernels_to_compile() -> tuple[str, ...]:
-    """Names of the large kernels to compile beside this process; none where that is no gain."""
-    from rakelight.photometry import _kernels
-    from rakelight.photometry.compiling import CALLS
+def parts_to_compile() -> tuple[str, ...]:
+    """Names of the parts to compile beside this process; none where that is no gain."""
+    from rakelight.cli.compiling import CALLS, part_of
+    from rakelight.photometry import _kernels as _photographs  # noqa: F401 - registers its kernels
+    from rakelight.solve import _kernels as _solver  # noqa: F401
 
     if not sys.executable or jit.cores() < 2 or available_memory() < ENOUGH_MEMORY:
         return ()
-    return tuple(name for name in CALLS if jit.to_be_cached(getattr(_kernels, name)))
+    missing = {part_of(kernel) for kernel in jit.to_be_cached()}
+    return tuple(name for name in CALLS if name in missing)

@@ -476,17 +476,29 @@ def count_residuals(here, size, row, a, value, own, histogram):
 
 
 @kernel
-def linearize(
-    first_row, last_row, photos, table, active, gradient, points, camera, vectors, ambients,
-    nearness, gloss, scales, lagged, project, albedo, jtwj, rhs, sums, histogram, mean_abs_residual,
-    with_light_slope, slope, gloss_slope,
+def linearize(*given):
+    """Albedo, M, b, energy and residuals of matte pixels; given as to `linearize_rows`."""
+    linearize_rows(None, None, *given)
+
+
+@kernel
+def linearize_glossy(gloss, gloss_slope, *given):
+    """As `linearize`, with highlights.  Apart, since most captures need not compile it."""
+    linearize_rows(gloss, gloss_slope, *given)
+
+
+@helper
+def linearize_rows(
+    gloss, gloss_slope, first_row, last_row, photos, table, active, gradient, points, camera,
+    vectors, ambients, nearness, scales, lagged, project, albedo, jtwj, rhs, sums, histogram,
+    mean_abs_residual, with_light_slope, slope,
 ):  # fmt: skip
     """Albedo, M, b, energy and residuals of the active pixels; see `Photographs.linearize`.
 
     In rows from first_row up to last_row, which is not among them.
     table : linear light of a value, negative where it is not usable
-    vectors (C, 3, N), ambients (C, N), nearness (C, N) of the lights, gloss (E,) of the surface:
-    `LightParameters.arrays`
+    gloss (E,) of the surface, or None where it is matte; vectors (C, 3, N), ambients (C, N),
+    nearness (C, N) of the lights: `LightParameters.arrays`
     sums (h, 3): energy, squared residuals, count; histogram (h, BINS) of absolute residuals in one
     channel of every other pixel; mean_abs_residual (h, w): of each pixel.  With `with_light_slope`,
     slope (h, C, 5, N) gets the first derivatives of half the energy with each light's vector,
@@ -496,8 +508,8 @@ def linearize(
     here = np.empty(STRIP, np.int64)
     frame, derivatives = np.empty((FRAME, STRIP)), np.empty((4, STRIP))
     light, both = np.empty((LIGHT, STRIP)), np.empty((LIGHT, STRIP))
-    glossy = gloss.sum() > 0.0
-    shines = np.empty((channels, count if glossy else 0, LIGHT + gloss.size, STRIP))
+    if gloss is not None:
+        shines = np.empty((channels, count, LIGHT + gloss.size, STRIP))
     own, pixel = np.empty((OWN, STRIP)), np.empty((PIXEL, STRIP))
     value = np.empty((3, count, STRIP), np.float32)
     a, w = np.empty((channels, count, STRIP)), np.empty((3, count, STRIP))
@@ -522,7 +534,7 @@ def linearize(
                     )
                     near, ambient = nearness[light_c, i], ambients[light_c, i]
                     shade(q0, q1, q2, near, ambient, size, frame, a[light_c, i])
-                    if glossy:
+                    if gloss is not None:
                         shine = shines[light_c, i]
                         evaluate_highlight(q0, q1, q2, near, gloss, size, frame, shine)
                         subtract_highlight(first, last, i, size, shine, value)
@@ -538,7 +550,7 @@ def linearize(
                     )
                     near = nearness[light_c, i]
                     evaluate_light(q0, q1, q2, near, size, frame, light)
-                    if glossy:
+                    if gloss is not None:
                         for c in range(first, last):
                             add_highlight(own[ALBEDO + c], size, light, shines[light_c, i], both)
                             accumulate_residuals(c, i, size, a[light_c], value, w, both, own, pixel)
@@ -555,13 +567,13 @@ def linearize(
                             first, last, i, size, a[light_c], value, own, pixel, derivatives,
                             slope[row, light_c],
                         )  # fmt: skip
-                    if with_light_slope and glossy:
-                        shine = shines[light_c, i]
-                        differentiate(q0, q1, q2, near, size, frame, shine, derivatives)
-                        accumulate_highlight_slope(
-                            first, last, i, size, a[light_c], value, own, pixel, shine,
-                            derivatives, slope[row, light_c], gloss_slope[row],
-                        )  # fmt: skip
+                        if gloss is not None:
+                            shine = shines[light_c, i]
+                            differentiate(q0, q1, q2, near, size, frame, shine, derivatives)
+                            accumulate_highlight_slope(
+                                first, last, i, size, a[light_c], value, own, pixel, shine,
+                                derivatives, slope[row, light_c], gloss_slope[row],
+                            )  # fmt: skip
             eliminate_albedo(project, size, own, pixel)
             store(here, size, row, own, pixel, albedo, jtwj, rhs, mean_abs_residual)
             count_residuals(here, size, row, a, value, own, histogram[row])
@@ -765,7 +777,7 @@ def accumulate_channel(
         accumulate_light(i, size, slopes, pixel, hessian, slope, eliminated, full)
         if cross.shape[0] > 0:
             accumulate_mixed(i, here, size, light_c, slopes, pixel, cross[row])
-        if seen.shape[0] > BY_S:
+        if gloss_slope is not None:
             accumulate_gloss(
                 i, row, here, size, seen, slopes, pixel, hessian, gloss_slope, gloss_cross,
                 eliminated, full,
@@ -780,32 +792,44 @@ def subtract_eliminated(full, eliminated, hessian):
 
 
 @kernel
-def light_terms(
-    block, photos, table, active, gradient, points, camera, vectors, ambients, nearness,
-    gloss, scales, albedo, parameters, project, hessian, slope, cross, gloss_slope, gloss_cross,
+def light_terms(*given):
+    """Derivatives of half the energy with the lights, of matte pixels; as `light_terms_of`."""
+    light_terms_of(None, None, None, *given)
+
+
+@kernel
+def light_terms_glossy(gloss, gloss_slope, gloss_cross, *given):
+    """As `light_terms`, with highlights.  Apart, since most captures need not compile it."""
+    light_terms_of(gloss, gloss_slope, gloss_cross, *given)
+
+
+@helper
+def light_terms_of(
+    gloss, gloss_slope, gloss_cross, block, photos, table, active, gradient, points, camera,
+    vectors, ambients, nearness, scales, albedo, parameters, project, hessian, slope, cross,
 ):  # fmt: skip
     """Second and first derivatives of half the energy with the lights, of one block of rows.
 
     Each light has `parameters` numbers: its vector, [inverse distance,] ambient light.  The lights
     of one of C channels, 1 or 3, have Q numbers, those of one kind side by side; second derivatives
-    between channels are 0.  After these stand the E of the gloss, or none where it is 0.  The
-    albedo is eliminated when `project`.  hessian (blocks, C, Q + E, Q + E), its upper triangle,
-    slope (blocks, C, parameters, N) and gloss_slope (blocks, E) are sums per block of rows; cross
-    (h, w, 2, N, C, parameters) and gloss_cross (h, w, 2, E) each pixel's mixed derivatives with the
-    gradient of log depth, or (0, ...) for none.
+    between channels are 0.  After these stand the E of the gloss; None for its three arguments on a
+    matte surface.  The albedo is eliminated when `project`.  hessian (blocks, C, Q + E, Q + E), its
+    upper triangle, and slope (blocks, C, parameters, N) are sums per block of rows; gloss_slope
+    (E,) is this one's; cross (h, w, 2, N, C, parameters) and gloss_cross (h, w, 2, E) are each
+    pixel's mixed derivatives with the gradient of log depth, or (0, ...) for none.
     """
     channels, _, count = vectors.shape
     blocks, height = hessian.shape[0], active.shape[0]
     here = np.empty(STRIP, np.int64)
     frame, light = np.empty((FRAME, STRIP)), np.empty((LIGHT, STRIP))
     own, pixel = np.empty((OWN, STRIP)), np.empty((PIXEL, STRIP))
-    by_light, shine = np.empty((4, STRIP)), np.empty((LIGHT + gloss.size, STRIP))
-    value = np.empty((3, count, STRIP), np.float32)
+    by_light, value = np.empty((4, STRIP)), np.empty((3, count, STRIP), np.float32)
     shaded, w = np.empty((BY_S, count, STRIP)), np.empty((count, STRIP))
-    derivatives, glossy = np.ones((parameters, count, STRIP)), gloss.sum() > 0.0
-    many, rows = (count, BY_S + gloss.size) if glossy else (0, BY_S)
-    shone, both = np.empty((rows, many, STRIP)), np.empty((rows, many, STRIP))
-    by_highlight, by_both = np.empty((parameters, many, STRIP)), np.ones((parameters, many, STRIP))
+    derivatives = np.ones((parameters, count, STRIP))
+    if gloss is not None:
+        shine, rows = np.empty((LIGHT + gloss.size, STRIP)), BY_S + gloss.size
+        shone, both = np.empty((rows, count, STRIP)), np.empty((rows, count, STRIP))
+        by_highlight, by_both = np.empty(derivatives.shape), np.ones(derivatives.shape)
     # A column for each pixel and channel; the product with the transpose is subtracted.
     eliminated = np.zeros((channels, hessian.shape[2], WIDE))
     full = np.zeros(channels, np.int64)
@@ -821,8 +845,9 @@ def light_terms(
                     derivatives,
                 )  # fmt: skip
                 first, last = (0, 3) if channels == 1 else (light_c, light_c + 1)
-                seen, slopes = (both, by_both) if glossy else (shaded, derivatives)
-                if glossy:
+                seen, slopes = shaded, derivatives
+                if gloss is not None:
+                    seen, slopes = both, by_both
                     reflect(
                         light_c, first, last, size, vectors, nearness, gloss, frame, shine,
                         by_light, value, shone, by_highlight,
@@ -834,7 +859,7 @@ def light_terms(
                         )
                         full[light_c] = 0
                     load_albedo(c, here, size, row, albedo, own)
-                    if glossy:
+                    if gloss is not None:
                         eliminated[light_c, parameters * count :, full[light_c] :] = 0.0
                         add_highlights(
                             own[ALBEDO], size, shaded, shone, derivatives, by_highlight, both,
@@ -843,7 +868,7 @@ def light_terms(
                     weigh(c, size, project, seen, value, w, own, pixel)
                     accumulate_channel(
                         c, light_c, row, here, size, seen, slopes, value, w, own, pixel,
-                        hessian[block, light_c], slope[block, light_c], gloss_slope[block], cross,
+                        hessian[block, light_c], slope[block, light_c], gloss_slope, cross,
                         gloss_cross, eliminated[light_c], full[light_c],
                     )  # fmt: skip
                     full[light_c] += size if project else 0

@@ -7,9 +7,9 @@ and, when asked, eliminated from the derivatives (variable projection).  The loo
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -66,14 +66,14 @@ class LightParameters:
         return np.concatenate(parts, axis=-1)
 
     @property
-    def arrays(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """As kernels take them: vector q (C, 3, N), ambient, |q| inverse_distance (C, N), gloss."""
+    def arrays(self) -> tuple[Floats, Floats, Floats]:
+        """As kernels take them: vector q (C, 3, N), ambient, |q| inverse_distance (C, N)."""
         nearness = self.irradiance * self.inverse_distance
         vector, ambient, nearness = (
             np.ascontiguousarray(each.T, dtype=np.float64)
             for each in (self.vector.swapaxes(1, 2), self.ambient, nearness)
         )
-        return vector, ambient, nearness, self.gloss
+        return vector, ambient, nearness
 
     def moved(self, step: Floats, gloss_step: Floats | float = 0.0) -> LightParameters:
         """The lights after a step (N, C, 4 or 5): vector, [inverse_distance,] ambient; gloss (E,).
@@ -267,11 +267,14 @@ class Photographs:
             self.values, self._light, self.active, surface.gradient, surface.points,
             self._optics, *lights.arrays, self._scales(scale), lagged, project,
             albedo, jtwj, rhs, sums, histogram, mean_abs_residual, with_light_slope, slope,
-            gloss_slope,
         )  # fmt: skip
 
+        kernel: Callable[..., None] = _kernels.linearize
+        if lights.gloss.any():
+            kernel = partial(_kernels.linearize_glossy, lights.gloss, gloss_slope)
+
         def some_rows(block: int) -> None:
-            _kernels.linearize(ROWS * block, min(ROWS * (block + 1), height), *given)
+            kernel(ROWS * block, min(ROWS * (block + 1), height), *given)
 
         in_blocks(some_rows, -(-height // ROWS), len(self) * self.mask.size)
         energy, squared, count = sums.sum(axis=0)
@@ -331,11 +334,17 @@ class Photographs:
         values, gradient = np.ascontiguousarray(self.values[:, *every]), subsampling * gradient
         given = (
             values, self._light, active, gradient, points, optics, *lights.arrays, scales,
-            albedo, parameters, project, hessian, slope, both, gloss_slope, gloss_both,
+            albedo, parameters, project, hessian, slope, both,
         )  # fmt: skip
-        in_blocks(
-            lambda block: _kernels.light_terms(block, *given), BLOCKS, len(self) * active.size
-        )
+
+        def some_rows(block: int) -> None:
+            if extra:
+                gloss = lights.gloss, gloss_slope[block], gloss_both
+                _kernels.light_terms_glossy(*gloss, block, *given)
+            else:
+                _kernels.light_terms(block, *given)
+
+        in_blocks(some_rows, BLOCKS, len(self) * active.size)
         # Order of the lights' numbers: photograph, channel, number; of the sums: channel, number,
         # photograph.
         numbers = np.arange(channels * own).reshape(channels, parameters, count)

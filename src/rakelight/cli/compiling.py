@@ -1,0 +1,87 @@
+"""Compile a part of the kernels: `python -m rakelight.cli.compiling linearize`.
+
+Numba compiles one kernel at a time: the command line has these parts compiled by processes of their
+own (first_run.py).  Each kernel is called once on a few pixels; the types of the arguments are
+those of every other call.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from rakelight.jit import Kernel
+from rakelight.model import Camera
+from rakelight.photometry.images import LightParameters, Photographs, Surface
+from rakelight.solve import assemble, solve
+from rakelight.solve.gauss_newton import border
+
+
+def linearize(gloss: float = 0.0) -> None:
+    """Call a kernel of `Photographs.linearize`."""
+    photographs, surface, lights = _few_pixels(gloss)
+    photographs.linearize(surface, lights)
+
+
+def light_terms(gloss: float = 0.0) -> None:
+    """Call a kernel of `Photographs.light_terms`."""
+    photographs, surface, lights = _few_pixels(gloss)
+    photographs.light_terms(surface, lights, np.ones(surface.points.shape), mixed=True)
+
+
+def solver() -> None:
+    """Call every kernel of solve/: on enough pixels for two levels of the multigrid."""
+    from scipy.sparse import eye_array
+
+    level = np.zeros((40, 40))
+    tensor = np.broadcast_to([1.0, 0.0, 1.0], (*level.shape, 3))
+    slope = np.broadcast_to([1.0, 0.0], (*level.shape, 2))
+    weight = level.copy()
+    weight[0] = 1.0
+    solve(assemble(level == 0, tensor, slope, weight, level, laplacian_weight=1.0))
+    border(eye_array(9), np.zeros(9), np.zeros((9, 1)), np.eye(1), np.zeros(1))
+
+
+# The parts: large kernels, by their names, and those of the solver.  Each takes about as long.
+CALLS: dict[str, Callable[[], None]] = {
+    "linearize": linearize,
+    "light_terms": light_terms,
+    "solver": solver,
+    "linearize_glossy": partial(linearize, 0.1),
+    "light_terms_glossy": partial(light_terms, 0.1),
+}
+# The parts that most captures do not need.
+SELDOM = ("linearize_glossy", "light_terms_glossy")
+
+
+def part_of(kernel: Kernel) -> str:
+    """The part that compiles a kernel, or "" where none does.
+
+    >>> from rakelight.photometry import _kernels
+    >>> part_of(_kernels.light_terms), part_of(_kernels.halve)
+    ('light_terms', '')
+    """
+    if kernel.__module__ == "rakelight.solve._kernels":
+        return "solver"
+    named = kernel.__module__ == "rakelight.photometry._kernels" and kernel.__name__ in CALLS
+    return kernel.__name__ if named else ""
+
+
+def _few_pixels(gloss: float) -> tuple[Photographs, Surface, LightParameters]:
+    """Three photographs of 4 x 4 pixels of a plane."""
+    camera = Camera(4, 4, 10.0, 10.0, 1.5, 1.5)
+    table = (np.arange(65536) / 65535).astype(np.float32)
+    values = np.full((3, 4, 4, 3), 30000, np.uint16)
+    photographs = Photographs(values, table, 1, 65534, np.ones((4, 4), bool), camera)
+    surface = Surface(np.zeros((4, 4, 2)), np.zeros((4, 4, 3)))
+    towards = np.array([[0.3, 0.0, -1.0], [0.0, 0.3, -1.0], [-0.3, 0.0, -1.0]])
+    lights = LightParameters.distant(towards[:, None], np.zeros((3, 1)))
+    return photographs, surface, replace(lights, gloss=np.full(lights.gloss.shape, gloss))
+
+
+if __name__ == "__main__":
+    CALLS[sys.argv[1]]()
