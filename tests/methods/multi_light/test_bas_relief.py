@@ -8,7 +8,11 @@ import pytest
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.normals import normals_from_gradient
 from rakelight.methods.levels import finest_level
-from rakelight.methods.multi_light.bas_relief import nearest_bas_relief, relief_scaling
+from rakelight.methods.multi_light.bas_relief import (
+    intensity_energy_after,
+    nearest_bas_relief,
+    relief_scaling,
+)
 from rakelight.photometry.images import LightParameters
 from rakelight.prepare import prepare
 from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
@@ -66,6 +70,17 @@ def test_lights_of_any_brightness_hardly_move_the_surface():
     pulled, _ = nearest_bas_relief(level, level.prior, turned, equal_intensity_weight=100.0)
     size = [np.std((each - level.prior)[level.mask]) for each in (moved, pulled)]
     assert size[0] < 0.3 * size[1]
+
+
+def test_derivatives_of_the_intensities_energy_are_its_differences():
+    level, lights = make_level(), alike()
+    transform, step = np.array([0.8, 0.1, -0.05, 0.2]), 1e-6
+    _, slope = intensity_energy_after(level, lights, transform)
+    for index, along in enumerate(step * np.eye(4)):
+        ahead, behind = (
+            intensity_energy_after(level, lights, transform + each)[0] for each in (along, -along)
+        )
+        assert slope[index] == pytest.approx((ahead - behind) / (2 * step), rel=1e-6)
 
 
 @pytest.mark.parametrize("equal_intensity_weight", [0.0, 1.0])

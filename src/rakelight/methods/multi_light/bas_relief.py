@@ -9,7 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight.methods.levels import Level
-from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
+from rakelight.methods.multi_light.equal_intensity import (
+    equal_intensity_energy,
+    equal_intensity_slope,
+)
 from rakelight.model import Floats
 from rakelight.photometry.images import LightParameters
 from rakelight.solve.robust import BY_CHANCE
@@ -40,14 +43,15 @@ def nearest_bas_relief(
     if equal_intensity_weight:
         from scipy.optimize import minimize
 
-        def cost(offset: Floats) -> float:
-            vectors = lights.vector @ lights_transform(level, nearest + basis @ offset).T
-            return float(offset @ offset) / equal_intensity_weight + equal_intensity_energy(vectors)
+        def cost(offset: Floats) -> tuple[float, Floats]:
+            energy, slope = intensity_energy_after(level, lights, nearest + basis @ offset)
+            sensor = offset / equal_intensity_weight
+            return float(offset @ sensor) + energy, 2 * sensor + basis.T @ slope
 
         as_it_is = size[determined] * (axes[determined] @ ([1.0, 0.0, 0.0, 0.0] - nearest))
         starts = (np.zeros(len(basis.T)), as_it_is)
         # Not SciPy's "BFGS": see factored_start.py.
-        both = (minimize(cost, start, method="L-BFGS-B") for start in starts)
+        both = (minimize(cost, start, method="L-BFGS-B", jac=True) for start in starts)
         offset = min(both, key=lambda found: found.fun).x
         transform = nearest + basis @ offset
     # Where the sensor shows no relief, a is 0 within its noise.
@@ -90,6 +94,20 @@ def _transformed(
 def lights_transform(level: Level, transform: Floats) -> Floats:
     """(3, 3) matrix of the transform for light vectors at the object's middle."""
     return np.linalg.inv(transform[0] * np.eye(3) + np.outer(level.middle_m, transform[1:]))
+
+
+def intensity_energy_after(
+    level: Level, lights: LightParameters, transform: Floats
+) -> tuple[float, Floats]:
+    """`equal_intensity_energy` of lights after a transform (a, g), and its derivatives with that.
+
+    With L the lights' matrix, a change dB of its inverse moves a light's vector v by -L dB v.
+    """
+    matrix = lights_transform(level, transform)
+    vectors = lights.vector @ matrix.T
+    mean, slope = vectors.mean(axis=1), equal_intensity_slope(vectors) @ matrix
+    by_transform = np.append(np.vdot(slope, mean), (slope @ level.middle_m) @ mean)
+    return equal_intensity_energy(vectors), -by_transform
 
 
 def sensed_columns(level: Level, log_depth: Floats) -> tuple[Floats, Floats]:

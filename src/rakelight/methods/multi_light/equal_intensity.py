@@ -39,6 +39,16 @@ def equal_intensity_energy(vectors: Floats) -> float:
     return float(freedom * np.log(variance))
 
 
+def equal_intensity_slope(vectors: Floats) -> Floats:
+    """(N, 3) derivatives of `equal_intensity_energy` with each vector's mean over the channels.
+
+    vectors : (N, C, 3), as in `LightParameters`
+    """
+    deviation, each, freedom, variance = _log_intensities(vectors)
+    weight = 2 * freedom / max(len(each), 1) / variance
+    return np.asarray(weight * deviation[:, None] * _along(vectors))
+
+
 def equal_intensity_derivatives(lights: LightParameters, parameters: int) -> tuple[Floats, Floats]:
     """(K,) half the first and (K, K) half the second derivatives of the energy, Gauss-Newton's.
 
@@ -47,14 +57,19 @@ def equal_intensity_derivatives(lights: LightParameters, parameters: int) -> tup
     count, channels = lights.ambient.shape
     deviation, each, freedom, variance = _log_intensities(lights.vector)
     weight = freedom / max(len(each), 1) / variance
-    mean = lights.vector.mean(axis=1)
-    # Of the logarithm of |mean over the channels|.
-    along = mean / np.maximum((mean**2).sum(axis=-1, keepdims=True), np.finfo(float).tiny)
+    along = _along(lights.vector)
     own = np.zeros((count, count, channels, parameters))
     own[each, each, :, :3] = along[each, None] / channels
     slopes = own.reshape(count, -1)[each]
     slopes -= slopes.sum(axis=0) / max(len(each), 1)
     return weight * deviation[each] @ slopes, weight * slopes.T @ slopes
+
+
+def _along(vectors: Floats) -> Floats:
+    """(N, 3) derivatives of the log intensity of each light with its vector's mean."""
+    mean = vectors.mean(axis=1)
+    length2 = np.maximum((mean**2).sum(axis=-1, keepdims=True), np.finfo(float).tiny)
+    return np.asarray(mean / length2)
 
 
 def _log_intensities(vectors: Floats) -> tuple[Floats, Array, int, float]:

@@ -124,6 +124,8 @@ def field_matrix(
 
 def _subsampled_sums(mixed: Floats, subsampling: int, cell: int, inside: Mask) -> Floats:
     """(2 C, K) sums over the C cells inside, of (h, w, 2, K) at subsampled pixels."""
+    if cell == 1:  # and every pixel is used
+        return mixed[inside].reshape(-1, mixed.shape[-1])
     rows, columns = (np.arange(size) * subsampling // cell for size in mixed.shape[:2])
     target_cell = (rows[:, None] * inside.shape[1] + columns).ravel()
     ones, pixels = np.ones(target_cell.size), np.arange(target_cell.size)
