@@ -24,7 +24,10 @@ types: $(VENV)/dev.stamp
 
 # Two files of tests at a time: most of a test runs on one core.  In the order of their names, since
 # the files with the most tests are not those that take longest.
+# First the kernels, two processes at a time: each of the tests' processes would compile them all.
 pytest: $(VENV)/dev.stamp
+	@echo "== compiling"
+	$(BIN)/python -m rakelight.cli.compiling | xargs -n 1 -P 2 $(BIN)/python -m rakelight.cli.compiling
 	@echo "== tests"
 	OMP_WAIT_POLICY=PASSIVE OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile \
 		--no-loadscope-reorder

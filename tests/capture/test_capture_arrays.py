@@ -253,7 +253,7 @@ def test_any_arrays_are_refused_or_give_a_result():
     outcomes = Counter()
 
     @settings(
-        max_examples=60, deadline=None, suppress_health_check=list(HealthCheck), phases=PHASES
+        max_examples=40, deadline=None, suppress_health_check=list(HealthCheck), phases=PHASES
     )
     @given(capture=any_capture(), method=st.sampled_from(["auto", "fusion-like", "rgb-ratio"]))
     def tried(capture, method):

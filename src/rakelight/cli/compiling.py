@@ -1,4 +1,4 @@
-"""Compile a part of the kernels: `python -m rakelight.cli.compiling linearize`.
+"""Compile a part of the kernels: `python -m rakelight.cli.compiling linearize`; alone, name them.
 
 Numba compiles one kernel at a time: the command line has these parts compiled by processes of their
 own (first_run.py).  Each kernel is called once on a few pixels; the types of the arguments are
@@ -84,4 +84,7 @@ def _few_pixels(gloss: float) -> tuple[Photographs, Surface, LightParameters]:
 
 
 if __name__ == "__main__":
-    CALLS[sys.argv[1]]()
+    if sys.argv[1:]:
+        CALLS[sys.argv[1]]()
+    else:
+        sys.stdout.writelines(f"{name}\n" for name in CALLS)

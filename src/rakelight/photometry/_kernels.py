@@ -820,7 +820,6 @@ def light_terms_of(
     """
     channels, _, count = vectors.shape
     blocks, height = hessian.shape[0], active.shape[0]
-    here = np.empty(STRIP, np.int64)
     frame, light = np.empty((FRAME, STRIP)), np.empty((LIGHT, STRIP))
     own, pixel = np.empty((OWN, STRIP)), np.empty((PIXEL, STRIP))
     by_light, value = np.empty((4, STRIP)), np.empty((3, count, STRIP), np.float32)
@@ -832,7 +831,7 @@ def light_terms_of(
         by_highlight, by_both = np.empty(derivatives.shape), np.ones(derivatives.shape)
     # A column for each pixel and channel; the product with the transpose is subtracted.
     eliminated = np.zeros((channels, hessian.shape[2], WIDE))
-    full = np.zeros(channels, np.int64)
+    full, here = np.zeros(channels, np.int64), np.empty(STRIP, np.int64)
     for row in range(block * height // blocks, (block + 1) * height // blocks):
         size, column = next_strip(active, row, 0, here)
         while size > 0:

@@ -315,8 +315,7 @@ class Photographs:
 
         from rakelight.photometry import _kernels
 
-        parameters = 5 if near else 4
-        count, channels = lights.ambient.shape
+        parameters, (count, channels) = 5 if near else 4, lights.ambient.shape
         own, extra = count * parameters, len(lights.gloss) if lights.gloss.any() else 0
         hessian = np.zeros((BLOCKS, channels, own + extra, own + extra))
         slope = np.zeros((BLOCKS, channels, parameters, count))
