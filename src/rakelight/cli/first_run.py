@@ -12,7 +12,7 @@ from rakelight import jit
 from rakelight.errors import MachineError
 from rakelight.memory import available_memory
 
-# Free memory, bytes, with which other processes are started: three of them take 0.6e9 together.
+# Free memory, bytes, with which other processes are started: three of them take 0.8e9 together.
 ENOUGH_MEMORY = 2e9
 
 

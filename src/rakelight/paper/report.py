@@ -180,8 +180,9 @@ def _f(sheets: Sheets) -> Claim:
         f"these two are at {_list(later[PUBLISHED])}, and {_list(later[JOINT])}.",
         "A highlight moves with the lamp and the other photographs outvote it. Of four, with light "
         "and albedo unknown, nearly all are needed; a method that rejects an inlier instead "
-        "tears the surface. Our joint method subtracts the highlights that it recognises. Our "
-        "RGB-Fusion stays close to the sensor's depth, so its errors are small.",
+        "tears the surface. Our joint method has the highlights that it recognises in its energy, "
+        "in the form in which these scenes are rendered, which helps it here. Our RGB-Fusion stays "
+        "close to the sensor's depth, so its errors are small.",
     )
 
 
