@@ -3,8 +3,9 @@
 import os
 import subprocess
 import sys
+from _thread import interrupt_main
 from errno import EAGAIN
-from threading import Thread
+from threading import Thread, Timer
 
 import pytest
 
@@ -61,6 +62,37 @@ def test_a_kernel_waits_for_its_process_and_only_for_that(monkeypatch, started):
         waiting.join()
         assert [each.poll() is None for each in started] == [True, False, True]
     assert jit._wait is None
+
+
+def test_an_interrupt_ends_every_wait(monkeypatch, started):
+    never_compiled(monkeypatch)
+    ended = []
+
+    def waiting():
+        with pytest.raises(jit.StoppedError):
+            jit._wait(_kernels.light_terms)
+        ended.append("without compiling")
+
+    with compiling_beside():
+        other = Thread(target=waiting)
+        other.start()
+        Timer(0.2, interrupt_main).start()
+        with pytest.raises(KeyboardInterrupt):
+            jit._wait(_kernels.linearize)
+        other.join(5)
+        assert ended == ["without compiling"]
+        assert [each.poll() for each in started] == [None, None, None]
+
+
+def test_a_process_ends_with_the_one_that_began_it(tmp_path):
+    command = [sys.executable, "-m", "rakelight.cli.compiling", "linearize", "--beside"]
+    folder = {"PYTHONPATH": os.fspath(SOURCES), "NUMBA_CACHE_DIR": os.fspath(tmp_path)}
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, env={**os.environ, **folder})
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.wait(1)
+    process.communicate(timeout=10)
+    assert process.returncode == 0
+    assert not list(tmp_path.rglob("*.linearize-*.nbi"))
 
 
 def test_parts_for_highlights_are_begun_when_one_is_needed(monkeypatch, started):

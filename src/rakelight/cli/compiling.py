@@ -7,10 +7,12 @@ those of every other call.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from threading import Thread
 
 import numpy as np
 
@@ -83,7 +85,15 @@ def _few_pixels(gloss: float) -> tuple[Photographs, Surface, LightParameters]:
     return photographs, surface, replace(lights, gloss=np.full(lights.gloss.shape, gloss))
 
 
+def end_with_input() -> None:
+    """End this process when its standard input ends: whoever began it is gone."""
+    os.read(sys.stdin.fileno(), 1)
+    os._exit(0)
+
+
 if __name__ == "__main__":
+    if sys.argv[2:] == ["--beside"]:
+        Thread(target=end_with_input, daemon=True).start()
     if sys.argv[1:]:
         CALLS[sys.argv[1]]()
     else:
