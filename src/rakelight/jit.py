@@ -145,7 +145,7 @@ def limited_threads(most: int) -> Iterator[None]:
 
 
 class StoppedError(Exception):
-    """Work of `side_by_side` whose result nobody waits for any more."""
+    """Work, or a wait, whose result nobody waits for any more."""
 
 
 def side_by_side(

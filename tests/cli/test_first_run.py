@@ -173,8 +173,9 @@ def test_parts_are_compiled_for_the_types_of_every_other_call():
             call()
         before = versions()
         vase = make_shape("vase")
-        options = SceneOptions(camera=vase.camera.scaled(0.2))
-        refine(render_scene(vase, make_albedo("pattern"), options)[0])
+        options = SceneOptions(camera=vase.camera.scaled(0.4), photographs=12, specular=0.5)
+        result = refine(render_scene(vase, make_albedo("pattern"), options)[0])
+        assert "highlights" in {each.code for each in result.findings}
         assert before == versions(), (before, versions())
         assert all(before.values()), before
     """

@@ -1,8 +1,8 @@
-"""Compile a part of the kernels: `python -m rakelight.cli.compiling linearize`; alone, name them.
+"""Compile a part of the kernels: `python -m rakelight.cli.compiling linearize`.
 
 Numba compiles one kernel at a time: the command line has these parts compiled by processes of their
 own (first_run.py).  Each kernel is called once on a few pixels; the types of the arguments are
-those of every other call.
+those of every other call.  Without a name, the module prints the parts that are not compiled yet.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from threading import Thread
 
 import numpy as np
 
-from rakelight.jit import Kernel
+from rakelight import jit
 from rakelight.model import Camera
 from rakelight.photometry.images import LightParameters, Photographs, Surface
 from rakelight.solve import assemble, solve
@@ -60,7 +60,7 @@ CALLS: dict[str, Callable[[], None]] = {
 SELDOM = ("linearize_glossy", "light_terms_glossy")
 
 
-def part_of(kernel: Kernel) -> str:
+def part_of(kernel: jit.Kernel) -> str:
     """The part that compiles a kernel, or "" where none does.
 
     >>> from rakelight.photometry import _kernels
@@ -71,6 +71,19 @@ def part_of(kernel: Kernel) -> str:
         return "solver"
     named = kernel.__module__ == "rakelight.photometry._kernels" and kernel.__name__ in CALLS
     return kernel.__name__ if named else ""
+
+
+def load_kernels() -> None:
+    """Import the kernels of photographs and the solver, which `jit` knows of from then on."""
+    from rakelight.photometry import _kernels as _photographs  # noqa: F401
+    from rakelight.solve import _kernels as _solver  # noqa: F401
+
+
+def not_compiled() -> tuple[str, ...]:
+    """Names of the parts of which a kernel was never compiled, and will be cached on disk."""
+    load_kernels()
+    missing = {part_of(kernel) for kernel in jit.to_be_cached()}
+    return tuple(name for name in CALLS if name in missing)
 
 
 def _few_pixels(gloss: float) -> tuple[Photographs, Surface, LightParameters]:
@@ -97,4 +110,4 @@ if __name__ == "__main__":
     if sys.argv[1:]:
         CALLS[sys.argv[1]]()
     else:
-        sys.stdout.writelines(f"{name}\n" for name in CALLS)
+        sys.stdout.writelines(f"{name}\n" for name in not_compiled())

@@ -68,11 +68,8 @@ def compiling_beside() -> Iterator[None]:
 
 def parts_to_compile() -> tuple[str, ...]:
     """Names of the parts to compile beside this process; none where that is no gain."""
-    from rakelight.cli.compiling import CALLS, part_of
-    from rakelight.photometry import _kernels as _photographs  # noqa: F401 - registers its kernels
-    from rakelight.solve import _kernels as _solver  # noqa: F401
+    from rakelight.cli.compiling import not_compiled
 
     if not sys.executable or jit.cores() < 2 or available_memory() < ENOUGH_MEMORY:
         return ()
-    missing = {part_of(kernel) for kernel in jit.to_be_cached()}
-    return tuple(name for name in CALLS if name in missing)
+    return not_compiled()

@@ -81,7 +81,7 @@ def _bars(*last: Any) -> Any:
 def _compiled() -> bool:
     """Whether the kernels have been compiled by an earlier run."""
     from rakelight import jit
-    from rakelight.photometry import _kernels as _photographs  # noqa: F401 - registers its kernels
-    from rakelight.solve import _kernels as _solver  # noqa: F401
+    from rakelight.cli.compiling import load_kernels
 
+    load_kernels()
     return jit.compiled()

@@ -793,18 +793,18 @@ def subtract_eliminated(full, eliminated, hessian):
 
 @kernel
 def light_terms(*given):
-    """Derivatives of half the energy with the lights, of matte pixels; as `light_terms_of`."""
-    light_terms_of(None, None, None, *given)
+    """Derivatives of half the energy with the lights, of matte pixels; as `light_terms_block`."""
+    light_terms_block(None, None, None, *given)
 
 
 @kernel
 def light_terms_glossy(gloss, gloss_slope, gloss_cross, *given):
     """As `light_terms`, with highlights.  Apart, since most captures need not compile it."""
-    light_terms_of(gloss, gloss_slope, gloss_cross, *given)
+    light_terms_block(gloss, gloss_slope, gloss_cross, *given)
 
 
 @helper
-def light_terms_of(
+def light_terms_block(
     gloss, gloss_slope, gloss_cross, block, photos, table, active, gradient, points, camera,
     vectors, ambients, nearness, scales, albedo, parameters, project, hessian, slope, cross,
 ):  # fmt: skip

@@ -9,10 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight.methods.levels import Level
-from rakelight.methods.multi_light.equal_intensity import (
-    equal_intensity_energy,
-    equal_intensity_slope,
-)
+from rakelight.methods.multi_light.equal_intensity import equal_intensity_slope
 from rakelight.model import Floats
 from rakelight.photometry.images import LightParameters
 from rakelight.solve.robust import BY_CHANCE
@@ -105,9 +102,9 @@ def intensity_energy_after(
     """
     matrix = lights_transform(level, transform)
     vectors = lights.vector @ matrix.T
-    mean, slope = vectors.mean(axis=1), equal_intensity_slope(vectors) @ matrix
-    by_transform = np.append(np.vdot(slope, mean), (slope @ level.middle_m) @ mean)
-    return equal_intensity_energy(vectors), -by_transform
+    energy, slope = equal_intensity_slope(vectors)
+    mean, slope = vectors.mean(axis=1), slope @ matrix
+    return energy, -np.append(np.vdot(slope, mean), (slope @ level.middle_m) @ mean)
 
 
 def sensed_columns(level: Level, log_depth: Floats) -> tuple[Floats, Floats]:

@@ -39,14 +39,14 @@ def equal_intensity_energy(vectors: Floats) -> float:
     return float(freedom * np.log(variance))
 
 
-def equal_intensity_slope(vectors: Floats) -> Floats:
-    """(N, 3) derivatives of `equal_intensity_energy` with each vector's mean over the channels.
+def equal_intensity_slope(vectors: Floats) -> tuple[float, Floats]:
+    """`equal_intensity_energy`, and its (N, 3) derivatives with each vector's mean over channels.
 
     vectors : (N, C, 3), as in `LightParameters`
     """
     deviation, each, freedom, variance = _log_intensities(vectors)
     weight = 2 * freedom / max(len(each), 1) / variance
-    return np.asarray(weight * deviation[:, None] * _along(vectors))
+    return float(freedom * np.log(variance)), weight * deviation[:, None] * _along(vectors)
 
 
 def equal_intensity_derivatives(lights: LightParameters, parameters: int) -> tuple[Floats, Floats]:
