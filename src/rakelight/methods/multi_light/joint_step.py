@@ -8,7 +8,7 @@ one more unknown beside the lights.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -48,10 +48,56 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     return replace(lower, joint_damping=damping)
 
 
+@dataclass(frozen=True)
+class JointSystem:
+    """The normal equations of one step of lights and depth: the parts that `border` takes.
+
+    matrix : sparse (P, P) of the log depth of P pixels or cells; right : (P,) minus half the
+        energy's derivatives with it
+    columns : (P, F) mixed second derivatives of half the energy; hessian, slope : (F, F) and (F,)
+        derivatives of half the energy with the lights' free numbers and, last, with the relief's
+        scale, if that is one of the unknowns
+    cells : between whose centres the depth moves linearly; one pixel each where pixels move
+    relief : (h, w) the change of log depth with the relief's scale, or None
+    """
+
+    matrix: Any
+    right: Floats
+    columns: Floats
+    hessian: Floats
+    slope: Floats
+    cells: Cells
+    relief: Floats | None
+
+    def step(self, damping: float) -> tuple[Floats, Floats] | None:
+        """(h, w) step of log depth and (F,) of the lights' numbers; None where it is singular."""
+        joint = border(self.matrix, self.right, self.columns, self.hessian, self.slope)
+        if joint is None:
+            return None
+        correction, numbers = joint.step(damping)
+        field = np.zeros(self.cells.inside.shape)
+        field[self.cells.inside] = correction
+        depth = self.cells.interpolate(field)
+        if self.relief is None:
+            return depth, numbers
+        return depth + numbers[-1] * self.relief, numbers[:-1]
+
+
 def after_joint_step(level: Level, fit: Fit, most_cells: int, damping: float) -> Fit:
     """The state after one Gauss-Newton step of lights and depth together, whatever its energy.
 
     The same state, so that the step counts as refused, where its matrix is singular.
+    """
+    step = joint_system(level, fit, most_cells, damping).step(damping)
+    if step is None:
+        return fit
+    depth, numbers = step
+    moved = fit.model.moved(fit.lights, numbers)
+    return evaluated(level, fit, level.placed(fit.log_depth + depth), moved)
+
+
+def joint_system(level: Level, fit: Fit, most_cells: int, damping: float) -> JointSystem:
+    """The normal equations of a joint step, damped where photographs leave normals open.
 
     Above `most_cells` pixels the depth moves in cells, whose long wavelengths are those of the
     bas-relief valley; the depth step that follows moves the detail.
@@ -75,9 +121,8 @@ def after_joint_step(level: Level, fit: Fit, most_cells: int, damping: float) ->
     subsampling = level.photographs.subsampling(most)
     free = fit.model.jacobian(fit.lights)
     columns = uphill @ _subsampled_sums(mixed, subsampling, cell, cells.inside) @ free
-    relief_too = fit.model.near and cell > 1
-    if relief_too:
-        relief = relief_scaling(level, fit.log_depth)
+    relief = relief_scaling(level, fit.log_depth) if fit.model.near and cell > 1 else None
+    if relief is not None:
         gradient = gradient_image(relief, level.grid)
         along, weighted_relief = applied(tensor, gradient), weight * relief
         own = uphill @ cell_sums(along, cell)[cells.inside].ravel()
@@ -92,18 +137,8 @@ def after_joint_step(level: Level, fit: Fit, most_cells: int, damping: float) ->
         cell_sums(weight, cell), level.pairs if cell == 1 else None,
         STIFFNESS if cell == 1 else 1.0,
     )  # fmt: skip
-    joint = border(matrix, cells.gather(negative_gradient)[cells.inside], columns, hessian, slope)
-    if joint is None:
-        return fit
-    correction, numbers = joint.step(damping)
-    field = np.zeros(cells.inside.shape)
-    field[cells.inside] = correction
-    step = cells.interpolate(field)
-    if relief_too:
-        numbers, relief_change = numbers[:-1], numbers[-1]
-        step += relief_change * relief
-    moved = fit.model.moved(fit.lights, numbers)
-    return evaluated(level, fit, level.placed(fit.log_depth + step), moved)
+    right = cells.gather(negative_gradient)[cells.inside]
+    return JointSystem(matrix, right, columns, hessian, slope, cells, relief)
 
 
 def field_matrix(

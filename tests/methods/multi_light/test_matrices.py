@@ -1,0 +1,123 @@
+"""The steps' matrices beside the energy that they are to lower.
+
+Where nothing is left unexplained, Gauss-Newton's matrix is the energy's own: half the second
+difference of the energy along a direction is the direction's quadratic form.
+"""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from rakelight.methods.multi_light.energy import depth_system, evaluated, first_fit
+from rakelight.methods.multi_light.joint_step import joint_system
+from rakelight.methods.multi_light.light_model import LightModel
+from rakelight.photometry.images import LightParameters
+from rakelight.prepare.linear import linear_table
+from tests.methods.multi_light.test_energy import make_level
+from tests.photometry import plain_photographs as plain
+
+KINDS = {
+    "white": (1, 0.0, 0.0),
+    "coloured": (3, 0.0, 0.0),
+    "near": (1, 2.0, 0.0),
+    "glossy": (1, 0.0, 0.7),
+    "glossy near": (1, 2.0, 0.7),
+}
+"""The lights' channels and inverse distance, 1/m; the gloss over (0.1, 0.05, 0.2)."""
+
+
+@cache
+def perfect_fit(kind):
+    """A level, and the fit at its prior under the lights that have made its photographs."""
+    channels, inverse_distance, gloss = KINDS[kind]
+    level, rng = make_level(), np.random.default_rng(1)
+    prior = gaussian_filter(level.prior, 1.0)
+    shape = (len(level.photographs), channels)
+    lights = LightParameters(
+        rng.uniform(-0.2, 0.2, (*shape, 3)) - [0, 0, 0.5],
+        rng.uniform(0.02, 0.1, shape),
+        np.full(shape, inverse_distance),
+        gloss * np.array([0.1, 0.05, 0.2]),
+    )
+    surface = level.surface(prior)
+    albedo = rng.uniform(0.3, 0.9, (*level.mask.shape, 3))
+    light = albedo * plain.shading_of(level.photographs, surface, lights)
+    light += plain.highlight_of(level.photographs, surface, lights)
+    table = linear_table(np.dtype(np.uint16), "linear")
+    values = np.searchsorted(table, light).astype(np.uint16)
+    photographs = replace(level.photographs, values=values, table=table, low=1, high=65534)
+    level = replace(level, photographs=photographs, prior=prior, unbiased_prior=prior)
+    fit = first_fit(level, prior, lights, LightModel(near=inverse_distance > 0))
+    # Least squares: a robust loss is a parabola only within its scale, here that of rounding.  The
+    # sensor counts about as much as the photographs.
+    fit = replace(fit, scales=0 * fit.scales, noise=0.05)
+    return level, evaluated(level, fit, prior, lights)
+
+
+def half_second_difference(level, fit, depth, numbers):
+    """Of the energy, along a step of log depth (h, w) and of the lights' numbers (F,)."""
+    energies = []
+    for sign in (1, -1):
+        lights = fit.model.moved(fit.lights, sign * numbers)
+        energies.append(evaluated(level, fit, fit.log_depth + sign * depth, lights).energy)
+    return np.mean(energies) - fit.energy
+
+
+def light_direction(fit, size, seed):
+    """(F,) a step of the lights that does not make a channel of all brighter: nothing sees that."""
+    rng = np.random.default_rng(seed)
+    brighter = fit.model.free(fit.lights.brighter(2.0).numbers - fit.lights.numbers)
+    step = rng.normal(size=brighter.shape)
+    share = (step * brighter).sum((0, 2)) / (brighter**2).sum((0, 2))
+    step = (step - share[:, None] * brighter).ravel()
+    return size * np.append(step, rng.normal(size=3) if fit.lights.gloss.any() else [])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_without_stiffness_a_joint_steps_matrix_is_gauss_newtons(kind, monkeypatch):
+    monkeypatch.setattr("rakelight.methods.multi_light.joint_step.STIFFNESS", 0.0)
+    level, fit = perfect_fit(kind)
+    # The matrix is without fourth differences.
+    fit = evaluated(
+        level, replace(fit, fourth_difference_weight=0 * fit.scales), fit.log_depth, fit.lights
+    )
+    system = joint_system(level, fit, 10**6, damping=0.0)
+    for seed in range(3):
+        numbers = light_direction(fit, 1e-4, seed)
+        light_part = numbers @ system.hessian @ numbers
+        # Where the mixed derivatives are large, and as much of the energy as the lights' step.
+        field = np.sign(system.columns @ numbers)
+        field *= np.sqrt(light_part / (field @ (system.matrix @ field)))
+        depth = np.zeros(level.mask.shape)
+        depth[level.mask] = field
+        both = 2 * field @ (system.columns @ numbers)
+        assert both > 0.1 * light_part
+        for s, t in ((1, 0), (0, 1), (1, 1), (1, -1)):
+            form = (s * s + t * t) * light_part + s * t * both
+            expected = half_second_difference(level, fit, s * depth, t * numbers)
+            assert form == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_steps_matrices_are_never_softer_than_the_energy_and_stiffer_where_it_is_rough(kind):
+    level, fit = perfect_fit(kind)
+    white = np.random.default_rng(2).normal(size=level.mask.shape)
+    checkerboard = (-1.0) ** np.indices(level.mask.shape).sum(axis=0)
+    of_both = joint_system(level, fit, 10**6, damping=0.0).matrix
+    of_depth = depth_system(level, fit, fit.linearization.jtwj)
+    over_energy = []
+    for image in (3 * gaussian_filter(white, 4.0), white, checkerboard):
+        step = 1e-5 * image * level.mask
+        field, lights = step[level.mask], np.zeros(fit.model.jacobian(fit.lights).shape[1])
+        energy = half_second_difference(level, fit, step, lights)
+        forms = field @ (of_both @ field), np.vdot(step, of_depth.apply(step))
+        over_energy.append([form / energy for form in forms])
+    smooth, noise, board = over_energy
+    assert 1 <= smooth[0] < 1.001 < smooth[1] < 1.03
+    assert 1.04 < noise[0] < 1.1
+    assert noise[1] > 2.5
+    assert 1.1 < board[0] < 2
+    assert board[1] > 5
