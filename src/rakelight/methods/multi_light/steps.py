@@ -26,8 +26,8 @@ from rakelight.solve.gauss_newton import damped_solution
 from rakelight.solve.levenberg_marquardt import lowered
 from rakelight.solve.robust import NOTABLE, ROUNDS
 
-# Relative residual to which a depth step is solved; the next step starts from the rest
-# (ablation.md: halved 1.00, doubled 0.99).
+# Relative residual to which a depth step is solved; the next step starts from the rest (5 %: 1.03
+# over 50 draws, and tiles agree less where they overlap; ablation.md).
 STEP_TOLERANCE = 2e-2
 
 
@@ -134,10 +134,13 @@ def try_bas_relief(level: Level, fit: Fit, options: MultiLight) -> Fit:
         return fit
     weight = fit.equal_intensity_weight
     fit = replace(reset_scale(level, fit), equal_intensity_weight=weight)
+    small = options.tolerance * fit.linearization.energy
     starts = fit, after_bas_relief(level, fit, with_light_slope=True)
-    both = (depth_step(level, refine_lights(level, start)) for start in starts)
-    moved = (joint_step(level, each, options.coarse_pixels) for each in both)
-    return min(moved, key=lambda each: each.energy)
+    lit = [refine_lights(level, start, small) for start in starts]
+    if abs(lit[0].energy - lit[1].energy) < small:  # the same surface, as far as a level converges
+        lit = lit[:1]
+    both = (joint_step(level, depth_step(level, each), options.coarse_pixels) for each in lit)
+    return min(both, key=lambda each: each.energy)
 
 
 def after_bas_relief(level: Level, fit: Fit, with_light_slope: bool = False) -> Fit:
@@ -149,10 +152,15 @@ def after_bas_relief(level: Level, fit: Fit, with_light_slope: bool = False) -> 
     return evaluated(level, fit, log_depth, lights, with_light_slope=with_light_slope)
 
 
-def refine_lights(level: Level, fit: Fit) -> Fit:
-    """The state after `ROUNDS` steps of the lights alone."""
+def refine_lights(level: Level, fit: Fit, small: float = 0.0) -> Fit:
+    """The state after `ROUNDS` steps of the lights alone, or until one lowers the energy by less.
+
+    small : than this
+    """
     for _ in range(ROUNDS):
-        fit = lights_step(level, fit)
+        before, fit = fit, lights_step(level, fit)
+        if before.energy - fit.energy < small:
+            break
     return fit
 
 
