@@ -2,7 +2,7 @@
 
     python benchmarks/ablation.py --seeds 0:50 --size 0.5 --jobs 2 [-o out/ablation.json]
     python benchmarks/ablation.py --method rgb-ratio
-    python benchmarks/ablation.py --only fit.FOURTH_DIFFERENCE_WEIGHT weights.MOST_WEIGHT
+    python benchmarks/ablation.py --only energy.FOURTH_DIFFERENCE_WEIGHT robust.NOTABLE
     python benchmarks/ablation.py --read out/ablation.json
 
 A constant is a name in capitals to which a module of the method gives a number or several.  It is
@@ -68,8 +68,6 @@ OFF: dict[str, Any] = {
     "model_selection.MOST_VARIED_DISTANCES": np.inf,
     "energy.FOURTH_DIFFERENCE_WEIGHT": 0.0,
     "levels.FILLED": 1e-9,
-    "specular.LEAST_EXPLAINED": 2.0,
-    "factored_start.FREEDOM": 1e9,
     "robust.CAUCHY": 1e9,
 }
 """Values with which a constant does nothing."""

@@ -16,18 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from rakelight.model import Floats
-from rakelight.solve.robust import CAUCHY, ROUNDS
+from rakelight.solve.robust import CAUCHY, NOTABLE, ROUNDS
 
 # Exponents of the lobes, each half as wide as the one before: 24, 12 and 6 degrees at half of their
 # maximum (ablation.md: halved 1.07, doubled 1.00).  The kernels, too, take fourth powers.
 EXPONENTS = (8, 32, 128)
-# Least fraction of the squared residuals that the lobes have to explain (ablation.md: off 1.01; on
-# the scenes of accuracy.py hard, which have highlights, 3.23 degrees instead of 1.78).
-LEAST_EXPLAINED = 0.02
-# Largest specular fraction of a value that is used (three times as large 1.03, any fraction 1.05
-# on 30 glossy draws, random-captures.md); raised until half of the values, and at least so many,
-# remain in this fraction of the pixels.
-SPECULAR_FRACTION, FEWEST_VALUES, KEPT_PIXELS = 0.05, 6, 0.9
 TINY = 1e-12
 
 
@@ -57,7 +50,7 @@ class Highlights:
         """
         unit = lobes(normals, points_m, arriving)
         coefficients, explained = lobe_coefficients(values, normals, arriving, ambient, unit)
-        if explained < LEAST_EXPLAINED or not coefficients.any():
+        if explained < NOTABLE or not coefficients.any():
             return cls.none()
         return cls(coefficients, specular_limit(values, np.tensordot(coefficients, unit, 1)))
 
@@ -155,8 +148,10 @@ def _least_squares(lobe: Floats, unexplained: Floats, weight: Floats) -> Floats:
 def specular_limit(values: Floats, specular: Floats) -> float:
     """The largest fraction of a value (N, P, 3) that may be specular (N, P, C) for it to be used.
 
-    A narrow highlight changes more with the normal than the shading does, and is not quite of this
-    shape.  But a wide one is in most photographs: the limit is raised so that enough values remain.
+    `NOTABLE`, since a narrow highlight changes more with the normal than the shading does, and is
+    not quite of this shape (three times as much 1.03, any fraction 1.05 on 30 glossy draws,
+    random-captures.md).  But a wide one is in most photographs: in all but `NOTABLE` of the pixels
+    half of the values remain, and at least three, as many as a scaled normal has numbers.
 
     >>> narrow = np.array([0.3] + 7 * [0.0]).reshape(8, 1, 1)
     >>> specular_limit(np.full((8, 1, 3), 0.6), narrow)
@@ -165,6 +160,6 @@ def specular_limit(values: Floats, specular: Floats) -> float:
     0.167
     """
     fraction = np.where(values > 0, specular / np.maximum(values, TINY), np.inf)
-    enough = max(len(values) // 2, min(len(values), FEWEST_VALUES))
+    enough = max(len(values) // 2, min(len(values), 3))
     last = np.sort(fraction, axis=0)[enough - 1]
-    return max(SPECULAR_FRACTION, float(np.quantile(last, KEPT_PIXELS, method="higher")))
+    return max(NOTABLE, float(np.quantile(last, 1 - NOTABLE, method="higher")))

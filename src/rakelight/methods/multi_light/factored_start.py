@@ -9,8 +9,8 @@ also fits the sensor's depth z:
     N_g log sum w f^2 |G p - g|^2  +  N_s log(M + sum (K p - z)^2 / sigma^2)
                                    -  (N_g / P) sum log(|det A| / c^3),     c = -m . ray,
 
-g = (m_1 / f_x, m_2 / f_y) / c being the gradient of log depth, w weights of a Student-t.  The last
-sum is the change of variables from b to slopes: without it a flatter surface would always fit
+g = (m_1 / f_x, m_2 / f_y) / c being the gradient of log depth, w weights of a Cauchy loss.  The
+last sum is the change of variables from b to slopes: without it a flatter surface would always fit
 better.  For given A and weights p is a linear least-squares solution, its matrix factored once; A
 has eight degrees of freedom and is found by BFGS from several starts, each also mirrored: convex
 and concave fit the photographs alike, and only the sensor distinguishes them.
@@ -31,20 +31,15 @@ from rakelight.geometry.grid import Links, has_gradient
 from rakelight.methods.base import scatter
 from rakelight.methods.ldr_ps import Factors, LdrPs, factorise, integrable_basis
 from rakelight.methods.levels import CORRELATION_PX, Level
-from rakelight.methods.multi_light.initial_lights import LEAST_FACING, bas_relief_of_slopes
+from rakelight.methods.multi_light.initial_lights import bas_relief_of_slopes
 from rakelight.model import Floats, Mask
 from rakelight.photometry.images import LightParameters
 from rakelight.solve.direct import factorised
-from rakelight.solve.robust import ROUNDS
+from rakelight.solve.robust import CAUCHY, NOTABLE, ROUNDS
 
 # Standard deviation of slopes, radians: at first (ablation.md: halved 1.09, doubled 1.18), and the
 # least.
 FIRST_SLOPE_RAD, LEAST_SLOPE_RAD = np.radians(3.0), np.radians(0.3)
-# Degrees of freedom of the slopes' Student-t, which jumps and shadows make heavy-tailed
-# (ablation.md: normal 1.08, halved 1.14, doubled 1.08).
-FREEDOM = 4.0
-# Most iterations of BFGS in a round of reweighting (ablation.md: 1.05 to 1.08).
-BFGS_STEPS = 15
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +113,7 @@ class Problem:
         normals = self.directions @ A.T
         toward = -np.sum(normals * self.rays, axis=1)
         typical = float(np.median(np.abs(toward[self.determined])))
-        toward = np.maximum(toward, LEAST_FACING * typical)
+        toward = np.maximum(toward, NOTABLE * typical)
         return normals[:, :2] / self.focal / toward[:, None], toward
 
     @cached_property
@@ -170,8 +165,10 @@ class Candidate:
     cost: float
 
 
-def factored_start(level: Level) -> tuple[Floats, LightParameters] | None:
+def factored_start(level: Level, iterations: int) -> tuple[Floats, LightParameters] | None:
     """(h, w) log depth and white distant lights that explain the photographs and fit the sensor.
+
+    iterations : most of BFGS in a round of reweighting
 
     None where the photographs do not have rank three, as under lights in one plane.
     """
@@ -185,7 +182,7 @@ def factored_start(level: Level) -> tuple[Floats, LightParameters] | None:
     try:
         factors = factorise(values, usable, LdrPs())
         problem = Problem.of(level, scatter(factors.normals, mask), determined)
-        found = [descended(problem, A) for A in matrices(level, factors, determined)]
+        found = [descended(problem, A, iterations) for A in matrices(level, factors, determined)]
         best = min((each for each in found if np.isfinite(each.cost)), key=lambda each: each.cost)
         vector = factors.lights @ np.linalg.inv(best.A)
     except (np.linalg.LinAlgError, RuntimeError, ValueError):  # singular
@@ -223,7 +220,7 @@ def matrices(level: Level, factors: Factors, determined: Mask) -> Iterator[Float
         yield np.array([[-1.0, 0.0, u], [0.0, -1.0, v], [0.0, 0.0, 1.0]]) @ facing
 
 
-def descended(problem: Problem, A: Floats) -> Candidate:
+def descended(problem: Problem, A: Floats, iterations: int) -> Candidate:
     """The local minimum that BFGS finds from A, the weights estimated again after each round."""
     from scipy.optimize import minimize
 
@@ -232,7 +229,7 @@ def descended(problem: Problem, A: Floats) -> Candidate:
         # SciPy's "BFGS" changes the filter of warnings, which other threads share, while it runs.
         A = minimize(
             problem.cost, A.ravel(), jac=True, method="L-BFGS-B",
-            options={"maxiter": BFGS_STEPS, "maxcor": A.size},
+            options={"maxiter": iterations, "maxcor": A.size},
         ).x.reshape(3, 3)  # fmt: skip
         A /= np.cbrt(abs(np.linalg.det(A)))
         problem = reweighted(problem, A)
@@ -244,7 +241,7 @@ def reweighted(problem: Problem, A: Floats) -> Problem:
     """The problem with its weights estimated again, from the residuals at A."""
     log_depth, residual = problem.surface(problem.slopes(A)[0])
     square, variance = problem.slope_errors(residual)
-    relative = problem.determined / (1 + square / (FREEDOM * variance))
+    relative = problem.determined / (1 + square / (CAUCHY**2 * variance))
     least = 2 * np.count_nonzero(problem.determined) * LEAST_SLOPE_RAD**2
     sensor_sum = problem.sum_of_squares(log_depth) + len(problem.target)
     return problem.weighted(relative, float(relative @ square) + least, sensor_sum)
@@ -257,8 +254,8 @@ def comparable_cost(problem: Problem, A: Floats, log_depth: Floats, residual: Fl
     """
     determined = problem.determined
     square, variance = problem.slope_errors(residual)
-    outside = np.log1p(square[determined] / (FREEDOM * variance))
-    tails = np.mean(0.5 * (FREEDOM + 2) * outside) + np.log(variance)
+    outside = np.log1p(square[determined] / (CAUCHY**2 * variance))
+    tails = np.mean(0.5 * CAUCHY**2 * outside) + np.log(variance)
     _, toward = problem.slopes(A)
     volume = np.linalg.slogdet(A)[1] - 3 * float(np.mean(np.log(toward[determined])))
     slopes, sensor = problem.counts

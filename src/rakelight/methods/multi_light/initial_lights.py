@@ -13,11 +13,7 @@ from rakelight.methods.levels import Level
 from rakelight.model import Floats, GivenLights
 from rakelight.photometry.images import LightParameters
 from rakelight.photometry.lighting import estimate_light
-from rakelight.solve.robust import CAUCHY, ROUNDS
-
-# Least component of a normal towards the camera, of unit length or over the median, whose slope is
-# used: near 0 the slope is unbounded.  0.05 and 0.1 are alike on 60 draws (ablation.md).
-LEAST_FACING = 0.05
+from rakelight.solve.robust import CAUCHY, NOTABLE, ROUNDS
 
 
 def lights_of_prior(level: Level) -> LightParameters:
@@ -96,7 +92,8 @@ def bas_relief_of_slopes(scaled: Floats, normals: Floats) -> Floats:
     >>> bas_relief_of_slopes(normals @ np.linalg.inv(G), normals).round(6).tolist()
     [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.2, -0.1, 0.5]]
     """
-    facing = np.abs(scaled[:, 2]) > LEAST_FACING * np.linalg.norm(scaled, axis=1)
+    # The slope of a normal at right angles to the view is unbounded.
+    facing = np.abs(scaled[:, 2]) > NOTABLE * np.linalg.norm(scaled, axis=1)
     if not facing.any():
         raise np.linalg.LinAlgError("no slopes")
     slopes, targets = (each[facing, :2] / each[facing, 2:] for each in (scaled, normals))

@@ -23,9 +23,6 @@ from rakelight.model import GivenLights, ProgressCallback
 from rakelight.photometry.images import LightParameters
 from rakelight.solve.robust import NOTABLE, SMALLEST_NOISE
 
-# Pixels of the object above which a level is halved for the factorisation, which is as good there
-# and faster (ablation.md: halved 0.98, doubled 1.12).
-FACTORED_PIXELS = 2000
 # The object's radius over the distance at which all near lights start (ablation.md: halved 1.01,
 # doubled 1.00), and the least at which they are near: descents are slower than with distant ones
 # (halved 0.87, one draw of 12; doubled 1.00).
@@ -52,7 +49,7 @@ def select_model(
     given : lights that are one more start or, fixed, the only one
     """
     along = partial(descents, level, options, progress)
-    begins = list(starts(level, given))
+    begins = list(starts(level, given, options.max_iterations))
     # Under the least weight correlated errors of the sensor's depth bend the lights least.
     least, larger = weights[:1], weights[1:]
     best = cheapest(level, [each for fit in begins for each in along(stage, least, fit)])
@@ -152,15 +149,15 @@ def cost(level: Level, fit: Fit) -> float:
     return float(total)
 
 
-def starts(level: Level, given: GivenLights | None) -> Iterator[Fit]:
-    """The states to begin with: distant lights, white unless given otherwise, one ambient ratio."""
+def starts(level: Level, given: GivenLights | None, iterations: int) -> Iterator[Fit]:
+    """The states to begin with: distant lights, white unless given otherwise, one ambient ratio.
+
+    iterations : see `factored_start`
+    """
     if given is None or not given.fixed:
         yield first_fit(level, level.prior, lights_of_prior(level), SHARED_AMBIENT)
-        small = level if np.count_nonzero(level.mask) <= FACTORED_PIXELS else level.halved()
-        if factored := factored_start(small):
-            log_depth, lights = factored
-            log_depth = log_depth if small is level else level.carried(small, log_depth)
-            yield first_fit(level, log_depth, lights, SHARED_AMBIENT)
+        if factored := factored_start(level, iterations):
+            yield first_fit(level, *factored, SHARED_AMBIENT)
     if given is not None:
         yield given_fit(level, given)
 

@@ -26,7 +26,8 @@ from rakelight.model import Floats
 from rakelight.photometry.images import Linearization
 from rakelight.solve.robust import variance_beyond
 
-# Standard deviation, pixels, of the Gaussian window in which tau is estimated.
+# Standard deviation, pixels, of the Gaussian window in which tau is estimated (5 instead: 1.003
+# over 50 draws, but 0.242 instead of 0.226 degrees on a smooth sphere; ablation.md).
 LOCAL_PX = 3.0
 TINY = 1e-30
 
