@@ -3,6 +3,7 @@
     python benchmarks/ablation.py --seeds 0:50 --size 0.5 --jobs 2 [-o out/ablation.json]
     python benchmarks/ablation.py --method rgb-ratio
     python benchmarks/ablation.py --only energy.FOURTH_DIFFERENCE_WEIGHT robust.NOTABLE
+    python benchmarks/ablation.py --seeds 0:50 --jobs 2 --go-on      # after a stop
     python benchmarks/ablation.py --read out/ablation.json
 
 A constant is a name in capitals to which a module of the method gives a number or several.  It is
@@ -240,15 +241,21 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2, help="processes of one thread each")
     add_sources(parser)
     parser.add_argument("--only", nargs="*", default=[], help="MODULE.NAME")
+    parser.add_argument("--go-on", action="store_true", help="with what the output is without")
     parser.add_argument("-o", "--output", type=Path, default=Path("out/ablation.json"))
     parser.add_argument("--read", type=Path, metavar="JSON", help="a run, instead of running")
     arguments = parser.parse_args()
     if arguments.read:
         print(*table(json.loads(arguments.read.read_text())), sep="\n")
         return
-    wanted = trials(arguments.method, arguments.only)
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
-    records = []
+    records = json.loads(arguments.output.read_text()) if arguments.go_on else []
+    done = {(record["label"], record["what"]) for record in records}
+    wanted = [
+        each
+        for each in trials(arguments.method, arguments.only)
+        if (each.label, each.what) not in done
+    ]
     with tempfile.TemporaryDirectory() as folder, processes(arguments.jobs) as pool:
         pool.map(partial(render, arguments=arguments, folder=Path(folder)), arguments.seeds)
         run = partial(refined, method=arguments.method, folder=Path(folder))
