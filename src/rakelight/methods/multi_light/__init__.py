@@ -49,10 +49,11 @@ from rakelight.solve.robust import ROUNDS
 
 # Depth weights that the coarsest level chooses from, multiples of white noise's, 1/variance, times
 # the result's pixels in a depth pixel over which the photographs' errors are correlated: all of
-# them up to a side of `CORRELATION_PX` (ablation.md: halved 0.94, doubled 1.01).
+# them up to a side of `CORRELATION_PX` (ablation.md: halved 0.96, doubled 1.03).
 FIRST_DEPTH_WEIGHTS = (0.01, 0.1, 1.0, 10.0)
 # Factor of the depth weight per halving of the resolution: a coarser level explains averaged
-# photographs, and only roughly (ablation.md: halved 1.03; uw-owl then 5.3 degrees instead of 4.7).
+# photographs, and only roughly (ablation.md: off 0.98, but correlated errors of the depth then
+# count too much at the coarsest level).
 COARSER_WEIGHT = 2.0
 
 

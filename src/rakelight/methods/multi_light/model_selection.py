@@ -23,12 +23,13 @@ from rakelight.model import GivenLights, ProgressCallback
 from rakelight.photometry.images import LightParameters
 from rakelight.solve.robust import NOTABLE, SMALLEST_NOISE
 
-# The object's radius over the distance at which all near lights start (ablation.md: halved 1.01,
-# doubled 1.00), and the least at which they are near: descents are slower than with distant ones
-# (halved 0.87, one draw of 12; doubled 1.00).
+# The object's radius over the distance at which all near lights start (ablation.md: halved 1.02,
+# doubled 1.04), and the least at which they are near: descents are slower than with distant ones
+# (halved 1.00, doubled 1.00).
 FIRST_RADIUS_OVER_DISTANCE, LEAST_RADIUS_OVER_DISTANCE = 0.15, 0.03
 # Interquartile range of the lights' inverse distances, over their median, up to which they are a
-# lamp's in a hand; wider ones have to be earned (ablation.md: all of them free 1.07).
+# lamp's in a hand; wider ones have to be earned (ablation.md: all of them free 0.95, by one draw
+# of 50).
 MOST_VARIED_DISTANCES = 0.5
 # Of the lights at the coarsest level: they are determined on low relief, too.
 SHARED_AMBIENT = LightModel(shared_ambient=True)
