@@ -241,7 +241,11 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2, help="processes of one thread each")
     add_sources(parser)
     parser.add_argument("--only", nargs="*", default=[], help="MODULE.NAME")
-    parser.add_argument("--go-on", action="store_true", help="with what the output is without")
+    parser.add_argument(
+        "--go-on",
+        action="store_true",
+        help="only the trials that the output does not hold yet, of the same draws",
+    )
     parser.add_argument("-o", "--output", type=Path, default=Path("out/ablation.json"))
     parser.add_argument("--read", type=Path, metavar="JSON", help="a run, instead of running")
     arguments = parser.parse_args()

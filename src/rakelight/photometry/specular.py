@@ -149,9 +149,9 @@ def specular_limit(values: Floats, specular: Floats) -> float:
     """The largest fraction of a value (N, P, 3) that may be specular (N, P, C) for it to be used.
 
     `NOTABLE`, since a narrow highlight changes more with the normal than the shading does, and is
-    not quite of this shape (three times as much 1.03, any fraction 1.05 on 30 glossy draws,
-    random-captures.md).  But a wide one is in most photographs: in all but `NOTABLE` of the pixels
-    half of the values remain, and at least three, as many as a scaled normal has numbers.
+    not quite of this shape.  But a wide one is in most photographs: the limit is raised until half
+    of the values remain, and at least three, as many as a scaled normal has numbers, in all but
+    the fraction `NOTABLE` of the pixels.
 
     >>> narrow = np.array([0.3] + 7 * [0.0]).reshape(8, 1, 1)
     >>> specular_limit(np.full((8, 1, 3), 0.6), narrow)
@@ -162,4 +162,6 @@ def specular_limit(values: Floats, specular: Floats) -> float:
     fraction = np.where(values > 0, specular / np.maximum(values, TINY), np.inf)
     enough = max(len(values) // 2, min(len(values), 3))
     last = np.sort(fraction, axis=0)[enough - 1]
+    # On 30 glossy draws three times this limit has 1.03 times the angle, no limit 1.05 times
+    # (random-captures.md).
     return max(NOTABLE, float(np.quantile(last, 1 - NOTABLE, method="higher")))

@@ -8,9 +8,9 @@ from typing import Protocol, TypeVar
 # Factor of the damping after a refused step, and its inverse after an accepted one (ablation.md:
 # halved 1.11, doubled 1.00).
 FACTOR = 8.0
-# Least damping, and the inverse of the largest, at which a step is next to nothing.  With less,
-# 1e-6, random draws come out alike, but a coin under near lights is 1.1 degrees off instead of 0.7;
-# with 100 at most instead of 1000 they come out alike, too (ablation.md).
+# Least damping; the largest is its inverse, with which a step is next to nothing.  With a least
+# damping of 1e-6 random draws come out alike, but a coin under near lights is 1.1 degrees off
+# instead of 0.7.  With a largest one of 100 they come out alike, too (ablation.md).
 LEAST = 1e-3
 
 

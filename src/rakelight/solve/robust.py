@@ -13,8 +13,9 @@ CAUCHY = 2.385
 # steps of the lights alone, and the most at a level that is not the last, where to converge gains
 # nothing (ablation.md: of 3 instead of 4, 6 and 12 one of 50 draws is better by 5 %, one worse).
 ROUNDS = 3
-# Fraction by which residuals have to be smaller to count as smaller: those of another model or of
-# the next step (ablation.md: doubled 1.00 to 1.08, off 0.98 and 1.00).
+# Fraction up to which a part of a whole is next to nothing: what residuals lose by another model or
+# the next step, what of them lobes explain, what of a value is specular, and how far a normal faces
+# the camera (ablation.md: of residuals, doubled 1.00 to 1.08, off 0.98 and 1.00).
 NOTABLE = 0.05
 # Standard deviations up to which a value may be off by chance (ablation.md: 4 for clipped errors
 # 1.00).

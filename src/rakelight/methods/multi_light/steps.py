@@ -153,9 +153,9 @@ def after_bas_relief(level: Level, fit: Fit, with_light_slope: bool = False) -> 
 
 
 def refine_lights(level: Level, fit: Fit, small: float = 0.0) -> Fit:
-    """The state after `ROUNDS` steps of the lights alone, or until one lowers the energy by less.
+    """The state after `ROUNDS` steps of the lights alone, or fewer.
 
-    small : than this
+    small : a step that lowers the energy by less than this is the last
     """
     for _ in range(ROUNDS):
         before, fit = fit, lights_step(level, fit)
