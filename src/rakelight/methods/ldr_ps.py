@@ -164,7 +164,7 @@ def factorise(values: Floats, lit: Mask, options: LdrPs) -> Factors:
     count = values.shape[1]
     some = np.unique(np.linspace(0, count - 1, min(count, LIGHT_PIXELS)).astype(int))
     seen, W = values[:, some], lit[:, some].astype(np.float64)
-    lights = np.linalg.svd(seen, full_matrices=False)[0][:, :3]
+    lights = np.linalg.eigh(seen @ seen.T)[1][:, -3:]
     energy = [np.inf]
     for _ in range(options.max_iterations):
         normals = least_squares(lights, seen, W)

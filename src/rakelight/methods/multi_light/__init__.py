@@ -83,9 +83,6 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
         fit = reset_scale(level, replace(descent.fit, lights=lights), log_depth)
         # At the finest level the depth alone, to take up detail; the lights move in step 5.
         descent = descend(level, fit, briefly, progress, stage(index), together=index > 0)
-        # Under near lights the sensor's bas-relief may be closer to the minimum: a step from both.
-        if index > 0:
-            descent = replace(descent, fit=try_bas_relief(level, descent.fit, options))
 
     # 4. The depth weight from the errors of both sides, now that there are residuals.
     first_weight = weight

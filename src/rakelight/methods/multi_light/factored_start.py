@@ -129,11 +129,16 @@ class Problem:
     def _along(self) -> Floats:
         return (self.slope_weight[:, None] * self.focal**2).ravel()
 
+    @cached_property
+    def _right_sides(self) -> tuple[Any, Floats]:
+        """Of the surface's equations: a matrix (P, 2 P) for slopes, and the sensor's side (P,)."""
+        sensed = self.sensor.T @ (self.sensor_weight * self.precision * self.target)
+        return (self.gradient.T @ diags_array(self._along)).tocsr(), sensed
+
     def surface(self, slopes: Floats) -> tuple[Floats, Floats]:
         """(P,) log depth p with slopes (P, 2) nearest to those, and G p - g (P, 2)."""
-        right = self.gradient.T @ (self._along * slopes.ravel())
-        right += self.sensor.T @ (self.sensor_weight * self.precision * self.target)
-        log_depth = self._factor.solve(right)
+        by_slopes, sensed = self._right_sides
+        log_depth = self._factor.solve(by_slopes @ slopes.ravel() + sensed)
         return log_depth, (self.gradient @ log_depth).reshape(-1, 2) - slopes
 
     def cost(self, flat: Floats) -> tuple[float, Floats]:

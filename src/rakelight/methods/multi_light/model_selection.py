@@ -55,10 +55,12 @@ def select_model(
     least, larger = weights[:1], weights[1:]
     best = cheapest(level, [each for fit in begins for each in along(stage, least, fit)])
     if options.lights != "white":
-        coloured = along("try coloured lights", least, with_coloured_lights(best.fit))[0]
-        freer, white = (each.fit.linearization.noise_sigma for each in (coloured, best))
+        # Whether colours explain more shows at this depth already, by the lights alone.
+        coloured = refine_lights(level, with_coloured_lights(best.fit))
+        freer, white = (each.linearization.noise_sigma for each in (coloured, best.fit))
         if options.lights == "coloured" or freer < (1 - NOTABLE) * white:
-            best, begins = coloured, [with_coloured_lights(fit) for fit in begins]
+            best = along("try coloured lights", least, coloured)[0]
+            begins = [with_coloured_lights(fit) for fit in begins]
     choices = [best, *along("try a larger depth weight", larger, best.fit)]
     if options.distance != "distant" and best.fit.model.directions is None:
         near = near_choices(level, weights, begins, options, progress)

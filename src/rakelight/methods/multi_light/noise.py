@@ -115,6 +115,7 @@ def block_variances(error: Floats, seen: Mask) -> list[tuple[int, float]]:
     count, side = int(np.count_nonzero(seen)), 2
     found = [(1, deviation**2)]
     while count >= FEWEST_BLOCKS * side**2:
-        found.append((side, float((cell_sums(error, side) ** 2).sum()) / count))
+        error = cell_sums(error, 2)
+        found.append((side, float(np.vdot(error, error)) / count))
         side *= 2
     return found
