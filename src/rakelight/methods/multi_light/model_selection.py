@@ -101,9 +101,8 @@ def near_choices(
 
     Their fall-off determines the relief, and finds it from a surface that is near the sensor's.
     If that surface has no relief, the lights come out so near that all shading is fall-off;
-    therefore the last descent begins at the start with the smallest residuals, under the least
-    weight.  If the lights come out far away, no smaller weight is tried, unless `options` ask for
-    near ones.
+    therefore each start has a descent under the least weight as well.  If the lights come out far
+    away, no smaller weight is tried, unless `options` ask for near ones.
     """
     along = partial(descents, level, options, progress, "try near lights")
     most, least = (level.weighted(each) for each in (weights[-1], weights[0]))
@@ -113,11 +112,8 @@ def near_choices(
     if nearness < LEAST_RADIUS_OVER_DISTANCE and options.distance != "near":
         return [best]
     smaller = along(weights[:-1][::-1], best.fit)
-    start = min(
-        (with_near_lights(least, fit) for fit in (best.fit, *begins)),
-        key=lambda fit: fit.linearization.noise_sigma,
-    )
-    return [best, *smaller, *along(weights[:1], start)]
+    again = [each for fit in begins for each in along(weights[:1], with_near_lights(least, fit))]
+    return [best, *smaller, *again]
 
 
 def cheapest(level: Level, choices: Sequence[Descent]) -> Descent:
