@@ -21,7 +21,7 @@ from rakelight.photometry.images import LightParameters
 # bas-relief transform (ablation.md: halved 0.92, doubled 1.15).
 GAUGE_FREEDOM = 4
 # Least standard deviation of log intensity: photographs do not determine intensity better
-# (ablation.md: halved 1.07, doubled 1.05).
+# (ablation.md: halved 0.99, doubled 1.01).
 LEAST_LOG_SIGMA = 0.005
 
 

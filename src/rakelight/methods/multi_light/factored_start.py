@@ -37,7 +37,7 @@ from rakelight.photometry.images import LightParameters
 from rakelight.solve.direct import factorised
 from rakelight.solve.robust import CAUCHY, NOTABLE, ROUNDS
 
-# Standard deviation of slopes, radians: at first (ablation.md: halved 1.09, doubled 1.18), and the
+# Standard deviation of slopes, radians: at first (ablation.md: halved 1.04, doubled 1.03), and the
 # least.
 FIRST_SLOPE_RAD, LEAST_SLOPE_RAD = np.radians(3.0), np.radians(0.3)
 

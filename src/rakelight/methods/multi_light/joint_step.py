@@ -33,7 +33,7 @@ from rakelight.solve.gauss_newton import border
 from rakelight.solve.levenberg_marquardt import lowered
 
 # Weight of one-sided differences over mean ones in the matrix of a joint step of pixels
-# (ablation.md: halved 1.16, doubled 1.04).  Cells have one-sided differences alone.
+# (ablation.md: halved 0.99, doubled 0.95).  Cells have one-sided differences alone.
 STIFFNESS = 0.03
 
 
