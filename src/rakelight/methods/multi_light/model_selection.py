@@ -224,4 +224,5 @@ def with_coloured_lights(fit: Fit) -> Fit:
         for part in (lights.vector, lights.ambient, lights.inverse_distance)
     )
     lights = LightParameters(vector, ambient, inverse_distance, lights.gloss)
-    return replace(fit, lights=lights)
+    # The residuals stay; derivatives with one light would not fit three.
+    return replace(fit, lights=lights, linearization=replace(fit.linearization, light_slope=None))
