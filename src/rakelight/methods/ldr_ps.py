@@ -164,6 +164,7 @@ def factorise(values: Floats, lit: Mask, options: LdrPs) -> Factors:
     count = values.shape[1]
     some = np.unique(np.linspace(0, count - 1, min(count, LIGHT_PIXELS)).astype(int))
     seen, W = values[:, some], lit[:, some].astype(np.float64)
+    # Its lights are singular vectors of the values, which are eigenvectors of a small matrix.
     lights = np.linalg.eigh(seen @ seen.T)[1][:, -3:]
     energy = [np.inf]
     for _ in range(options.max_iterations):

@@ -38,7 +38,7 @@ from rakelight.solve.direct import factorised
 from rakelight.solve.robust import CAUCHY, NOTABLE, ROUNDS
 
 # Standard deviation of slopes, radians: at first (ablation.md: halved 1.04, doubled 1.03), and the
-# least.
+# least (halved 1.01, doubled 0.99).
 FIRST_SLOPE_RAD, LEAST_SLOPE_RAD = np.radians(3.0), np.radians(0.3)
 
 

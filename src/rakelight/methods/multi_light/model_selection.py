@@ -55,7 +55,7 @@ def select_model(
     least, larger = weights[:1], weights[1:]
     best = cheapest(level, [each for fit in begins for each in along(stage, least, fit)])
     if options.lights != "white":
-        # Whether colours explain more shows at this depth already, by the lights alone.
+        # At this depth the lights alone show already whether one per channel explains more.
         coloured = refine_lights(level, with_coloured_lights(best.fit))
         freer, white = (each.linearization.noise_sigma for each in (coloured, best.fit))
         if options.lights == "coloured" or freer < (1 - NOTABLE) * white:
@@ -105,14 +105,13 @@ def near_choices(
     away, no smaller weight is tried, unless `options` ask for near ones.
     """
     along = partial(descents, level, options, progress, "try near lights")
-    most, least = (level.weighted(each) for each in (weights[-1], weights[0]))
-    begun = [with_near_lights(most, fit) for fit in begins]
+    begun = [with_near_lights(level, fit) for fit in begins]
     best = cheapest(level, [each for fit in begun for each in along(weights[-1:], fit)])
     nearness = radius_over_distance(level, best.fit.lights)
     if nearness < LEAST_RADIUS_OVER_DISTANCE and options.distance != "near":
         return [best]
     smaller = along(weights[:-1][::-1], best.fit)
-    again = [each for fit in begins for each in along(weights[:1], with_near_lights(least, fit))]
+    again = [each for fit in begun for each in along(weights[:1], fit)]
     return [best, *smaller, *again]
 
 
@@ -224,5 +223,5 @@ def with_coloured_lights(fit: Fit) -> Fit:
         for part in (lights.vector, lights.ambient, lights.inverse_distance)
     )
     lights = LightParameters(vector, ambient, inverse_distance, lights.gloss)
-    # The residuals stay; derivatives with one light would not fit three.
+    # The residuals are the same; the derivatives, of one light, are to be found again for three.
     return replace(fit, lights=lights, linearization=replace(fit.linearization, light_slope=None))
