@@ -12,6 +12,7 @@ from rakelight.geometry.grid import Links, mean_gradient
 from rakelight.methods.levels import (
     FILLED,
     Level,
+    cut_at_measured_jumps,
     find_small_components,
     finest_level,
     held_to_measurements,
@@ -407,3 +408,20 @@ def test_links_are_cut_at_jumps_but_not_all_of_them():
     assert (after.down == before.down).all()
     everywhere = level.prior + 2.0 * (np.indices(level.mask.shape).sum(axis=0) % 2)
     assert level.cut(everywhere) is level
+
+
+def test_links_are_cut_where_measurements_as_fine_as_the_photographs_jump():
+    fine, coarse = make_prepared(), make_prepared(factor=2)
+    carried = replace(fine, own_view=False)
+    pixel_m = 0.8 / fine.camera.fx
+    for prepared, jumps in ((fine, [15]), (coarse, []), (carried, [])):
+        measured = prepared.sensor.depth_m
+        column = np.indices(measured.shape)[1]
+        noise = np.random.default_rng(0).normal(0, 0.05 * pixel_m, measured.shape)
+        stepped = measured + noise + 6 * pixel_m * (column > measured.shape[1] // 2)
+        prepared = replace(prepared, sensor=replace(prepared.sensor, depth_m=stepped))
+        level = finest_level(prepared)
+        after = cut_at_measured_jumps(level, prepared)
+        lost = level.links.right & ~after.links.right
+        assert lost.any(axis=0).nonzero()[0].tolist() == jumps
+        assert (after.links.down == level.links.down).all()

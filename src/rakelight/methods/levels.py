@@ -30,6 +30,7 @@ from rakelight.model import BLACK, SATURATED, Array, Camera, Floats, Mask
 from rakelight.photometry.images import Photographs, Surface
 from rakelight.prepare import Prepared
 from rakelight.prepare.inpaint import nearest_fill
+from rakelight.prepare.jumps import without_seen_jumps
 from rakelight.prepare.linear import linear_table
 from rakelight.solve.direct import factorised
 
@@ -210,18 +211,20 @@ class Level:
     def cut(self, log_depth: Floats) -> Level:
         """This level with its links cut at the jumps of `log_depth` (h, w) as well.
 
-        Itself where nothing would be left that has a normal: then the depth is no surface.
+        Itself where no pixel would have a normal: then the depth is no surface.
         """
         here = self.links
         steep = surface_links(np.exp(log_depth), here.mask, self.camera)
-        both = Links(here.mask, here.right & steep.right, here.down & steep.down)
-        if not has_gradient(both).any():
+        return self.linked(Links(here.mask, here.right & steep.right, here.down & steep.down))
+
+    def linked(self, links: Links) -> Level:
+        """This level with these links; itself where they leave no pixel that has a normal."""
+        if not has_gradient(links).any():
             return self
-        small_components = find_small_components(both, self.averaging)
         return replace(
             self,
-            photographs=replace(self.photographs, grid=both),
-            small_components=small_components,
+            photographs=replace(self.photographs, grid=links),
+            small_components=find_small_components(links, self.averaging),
         )
 
     def halved(self) -> Level:
@@ -287,6 +290,19 @@ def finest_level(prepared: Prepared, *, cut: bool = False, unbiased: bool = Fals
         averaging,
         find_small_components(grid, averaging),
     )
+
+
+def cut_at_measured_jumps(level: Level, prepared: Prepared) -> Level:
+    """The finest level with its links cut at the jumps that the sensor's measurements show, too.
+
+    Where these are as fine as the photographs and of the same view; others do not show to a pixel
+    where a jump is.
+    """
+    measured = prepared.sensor.depth_m
+    if not prepared.own_view or measured.shape != level.mask.shape:
+        return level
+    measured = np.where(level.mask, measured, np.nan)
+    return level.linked(without_seen_jumps(level.links, measured, level.camera))
 
 
 def first_photograph(prepared: Prepared) -> Level:

@@ -58,6 +58,8 @@ class Prepared:
     sensor : the measurements themselves at the sensor's resolution, with their noise and place
     lights : of the photographs, where they are known
     numbers : of these photographs in the capture, from 0
+    own_view : whether the depth was measured in the photographs' view; one of another camera was
+        carried there, and its jumps may be pixels off
     """
 
     photographs: Array
@@ -77,6 +79,7 @@ class Prepared:
     findings: tuple[Finding, ...] = ()
     lights: GivenLights | None = None
     numbers: tuple[int, ...] = ()
+    own_view: bool = True
 
     def __len__(self) -> int:
         return len(self.photographs)
@@ -121,6 +124,7 @@ class PreparedView:
     smooth_m : (hs, ws) filled and denoised depth, metres; links : which of its pixels are on one
         surface; average_m, sigma_m : (hs, ws) the measurements and their noise; measured : (hs, ws)
     grid : how the sensor's pixels lie on the photographs'; camera : of the photographs
+    own_view : as in `Prepared`
     """
 
     photographs: Array
@@ -137,6 +141,7 @@ class PreparedView:
     source: str
     findings: tuple[Finding, ...]
     lights: GivenLights | None
+    own_view: bool
 
     @property
     def object_window(self) -> tuple[slice, slice]:
@@ -174,6 +179,7 @@ class PreparedView:
             findings=self.findings,
             lights=self.lights,
             numbers=tuple(range(len(self.photographs))),
+            own_view=self.own_view,
         )
         return prepared if photographs is None else prepared.select(photographs)
 
@@ -241,6 +247,7 @@ def shrunk_view(capture: Capture, shrink: int) -> PreparedView:
         source=capture.source,
         findings=capture.findings + findings,
         lights=capture.lights,
+        own_view=capture.depth_camera is None,
     )
 
 

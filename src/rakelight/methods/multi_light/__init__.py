@@ -26,6 +26,7 @@ from rakelight.methods.base import Estimate, Method, brightest, light_findings, 
 from rakelight.methods.levels import (
     CORRELATION_PX,
     Level,
+    cut_at_measured_jumps,
     finest_level,
     held_to_measurements,
     pyramid,
@@ -116,7 +117,8 @@ def first_levels(prepared: Prepared, options: MultiLight) -> tuple[list[Level], 
 
     Those are multiples of white noise's at the finest level, the least first.
     """
-    levels = pyramid(finest_level(prepared, cut=True, unbiased=True), options.coarse_pixels)
+    finest = finest_level(prepared, cut=True, unbiased=True)
+    levels = pyramid(cut_at_measured_jumps(finest, prepared), options.coarse_pixels)
     correlation_area = min(prepared.factor, CORRELATION_PX) ** 2
     weights = [each * correlation_area for each in FIRST_DEPTH_WEIGHTS]
     return levels, weights if options.depth_weight is None else [options.depth_weight]

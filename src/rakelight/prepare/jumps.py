@@ -1,0 +1,93 @@
+"""Jumps that the sensor's depth shows, though they are no steeper than a surface may be.
+
+A step of two pixel sizes is a slope of 63 degrees to one difference.  Those beside it on the same
+line tell the two apart: on a surface they go on.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rakelight.geometry.grid import Links, pair_slices
+from rakelight.model import MAD_TO_SIGMA, Camera, Floats, Mask
+from rakelight.solve.robust import BY_CHANCE
+
+# Least height of a jump, pixel sizes on the object; creases and curved sides are lower
+# (random-captures.md, "Jumps that the sensor shows").
+LEAST_PIXELS = 2.0
+# Differences on each side of a link that say which one to expect there.
+BESIDE = 2
+
+
+def without_seen_jumps(links: Links, depth_m: Floats, camera: Camera) -> Links:
+    """The links less those across which a measured depth jumps.
+
+    depth_m : (h, w) measurements at the resolution of the links, metres, not smoothed; NaN = none
+
+    A jump is higher than `LEAST_PIXELS`, and than the sensor's noise and rounding: of tens of
+    thousands of links none is off by twice `BY_CHANCE` deviations by chance.  A blurred jump is
+    several differences in a row; it is cut at the largest.
+
+    >>> row, column = np.mgrid[:8, :12]
+    >>> depth_m = 1 + 0.003 * column + 0.0001 * row + 0.05 * (column > 5)
+    >>> camera = Camera(12, 8, fx=100.0, fy=100.0, cx=5.5, cy=3.5)
+    >>> cut = without_seen_jumps(Links.of(np.ones((8, 12), bool)), depth_m, camera)
+    >>> np.flatnonzero(~cut.right[0]).tolist(), bool(cut.down[:-1].all())  # the last has no link
+    ([5, 11], True)
+    """
+    sides = ((1, camera.fx), (0, camera.fy))
+    excess = [unexpected_differences(depth_m, axis) for axis, _ in sides]
+    both = np.concatenate([each[each >= 0] for each in excess])
+    deviation = MAD_TO_SIGMA * float(np.median(both)) if both.size else np.inf
+    surely = BY_CHANCE * max(2 * deviation, rounding(depth_m))
+    kept = []
+    for (axis, focal), linked, step in zip(sides, (links.right, links.down), excess, strict=True):
+        here, there = pair_slices(axis)
+        size = np.fmin(depth_m[here], depth_m[there]) / focal
+        high = step >= np.fmax(LEAST_PIXELS * size, surely)
+        side = linked.copy()
+        side[here] &= ~(high & is_largest(step, axis))
+        kept.append(side)
+    return Links(links.mask, kept[0], kept[1])
+
+
+def unexpected_differences(depth_m: Floats, axis: int) -> Floats:
+    """By how much each difference to the next pixel is off the median of those beside it, metres.
+
+    One fewer along `axis`; -1 where one of both pixels, or all beside, have no depth.
+    """
+    step = np.moveaxis(np.diff(depth_m, axis=axis), axis, -1)
+    count = step.shape[-1]
+    wide = np.pad(step, ((0, 0), (BESIDE, BESIDE)), constant_values=np.nan)
+    others = [wide[:, k : k + count] for k in range(2 * BESIDE + 1) if k != BESIDE]
+    off = np.abs(step - nan_median(np.stack(others)))
+    return np.moveaxis(np.where(np.isfinite(off), off, -1.0), -1, axis)
+
+
+def nan_median(values: Floats) -> Floats:
+    """The median over the first axis of the values that are not NaN; NaN where all are."""
+    ordered = np.sort(values, axis=0)  # NaN comes last
+    count = np.count_nonzero(np.isfinite(values), axis=0)[None]
+    low, high = (
+        np.take_along_axis(ordered, np.maximum(each, 0), axis=0)[0]
+        for each in ((count - 1) // 2, count // 2)
+    )
+    return np.asarray(np.where(count[0] > 0, (low + high) / 2, np.nan))
+
+
+def is_largest(step: Floats, axis: int) -> Mask:
+    """Where a value is above the one before along `axis`, and not below the one after."""
+    wide = np.pad(np.moveaxis(step, axis, -1), ((0, 0), (1, 1)), constant_values=-1.0)
+    largest = (wide[:, 1:-1] > wide[:, :-2]) & (wide[:, 1:-1] >= wide[:, 2:])
+    return np.asarray(np.moveaxis(largest, -1, axis))
+
+
+def rounding(depth_m: Floats) -> float:
+    """The step to which a sensor rounds its depth, metres; 0 where it does not.
+
+    The median distance of the values that occur, where each occurs four times or more on average.
+    """
+    measured = depth_m[np.isfinite(depth_m)]
+    values = np.unique(np.round(measured, 7))  # a tenth of a micrometre: sums are not exact
+    few = 1 < values.size <= measured.size / 4
+    return float(np.median(np.diff(values))) if few else 0.0
