@@ -48,7 +48,7 @@ MODULES = {
             "equal_intensity", "initial_lights", "factored_start", "outliers", "normals",
             "bas_relief",
         )),
-        "methods/levels.py", "pipeline/guarded.py", "pipeline/held_back.py",
+        "methods/levels.py", "prepare/jumps.py", "pipeline/guarded.py", "pipeline/held_back.py",
         "photometry/images.py", "photometry/specular.py", "solve/levenberg_marquardt.py",
         "solve/robust.py",
     ),
@@ -61,10 +61,11 @@ MODULES = {
 """Where a method's constants stand."""
 NOT_TUNED = (
     "FOURTH_DIFFERENCE", "MEAN_ABSOLUTE_TO_SIGMA", "GAUGE_FREEDOM", "FEWEST", "SMALLEST_NOISE",
-    "TINY", "ROUNDING", "BLOCKS", "ROWS",
+    "TINY", "ROUNDING", "BLOCKS", "ROWS", "BESIDE", "EXPONENTS",
 )  # fmt: skip
 """The coefficients of one; the normal distribution's; unknowns, and what they need at least; the
-rounding of values; against division by zero; parts of the work."""
+rounding of values; against division by zero; parts of the work; the neighbours of one; and what is
+compiled in, so that it cannot be set here (ablation.md has its trial)."""
 OFF: dict[str, Any] = {
     "model_selection.MOST_VARIED_DISTANCES": np.inf,
     "energy.FOURTH_DIFFERENCE_WEIGHT": 0.0,

@@ -24,7 +24,7 @@ def noisy(depth_m, seed=0):
     return depth_m + NOISE_M * np.random.default_rng(seed).standard_normal(depth_m.shape)
 
 
-@pytest.mark.parametrize("height_px", [3.0, -3.0, 9.0])
+@pytest.mark.parametrize("height_px", [5.0, -5.0, 9.0])
 def test_a_step_is_cut_along_its_whole_length_and_nothing_else(height_px):
     slope = 1 + PIXEL_M * (0.5 * COLUMN - 0.3 * ROW)
     right, down = cut(noisy(slope + height_px * PIXEL_M * (COLUMN > 30)))
@@ -38,7 +38,7 @@ def test_a_step_is_cut_along_its_whole_length_and_nothing_else(height_px):
 
 
 def test_a_step_that_is_blurred_over_three_pixels_is_cut_once():
-    ramp = np.interp(COLUMN, [29, 30, 31, 32], [0.0, 3.0, 7.0, 9.0])
+    ramp = np.interp(COLUMN, [29, 30, 31, 32], [0.0, 5.0, 13.0, 17.0])
     right, down = cut(noisy(1 + PIXEL_M * ramp))
     assert right[:, 30].all()
     assert np.count_nonzero(right) == 50
@@ -52,7 +52,7 @@ def test_a_step_that_is_blurred_over_three_pixels_is_cut_once():
         5 * COLUMN,  # 79 degrees
         np.sqrt(np.maximum(24.0**2 - (COLUMN - 30) ** 2 - (ROW - 25) ** 2, 0)),
         1.5 * np.abs(COLUMN - 30),  # a crease between two sides of 56 degrees
-        1.5 * (COLUMN > 30),  # lower than two pixel sizes
+        3 * (COLUMN > 30),  # lower than four pixel sizes
     ],
     ids=["flat", "steep", "sphere", "crease", "low"],
 )
@@ -84,7 +84,7 @@ def test_the_steps_of_a_rounding_sensor_are_no_jumps():
 
 
 def test_missing_measurements_cut_nothing_and_a_step_beside_them_is_found():
-    depth_m = noisy(1 + PIXEL_M * (0.5 * COLUMN + 4 * (COLUMN > 30)))
+    depth_m = noisy(1 + PIXEL_M * (0.5 * COLUMN + 6 * (COLUMN > 30)))
     depth_m[10:20, 25:40] = np.nan
     right, down = cut(depth_m)
     expected = np.ones(50, bool)

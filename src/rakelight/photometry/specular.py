@@ -19,7 +19,7 @@ from rakelight.model import Floats
 from rakelight.solve.robust import CAUCHY, NOTABLE, ROUNDS
 
 # Exponents of the lobes, each half as wide as the one before: 24, 12 and 6 degrees at half of their
-# maximum (ablation.md: halved 1.07, doubled 1.00).  The kernels, too, take fourth powers.
+# maximum (ablation.md: halved 1.02, doubled 0.99).  The kernels, too, take fourth powers.
 EXPONENTS = (8, 32, 128)
 TINY = 1e-12
 

@@ -7,18 +7,18 @@ import numpy as np
 from rakelight.model import Floats
 
 # Scale s of the Cauchy loss s^2 log(1 + (r/s)^2) in standard deviations: 95 % efficient on Gaussian
-# noise (ablation.md: least squares 1.27, halved 1.24, doubled 1.10).
+# noise (ablation.md: least squares 1.15, halved 1.10, doubled 0.98).
 CAUCHY = 2.385
 # Rounds of least squares that are reweighted by the last residuals, or whose unknowns take turns;
 # steps of the lights alone, and the most at a level that is not the last, where to converge gains
-# nothing (ablation.md: of 3 instead of 4, 6 and 12 one of 50 draws is better by 5 %, one worse).
+# nothing (ablation.md: halved 1.02, doubled 0.99).
 ROUNDS = 3
 # Fraction up to which a part of a whole is next to nothing: what residuals lose by another model or
 # the next step, what of them lobes explain, what of a value is specular, and how far a normal faces
-# the camera (ablation.md: of residuals, doubled 1.00 to 1.08, off 0.98 and 1.00).
+# the camera (ablation.md: halved 0.99, doubled 1.00).
 NOTABLE = 0.05
-# Standard deviations up to which a value may be off by chance (ablation.md: 4 for clipped errors
-# 1.00).
+# Standard deviations up to which a value may be off by chance (ablation.md: halved 0.97,
+# doubled 1.00).
 BY_CHANCE = 3.0
 # Least standard deviation of a value, where the model explains photographs exactly: the rounding
 # to 16 bit (white is 1).
