@@ -25,7 +25,7 @@ from rakelight.solve.robust import NOTABLE, SMALLEST_NOISE
 
 # The object's radius over the distance at which all near lights start (ablation.md: halved 1.02,
 # doubled 1.04), and the least at which they are near: descents are slower than with distant ones
-# (halved 1.00, doubled 1.00).
+# (halved 1.00, doubled 1.00; on lamps at 26 radii 0.05 has 1.10).
 FIRST_RADIUS_OVER_DISTANCE, LEAST_RADIUS_OVER_DISTANCE = 0.15, 0.03
 # Interquartile range of the lights' inverse distances, over their median, up to which they are a
 # lamp's in a hand; wider ones have to be earned (ablation.md: all of them free 0.95, by one draw
