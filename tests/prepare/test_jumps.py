@@ -5,7 +5,7 @@ import pytest
 
 from rakelight.geometry.grid import Links
 from rakelight.model import Camera
-from rakelight.prepare.jumps import rounding, without_seen_jumps
+from rakelight.prepare.jumps import rounding, without_measured_jumps
 
 CAMERA = Camera(60, 50, fx=500.0, fy=500.0, cx=29.5, cy=24.5)
 ROW, COLUMN = np.mgrid[:50, :60].astype(float)
@@ -16,7 +16,7 @@ NOISE_M = 0.1 * PIXEL_M
 def cut(depth_m):
     """The links of a whole window that jumps cut: (50, 59) to the right and (49, 60) down."""
     whole = Links.of(np.ones(depth_m.shape, bool))
-    links = without_seen_jumps(whole, depth_m, CAMERA)
+    links = without_measured_jumps(whole, depth_m, CAMERA)
     return ~links.right[:, :-1], ~links.down[:-1]
 
 

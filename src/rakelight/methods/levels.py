@@ -30,7 +30,7 @@ from rakelight.model import BLACK, SATURATED, Array, Camera, Floats, Mask
 from rakelight.photometry.images import Photographs, Surface
 from rakelight.prepare import Prepared
 from rakelight.prepare.inpaint import nearest_fill
-from rakelight.prepare.jumps import without_seen_jumps
+from rakelight.prepare.jumps import without_measured_jumps
 from rakelight.prepare.linear import linear_table
 from rakelight.solve.direct import factorised
 
@@ -302,7 +302,7 @@ def cut_at_measured_jumps(level: Level, prepared: Prepared) -> Level:
     if not prepared.own_view or measured.shape != level.mask.shape:
         return level
     measured = np.where(level.mask, measured, np.nan)
-    return level.linked(without_seen_jumps(level.links, measured, level.camera))
+    return level.linked(without_measured_jumps(level.links, measured, level.camera))
 
 
 def first_photograph(prepared: Prepared) -> Level:

@@ -8,10 +8,10 @@ from typing import Protocol, TypeVar
 # Factor of the damping after a refused step, and its inverse after an accepted one (ablation.md:
 # halved 0.96, doubled 1.00).
 FACTOR = 8.0
-# Least damping; the largest is its inverse, with which a step is next to nothing.  With a least
-# damping of 1e-6 random draws come out alike, but a coin under near lights is 1.1 degrees off
-# instead of 0.7.  With a largest one of 100 they come out alike, too (ablation.md: halved
-# 0.96, doubled 0.99).
+# Least damping (ablation.md: halved 0.96, doubled 0.99); the largest is its inverse, with which a
+# step is next to nothing.  With a least damping of 1e-6 random draws come out alike, but a coin
+# under near lights is 1.1 degrees off instead of 0.7.  With a largest one of 100 they come out
+# alike, too.
 LEAST = 1e-3
 
 

@@ -283,7 +283,7 @@ def test_a_black_photograph_is_named(capture, with_a_black_one):
 
 
 def test_bars_whose_sides_a_sharp_sensor_shows_do_not_bend_the_lights():
-    # Without links cut at these sides normals are 24 degrees off, lights as far.
+    # 24 degrees where the bars are linked to one another at their sides
     bars = draw(2143, 0.6, depth_factor=1, shape="bars", easy=True)
     capture, truth = render_draw(bars)
     result = run(capture)
