@@ -92,9 +92,7 @@ def descents(capture: Capture, truth: Truth) -> Record:
 
 def named_starts(level: Level, exact: Level) -> Iterator[tuple[str, Fit]]:
     """Where descents begin; `exact` has the true depth for a prior."""
-    yield from zip(
-        ("sensor", "factored"), starts(level, None, MultiLight().max_iterations), strict=False
-    )
+    yield from zip(("sensor", "factored"), starts(level, None), strict=False)
     fit = first_fit(level, exact.prior, lights_of_prior(exact), SHARED_AMBIENT)
     for _ in range(6):  # until lights and robust scale agree
         fit = refine_lights(level, reset_scale(level, fit))

@@ -63,7 +63,7 @@ def test_a_flatter_surface_does_not_fit_better_by_being_flat():
     given = problem()
     A = np.eye(3)
     flat = np.diag([0.3, 0.3, 1.0])
-    costs = [descended(given, each, 40).cost for each in (A, flat)]
+    costs = [descended(given, each).cost for each in (A, flat)]
     assert costs[1] == pytest.approx(costs[0], rel=0.02)
 
 
@@ -82,7 +82,7 @@ def test_pixels_that_no_photograph_determines_may_be_the_most():
 @pytest.mark.parametrize("seed", [5, 6, 7])
 def test_lights_are_found_beneath_the_sensors_noise(seed):
     base, true = level(seed, depth_rms_mm=2.0, pixel_mm=0.3, depth_length_px=12.0)
-    log_depth, lights = factored_start(base, 40)
+    log_depth, lights = factored_start(base)
     toward = lights.vector[:, 0] / np.linalg.norm(lights.vector[:, 0], axis=-1, keepdims=True)
     cosine = (toward * true / np.linalg.norm(true, axis=-1, keepdims=True)).sum(axis=-1)
     assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).mean() < 20

@@ -72,7 +72,7 @@ def off_deg(lights, true):
 def test_the_photographs_tell_lights_that_a_rough_prior_does_not():
     capture, _, true = dome(rms_mm=5.0, correlation_px=6.0)
     level = coarsest(capture)
-    factored = off_deg(factored_start(level, 40)[1], true)
+    factored = off_deg(factored_start(level)[1], true)
     assert factored.max() < 20
     assert factored.max() < 0.6 * off_deg(lights_of_prior(level), true).max()
 
@@ -92,10 +92,10 @@ def test_the_relief_comes_from_the_prior():
     level = coarsest(capture)
     inside_out = 2 * np.median(level.prior) - level.prior
     hollow = replace(level, prior=inside_out, unbiased_prior=inside_out)
-    assert off_deg(factored_start(level, 40)[1], true).max() < 20
+    assert off_deg(factored_start(level)[1], true).max() < 20
     # A hollow lit from the other side looks the same.
     turned = true * [-1, -1, 1]
-    assert off_deg(factored_start(hollow, 40)[1], turned).max() < 20
+    assert off_deg(factored_start(hollow)[1], turned).max() < 20
 
 
 @pytest.mark.parametrize("bright", [0, 65535])
@@ -103,10 +103,10 @@ def test_photographs_that_show_nothing_tell_nothing(bright):
     level = coarsest(dome()[0])
     dull = np.full_like(level.photographs.values, bright)
     nothing = replace(level.photographs, values=dull)
-    assert factored_start(replace(level, photographs=nothing), 40) is None
+    assert factored_start(replace(level, photographs=nothing)) is None
 
 
 def test_one_lamp_in_all_photographs_tells_nothing():
     capture, _, _ = dome()
     level = coarsest(capture.select([0] * 6))
-    assert factored_start(level, 40) is None
+    assert factored_start(level) is None

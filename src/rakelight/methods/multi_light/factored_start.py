@@ -170,10 +170,8 @@ class Candidate:
     cost: float
 
 
-def factored_start(level: Level, iterations: int) -> tuple[Floats, LightParameters] | None:
+def factored_start(level: Level) -> tuple[Floats, LightParameters] | None:
     """(h, w) log depth and white distant lights that explain the photographs and fit the sensor.
-
-    iterations : most of BFGS in a round of reweighting
 
     None where the photographs do not have rank three, as under lights in one plane.
     """
@@ -187,7 +185,7 @@ def factored_start(level: Level, iterations: int) -> tuple[Floats, LightParamete
     try:
         factors = factorise(values, usable, LdrPs())
         problem = Problem.of(level, scatter(factors.normals, mask), determined)
-        found = [descended(problem, A, iterations) for A in matrices(level, factors, determined)]
+        found = [descended(problem, A) for A in matrices(level, factors, determined)]
         best = min((each for each in found if np.isfinite(each.cost)), key=lambda each: each.cost)
         vector = factors.lights @ np.linalg.inv(best.A)
     except (np.linalg.LinAlgError, RuntimeError, ValueError):  # singular
@@ -225,8 +223,11 @@ def matrices(level: Level, factors: Factors, determined: Mask) -> Iterator[Float
         yield np.array([[-1.0, 0.0, u], [0.0, -1.0, v], [0.0, 0.0, 1.0]]) @ facing
 
 
-def descended(problem: Problem, A: Floats, iterations: int) -> Candidate:
-    """The local minimum that BFGS finds from A, the weights estimated again after each round."""
+def descended(problem: Problem, A: Floats) -> Candidate:
+    """The local minimum that BFGS finds from A, the weights estimated again after each round.
+
+    A quadratic cost takes as many steps as A has numbers; this one is given `ROUNDS` times as many.
+    """
     from scipy.optimize import minimize
 
     A = A / np.cbrt(abs(np.linalg.det(A)))
@@ -234,7 +235,7 @@ def descended(problem: Problem, A: Floats, iterations: int) -> Candidate:
         # SciPy's "BFGS" changes the filter of warnings, which other threads share, while it runs.
         A = minimize(
             problem.cost, A.ravel(), jac=True, method="L-BFGS-B",
-            options={"maxiter": iterations, "maxcor": A.size},
+            options={"maxiter": ROUNDS * A.size, "maxcor": A.size},
         ).x.reshape(3, 3)  # fmt: skip
         A /= np.cbrt(abs(np.linalg.det(A)))
         problem = reweighted(problem, A)

@@ -50,7 +50,7 @@ def select_model(
     given : lights that are one more start or, fixed, the only one
     """
     along = partial(descents, level, options, progress)
-    begins = list(starts(level, given, options.max_iterations))
+    begins = list(starts(level, given))
     # Under the least weight correlated errors of the sensor's depth bend the lights least.
     least, larger = weights[:1], weights[1:]
     best = cheapest(level, [each for fit in begins for each in along(stage, least, fit)])
@@ -147,14 +147,11 @@ def cost(level: Level, fit: Fit) -> float:
     return float(total)
 
 
-def starts(level: Level, given: GivenLights | None, iterations: int) -> Iterator[Fit]:
-    """The states to begin with: distant lights, white unless given otherwise, one ambient ratio.
-
-    iterations : see `factored_start`
-    """
+def starts(level: Level, given: GivenLights | None) -> Iterator[Fit]:
+    """The states to begin with: distant lights, white unless given otherwise, one ambient ratio."""
     if given is None or not given.fixed:
         yield first_fit(level, level.prior, lights_of_prior(level), SHARED_AMBIENT)
-        if factored := factored_start(level, iterations):
+        if factored := factored_start(level):
             yield first_fit(level, *factored, SHARED_AMBIENT)
     if given is not None:
         yield given_fit(level, given)

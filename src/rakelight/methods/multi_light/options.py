@@ -21,8 +21,7 @@ class MultiLight:
     lights : "white" for one light in all channels, "coloured" for one per channel, "auto"
     distance : "distant" for parallel light, "near" for lights at a place, "auto"
     max_iterations : most Gauss-Newton steps of a descent at the coarsest level, and of the last one
-        at the finest; those between take at most three.  Also most iterations in which the start
-        by factorisation is found, three times from each of its matrices
+        at the finest; those between take at most three
     tolerance : a level ends when a step lowers the energy by less than this fraction of the
         photographs' term
     coarse_pixels : size of the coarsest level, where lights and depth move together exactly
@@ -31,7 +30,7 @@ class MultiLight:
     depth_weight: float | None = None
     lights: Literal["auto", "white", "coloured"] = "auto"
     distance: Literal["auto", "distant", "near"] = "auto"
-    max_iterations: int = 40
+    max_iterations: int = 100
     tolerance: float = 2e-3
     coarse_pixels: int = 4000
 

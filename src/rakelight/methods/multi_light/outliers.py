@@ -24,9 +24,6 @@ from rakelight.photometry.images import SAMPLE_PIXELS, LightParameters
 from rakelight.photometry.specular import Highlights
 from rakelight.prepare.inpaint import nearest_fill
 
-# Pixels in the sample that decides whether there are highlights and shadows.
-DECIDING_PIXELS = 500
-
 
 @dataclass(frozen=True, eq=False)
 class LitSurface:
@@ -112,9 +109,12 @@ def remove_outliers(
 
 
 def find_outliers(surface: LitSurface) -> Outliers:
-    """The highlights and cast shadows that the present estimates predict, if there are any."""
+    """The highlights and cast shadows that the present estimates predict, if there are any.
+
+    That there are any is decided on `SAMPLE_PIXELS` in all photographs together.
+    """
     photographs, lights = surface.level.photographs, surface.lights
-    sample = photographs.subsample(DECIDING_PIXELS)
+    sample = photographs.subsample(SAMPLE_PIXELS // len(photographs))
     normals, points = surface.normals[sample], surface.points_m[sample]
     values, incident = photographs.light(sample), arriving(lights, points)
     hidden_sample, hidden = in_shadow(surface, sample), None
