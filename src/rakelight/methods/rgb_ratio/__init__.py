@@ -91,7 +91,7 @@ class RgbRatio:
     lambda_palette: float = 7.5
     laplacian: float = 0.0
     depth_weight: float | None = None
-    max_iterations: int = 5
+    max_iterations: int = 20
     tolerance: float = 0.3
 
     def __post_init__(self) -> None:
