@@ -114,7 +114,7 @@ def find_outliers(surface: LitSurface) -> Outliers:
     That there are any is decided on `SAMPLE_PIXELS` in all photographs together.
     """
     photographs, lights = surface.level.photographs, surface.lights
-    sample = photographs.subsample(SAMPLE_PIXELS // len(photographs))
+    sample = photographs.subsample(max(SAMPLE_PIXELS // len(photographs), 1))
     normals, points = surface.normals[sample], surface.points_m[sample]
     values, incident = photographs.light(sample), arriving(lights, points)
     hidden_sample, hidden = in_shadow(surface, sample), None
