@@ -64,7 +64,7 @@ screenshot: $(VENV)/dev.stamp
 	$(BIN)/rakelight refine $(MITTEN) -o out/mitten --overwrite
 	$(BIN)/python benchmarks/report_picture.py out/mitten docs/pictures/report.png
 
-# docs/results/paper.md and its pictures; ten minutes on two cores.
+# docs/results/paper.md and its pictures; four minutes on two cores.
 paper: $(VENV)/dev.stamp
 	$(BIN)/rakelight paper all -o out/paper --overwrite
 	rm -rf docs/results/paper
