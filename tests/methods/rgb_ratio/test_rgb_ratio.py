@@ -17,7 +17,14 @@ from rakelight.model import silent
 from rakelight.paper.scenes import paper_object, paper_scene
 from rakelight.photometry.color_modes import nearest_colors
 from rakelight.prepare import prepare
-from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
+from rakelight.synthetic import (
+    DepthNoise,
+    SceneOptions,
+    make_albedo,
+    make_shape,
+    random_capture,
+    render_scene,
+)
 from tests.solve.stalling import stalling_solver
 
 BUST = paper_object()
@@ -230,6 +237,14 @@ def test_further_photographs_are_noted():
 def test_impossible_options_are_refused(wrong):
     with pytest.raises(InputError, match=next(iter(wrong))):
         RgbRatio(**wrong)
+
+
+# Five rounds were too few for it.
+def test_steps_under_patterned_paint_come_to_rest():
+    prepared = prepare(random_capture(81, 0.5, lighting="rgb-leds")[0])
+    estimate = rgb_ratio(prepared, RgbRatio(), silent)
+    assert estimate.converged
+    assert estimate.iterations > 5
 
 
 # ---- a solver that stalls
