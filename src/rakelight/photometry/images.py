@@ -22,7 +22,8 @@ from rakelight.photometry.specular import EXPONENTS
 BLOCKS = 16
 # Rows of the image in one task of `Photographs.linearize`.
 ROWS = 16
-# Pixels, evenly spread, that stand for all where medians, sums or the nearest one are wanted: more
+# Pixels, evenly spread, that stand for all where medians, sums or the nearest one are wanted; those
+# of all photographs together where it is decided whether there are highlights and shadows.  More
 # only take longer (ablation.md).
 SAMPLE_PIXELS = 5_000
 

@@ -10,8 +10,9 @@ from rakelight.model import Floats
 # noise (ablation.md: least squares 1.15, halved 1.10, doubled 0.98).
 CAUCHY = 2.385
 # Rounds of least squares that are reweighted by the last residuals, or whose unknowns take turns;
-# steps of the lights alone, and the most at a level that is not the last, where to converge gains
-# nothing (ablation.md: halved 1.02, doubled 0.99).
+# steps of the lights alone; the most at a level that is not the last, where to converge gains
+# nothing; and those of the start by factorisation, for each number of its matrix (ablation.md:
+# halved 1.02, doubled 0.99).
 ROUNDS = 3
 # Fraction up to which a part of a whole is next to nothing: what residuals lose by another model or
 # the next step, what of them lobes explain, what of a value is specular, and how far a normal faces

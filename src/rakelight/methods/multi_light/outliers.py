@@ -111,7 +111,7 @@ def remove_outliers(
 def find_outliers(surface: LitSurface) -> Outliers:
     """The highlights and cast shadows that the present estimates predict, if there are any.
 
-    That there are any is decided on `SAMPLE_PIXELS` in all photographs together.
+    Whether there are any is decided by `SAMPLE_PIXELS` pixels of all photographs together.
     """
     photographs, lights = surface.level.photographs, surface.lights
     sample = photographs.subsample(max(SAMPLE_PIXELS // len(photographs), 1))
