@@ -12,6 +12,7 @@ from rakelight.errors import InputError, MethodError
 from rakelight.geometry.grid import Links, mean_gradient
 from rakelight.geometry.normals import normals_from_gradient, surface_normals
 from rakelight.methods.base import (
+    in_one_plane,
     light_findings,
     photometric_confidence,
     require_photographs,
@@ -55,10 +56,16 @@ def test_lights_within_six_degrees_are_in_one_place(tilt_deg, expected):
 def test_lights_on_an_arc_through_the_optical_axis_are_in_one_plane():
     arc = lights(np.linspace(-40, 40, 8), 20.0)
     assert codes(arc) == ["lights-in-one-plane"]
+    assert in_one_plane(arc)
 
 
 def test_lights_all_around_need_no_warning():
     assert codes(lights(30.0, AROUND)) == []
+    assert not in_one_plane(lights(30.0, AROUND))
+
+
+def test_two_lights_are_in_no_plane():
+    assert not in_one_plane(lights(30.0, AROUND[:2]))
 
 
 @pytest.mark.parametrize(("strength", "expected"), [(0.019, ["dark-photographs"]), (0.021, [])])
@@ -73,6 +80,8 @@ def test_dark_photographs_are_named_and_left_out():
     strength = np.append(np.ones(5), 1e-3)
     names = tuple(f"{letter}.png" for letter in "abcdef")
     dark, plane = light_findings(lights(tilt, azimuth, strength), names)
+    assert in_one_plane(lights(tilt, azimuth, strength))
+    assert not in_one_plane(lights(tilt, azimuth))
     assert dark.message.endswith(" in f.png")
     assert plane.code == "lights-in-one-plane"
     assert plane.message.split(" in ")[-1].startswith("a.png, b.png, c.png, d.png and 1 more")

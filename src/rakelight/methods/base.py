@@ -229,10 +229,8 @@ def light_findings(lights: Lights, names: tuple[str, ...]) -> tuple[Finding, ...
     >>> [finding.code for finding in light_findings(same, ())]
     ['one-lamp-position']
     """
-    vector = lights.vector.mean(axis=1)
-    strength = np.linalg.norm(vector, axis=-1)
-    dark = strength < DARK * np.median(strength)
-    named = names or tuple(f"photograph {i}" for i in range(len(vector)))
+    toward, dark = toward_lights(lights)
+    named = names or tuple(f"photograph {i}" for i in range(len(dark)))
     findings = []
     if dark.any():
         findings.append(
@@ -243,32 +241,59 @@ def light_findings(lights: Lights, names: tuple[str, ...]) -> tuple[Finding, ...
                 "take these again, or leave them out",
             )
         )
-    toward = vector[~dark] / np.maximum(strength[~dark], np.finfo(float).tiny)[:, None]
     if len(toward) < 3:
         message, code = f"only {len(toward)} usable photographs: the depth is kept", "few-lights"
+    elif (widest := widest_deg(toward)) < LEAST_ANGLE_DEG:
+        message = (
+            f"lights found in nearly one place, within {widest:.1f} degrees, in "
+            f"{listed(named, ~dark)}: the lamp hardly moved, or they are wrong"
+        )
+        code = ONE_LAMP_POSITION
+    elif (thickness := thickness_deg(toward)) < LEAST_THICKNESS_DEG:
+        message = (
+            f"lights found in one plane, within {thickness:.1f} "
+            f"degrees, in {listed(named, ~dark)}: slopes across it are the depth's, "
+            "or the lights are wrong"
+        )
+        code = "lights-in-one-plane"
     else:
-        middle = toward.mean(axis=0)
-        middle /= max(float(np.linalg.norm(middle)), np.finfo(float).tiny)
-        widest = np.degrees(np.arccos(np.clip(toward @ middle, -1, 1))).max()
-        thickness = np.linalg.svd(toward, compute_uv=False)[-1] / np.sqrt(len(toward))
-        if widest < LEAST_ANGLE_DEG:
-            message = (
-                f"lights found in nearly one place, within {widest:.1f} degrees, in "
-                f"{listed(named, ~dark)}: the lamp hardly moved, or they are wrong"
-            )
-            code = ONE_LAMP_POSITION
-        elif thickness < np.sin(np.radians(LEAST_THICKNESS_DEG)):
-            message = (
-                f"lights found in one plane, within {np.degrees(np.arcsin(thickness)):.1f} "
-                f"degrees, in {listed(named, ~dark)}: slopes across it are the depth's, "
-                "or the lights are wrong"
-            )
-            code = "lights-in-one-plane"
-        else:
-            return tuple(findings)
+        return tuple(findings)
     remedy = "move the lamp around the object, 20 to 50 degrees off the camera on all sides"
     findings.append(Finding("warning", code, message, remedy))
     return tuple(findings)
+
+
+def toward_lights(lights: Lights) -> tuple[Floats, Mask]:
+    """(M, 3) unit vectors to the lights that reach the object, and (N,) which ones do not."""
+    vector = lights.vector.mean(axis=1)
+    strength = np.linalg.norm(vector, axis=-1)
+    dark = strength < DARK * np.median(strength)
+    return vector[~dark] / np.maximum(strength[~dark], np.finfo(float).tiny)[:, None], dark
+
+
+def widest_deg(toward: Floats) -> float:
+    """Largest angle, degrees, between unit vectors (M, 3) and their mean."""
+    middle = toward.mean(axis=0)
+    middle /= max(float(np.linalg.norm(middle)), np.finfo(float).tiny)
+    return float(np.degrees(np.arccos(np.clip(toward @ middle, -1, 1))).max())
+
+
+def thickness_deg(toward: Floats) -> float:
+    """Root mean square angle, degrees, of unit vectors (M, 3) off the plane nearest to them."""
+    thickness = np.linalg.svd(toward, compute_uv=False)[-1] / np.sqrt(len(toward))
+    return float(np.degrees(np.arcsin(thickness)))
+
+
+def in_one_plane(lights: Lights) -> bool:
+    """Whether the lights lie in one plane with the object: slopes across it do not show.
+
+    >>> tilt = np.radians([-40.0, 0.0, 40.0])
+    >>> vector = np.stack([np.sin(tilt), 0 * tilt, -np.cos(tilt)], axis=-1)
+    >>> in_one_plane(Lights(vector[:, None], np.zeros((3, 1))))
+    True
+    """
+    toward, _ = toward_lights(lights)
+    return len(toward) >= 3 and thickness_deg(toward) < LEAST_THICKNESS_DEG
 
 
 def first_only(prepared: Prepared, method: str) -> tuple[Finding, ...]:

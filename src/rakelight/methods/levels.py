@@ -18,6 +18,7 @@ from rakelight.geometry.grid import (
     Links,
     connected,
     has_gradient,
+    neighbours,
     pair_slices,
     surface_links,
 )
@@ -119,6 +120,12 @@ class Level:
     def rays(self) -> Floats:
         """(h, w, 3) points of the viewing rays at depth 1 metre."""
         return back_project(np.ones(self.mask.shape), self.camera)
+
+    @cached_property
+    def inner(self) -> Mask:
+        """(h, w) the pixels that are linked to all four neighbours."""
+        across, down = (np.logical_and(*neighbours(self.links, axis)) for axis in (1, 0))
+        return np.asarray(self.mask & across & down)
 
     @property
     def pairs(self) -> Floats | None:

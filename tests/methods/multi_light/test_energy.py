@@ -18,6 +18,7 @@ from rakelight.methods.multi_light.energy import (
     first_fit,
     fourth_difference_term,
     fourth_difference_term_transposed,
+    laplacian_of_change,
     reset_scale,
     update_scale,
 )
@@ -91,6 +92,7 @@ def start(level, name):
     near = replace(lights, inverse_distance=np.full((count, 1), 3.0))
     depth, light = {
         "rough depth": (prior + 0.03 * rough(level), lights),
+        "rough depth, held": (prior + 0.03 * rough(level), lights),
         "flat depth": (np.full_like(prior, prior.mean()), lights),
         "wild lights": (prior, wild),
         "lights behind": (prior, replace(lights, vector=-lights.vector)),
@@ -102,12 +104,16 @@ def start(level, name):
     if "glossy" in name:
         light = replace(light, gloss=np.array([0.02, 0.05, 0.01]))
     fit = first_fit(level, depth, light, LightModel(near="near" in name))
+    if "held" in name:  # the Laplacian counts as much as the photographs
+        counted = np.median(fit.linearization.jtwj[level.photographs.active]) / fit.noise**2
+        fit = evaluated(level, replace(fit, laplacian_weight=counted), depth, light)
     return update_scale(level, with_coloured_lights(fit)) if "coloured" in name else fit
 
 
 STARTS = (
     "prior", "rough depth", "flat depth", "wild lights", "lights behind", "no light",
     "lights alike", "coloured", "near", "coloured near", "glossy", "glossy near", "glossy coloured",
+    "rough depth, held",
 )  # fmt: skip
 
 
@@ -159,10 +165,41 @@ def test_ripples_do_not_reach_across_a_cut():
     assert not np.any(fourth_difference_term(cut, step))
 
 
+# ---- the Laplacian of the change
+
+
+def test_of_the_prepared_depth_and_a_plane_there_is_no_laplacian(level):
+    rows, columns = np.indices(level.mask.shape)
+    plane = 0.3 + 0.02 * columns - 0.01 * rows
+    assert not np.any(laplacian_of_change(level, level.prior))
+    assert np.abs(laplacian_of_change(level, level.prior + plane)).max() < 1e-14
+
+
+def test_the_laplacian_is_the_sum_of_both_second_differences_where_all_neighbours_are_linked(level):
+    rows, columns = np.indices(level.mask.shape)
+    bowl = 0.01 * columns**2 + 0.02 * rows**2
+    found = laplacian_of_change(level, level.prior + bowl)
+    np.testing.assert_allclose(found[level.inner], 0.06, rtol=1e-9)
+    assert not np.any(found[~level.inner])
+    assert 0.3 * level.mask.sum() < level.inner.sum() < level.mask.sum()
+
+
+def test_the_laplacian_does_not_reach_across_a_cut(level):
+    step = level.prior + 0.2 * (np.indices(level.mask.shape)[1] > 20)
+    assert np.abs(laplacian_of_change(level, step)).max() > 0.1
+    links = level.links
+    right = links.right.copy()
+    right[:, 20] = False
+    cut = level.linked(Links(links.mask, right, links.down))
+    assert not np.any(laplacian_of_change(cut, step).round(12))
+
+
 # ---- the derivative
 
 
-@pytest.mark.parametrize("name", ["prior", "rough depth", "near", "glossy near"])
+@pytest.mark.parametrize(
+    "name", ["prior", "rough depth", "rough depth, held", "near", "glossy near"]
+)
 def test_the_right_side_is_minus_half_the_derivative_of_the_energy(level, name):
     # By then the albedo's reweighting has come to rest, and the energy owes nothing to it.
     fit = start(level, name)

@@ -121,3 +121,18 @@ def test_the_steps_matrices_are_never_softer_than_the_energy_and_stiffer_where_i
     assert noise[1] > 2.5
     assert 1.1 < board[0] < 2
     assert board[1] > 5
+
+
+def test_the_depth_steps_matrix_has_the_laplacian_as_it_is_in_the_energy():
+    level, fit = perfect_fit("white")
+    fit = replace(fit, fourth_difference_weight=0 * fit.scales)
+    held = replace(fit, laplacian_weight=1e5)
+    nothing = np.zeros(fit.model.jacobian(fit.lights).shape[1])
+    step = 1e-5 * np.random.default_rng(2).normal(size=level.mask.shape) * level.mask
+    energies, forms = [], []
+    for each in (fit, held):
+        here = evaluated(level, each, each.log_depth, each.lights)
+        energies.append(half_second_difference(level, here, step, nothing))
+        forms.append(np.vdot(step, depth_system(level, here, fit.linearization.jtwj).apply(step)))
+    assert forms[1] - forms[0] == pytest.approx(energies[1] - energies[0], rel=1e-6)
+    assert forms[1] > 1.5 * forms[0]

@@ -262,6 +262,16 @@ def test_lights_in_one_plane_are_told():
     assert scores(result, truth).depth.rmse_mm < scores_before(result, truth).depth.rmse_mm
 
 
+def test_neighbours_do_not_part_where_lights_in_one_plane_leave_a_slope_open():
+    # 3.6 % of them without the Laplacian in the energy
+    capture, truth = render_draw(draw(2021, shape="steps"))
+    result = run(capture)
+    assert "lights-in-one-plane" in codes(result)
+    off_mm = 1000 * np.where(truth.mask & capture.mask, result.depth - truth.depth, np.nan)
+    steps_mm = np.concatenate([np.diff(off_mm, axis=axis).ravel() for axis in (0, 1)])
+    assert np.mean(np.abs(steps_mm[np.isfinite(steps_mm)]) > 3) < 0.025
+
+
 @pytest.fixture(scope="module")
 def with_a_black_one(capture):
     photographs = capture.photographs.copy()

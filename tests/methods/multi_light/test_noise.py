@@ -14,6 +14,7 @@ from rakelight.methods.multi_light.noise import (
     correlation_ratio,
     estimate_depth_weight,
     estimate_equal_intensity_weight,
+    estimate_laplacian_weight,
 )
 from rakelight.metrics import evaluate_maps
 from rakelight.photometry.images import LightParameters
@@ -140,3 +141,47 @@ def test_noisy_photographs_do_not_hand_the_surface_to_the_sensor():
     scores = evaluate_maps(result.depth, result.normals, truth)
     assert scores.normals.mae_deg < 3
     assert scores.depth.rmse_mm < 1.8
+
+
+# ---- the weight of the Laplacian of the change
+
+
+def laplacian_weight(change, across_deg=0.0):
+    """Of a surface that differs from the prepared one by `change` (h, w).
+
+    Under lights from left to right, and `across_deg` above and below.
+    """
+    _, level = scene()
+    tilt, across = np.radians([-40.0, -25, -10, 10, 25, 40]), np.radians(across_deg)
+    off = np.tan(across) * np.array([1.0, -1, 1, -1, 1, -1])
+    vector = np.stack([np.sin(tilt), off, -np.cos(tilt)], axis=-1)
+    lights = LightParameters.distant(vector[:, None], np.full((6, 1), 0.1))
+    fit = first_fit(level, level.prior, lights)
+    return estimate_laplacian_weight(level, replace(fit, log_depth=level.prior + change))
+
+
+def smooth(seed=0):
+    return gaussian_filter(white(scene()[1].mask.shape, seed), 2.0)
+
+
+def test_the_laplacian_counts_by_how_far_the_surface_bends_along_the_lights_plane():
+    _, level = scene()
+    once = laplacian_weight(smooth())
+    assert laplacian_weight(2 * smooth()) == pytest.approx(once / 4)
+    # It bends alike over a few pixels, which count as one.
+    bend = np.gradient(np.gradient(smooth(), axis=1), axis=1)[level.inner]
+    assert 0.1 / bend.var() < once < 0.3 / bend.var()
+
+
+def test_rows_that_have_parted_do_not_make_it_count_less():
+    rows = 20 * white((len(scene()[1].mask), 1), seed=1)
+    assert laplacian_weight(smooth() + rows) == pytest.approx(laplacian_weight(smooth()), rel=0.2)
+
+
+def test_lights_around_the_plane_need_no_laplacian():
+    assert laplacian_weight(smooth(), across_deg=10) == 0
+
+
+def test_a_surface_that_has_not_moved_says_nothing_of_how_far_it_may():
+    assert laplacian_weight(np.zeros(scene()[1].mask.shape)) == 0
+    assert laplacian_weight(1e-6 * smooth()) == 0

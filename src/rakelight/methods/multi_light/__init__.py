@@ -39,6 +39,7 @@ from rakelight.methods.multi_light.noise import (
     correlation_ratio,
     estimate_depth_weight,
     estimate_equal_intensity_weight,
+    estimate_laplacian_weight,
 )
 from rakelight.methods.multi_light.normals import fine_normals
 from rakelight.methods.multi_light.options import MultiLight
@@ -104,7 +105,8 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     both = descend(level, start, options, progress, "refine, weighed", last=True)
     # 6. The depth alone under these lights, from where step 5 began: its depth has errors of
     # millimetres on steep sides, where one scale takes all of a pixel for outliers.
-    fit = replace(both.fit, equal_intensity_weight=equal_intensity)
+    laplacian = estimate_laplacian_weight(level, both.fit)
+    fit = replace(both.fit, equal_intensity_weight=equal_intensity, laplacian_weight=laplacian)
     fit = evaluated(level, fit, start.log_depth, both.fit.lights)
     last = descend(level, fit, options, progress, "refine, depth", together=False, last=True)
     steps, converged = descent.steps + both.steps + last.steps, both.converged and last.converged

@@ -5,9 +5,11 @@ The energy of log depth p and lights s, albedo eliminated (variable projection):
     E = sum loss(rho_c (max(0, s_i . n) + phi_i) + H_i - I_ic)    n from the mean gradient G p, (3)
         + beta sum M_uu (p_uuuu / 8)^2 + M_vv (p_vvvv / 8)^2    fourth differences
         + sigma^2 sum w (K (p - p_0))^2                     the sensor's depth
+        + sigma^2 c sum (L (p - p_1))^2                     Laplacian of the change
         + sigma^2 W (N - 4) log(variance of log |s_i|)      lights of equal intensity
 
-H_i is the highlight of `photometry.specular`; 0 until one is found.  The terms and their
+H_i is the highlight of `photometry.specular`; 0 until one is found.  p_1 is the prepared depth, and
+c is 0 but in the last descent under lights in one plane.  The terms and their
 derivatives are in `Photographs.linearize` and `light_terms`, here (`fourth_difference_term`), in
 `Level.sensor_terms`, and in equal_intensity.py; `evaluated` adds the terms up, `depth_system` and
 `light_system` the derivatives.
@@ -24,7 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rakelight.geometry.derivatives import fourth_differences
-from rakelight.geometry.grid import Links, mean_gradient_transposed
+from rakelight.geometry.grid import Links, differences, mean_gradient_transposed
 from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.equal_intensity import (
     equal_intensity_derivatives,
@@ -35,6 +37,7 @@ from rakelight.model import Floats
 from rakelight.photometry.images import LightParameters, Linearization, Surface
 from rakelight.solve import DepthSystem, assemble
 from rakelight.solve.robust import SMALLEST_NOISE, cauchy_scales
+from rakelight.solve.stencil import Laplacian
 
 FOURTH_DIFFERENCE = (0.125, -0.5, 0.75, -0.5, 0.125)
 # Weight of the fourth differences over the diagonal of M, of the same pixel: relative, so that a
@@ -54,7 +57,7 @@ class Fit:
         priors; energy : the sum of all terms
     fourth_difference_weight : (2, h, w) of its squares along u and v
     model : which of the lights' numbers are free
-    equal_intensity_weight : W, of `equal_intensity_energy`
+    equal_intensity_weight : W, of `equal_intensity_energy`; laplacian_weight : c
     depth_damping, joint_damping, lights_damping : of the next step of each kind
     """
 
@@ -68,6 +71,7 @@ class Fit:
     fourth_difference_weight: Floats
     model: LightModel = FREE
     equal_intensity_weight: float = 0.0
+    laplacian_weight: float = 0.0
     depth_damping: float = 1e-3
     joint_damping: float = 1e-3
     lights_damping: float = 1e-2
@@ -132,7 +136,8 @@ def evaluated(
         np.vdot(fit.fourth_difference_weight * fourth_difference, fourth_difference)
     )
     equal_intensity = fit.equal_intensity_weight * equal_intensity_energy(lights.vector)
-    prior = fit.noise**2 * (level.sensor_sum_of_squares(log_depth) + equal_intensity)
+    sensor = level.sensor_sum_of_squares(log_depth) + laplacian_energy(level, fit, log_depth)
+    prior = fit.noise**2 * (sensor + equal_intensity)
     energy = linearization.energy + fourth_difference_energy + prior
     return replace(
         fit, log_depth=log_depth, lights=lights, surface=surface, linearization=linearization,
@@ -159,11 +164,41 @@ def fourth_difference_term_transposed(level: Level, along: Floats) -> Floats:
     return total
 
 
+def laplacian_of_change(level: Level, log_depth: Floats) -> Floats:
+    """(h, w) the Laplacian of what a log depth (h, w) has changed of the prepared one.
+
+    0 where a pixel is not linked to all four neighbours: at the outline, and beside a jump.
+    """
+    change, total = log_depth - level.prior, np.zeros(level.mask.shape)
+    for axis in (1, 0):
+        forward, backward = differences(change, level.links, axis)
+        total += forward - backward
+    return np.where(level.inner, total, 0.0)
+
+
+def laplacian_energy(level: Level, fit: Fit, log_depth: Floats) -> float:
+    """c sum (L (p - p_1))^2 of a log depth (h, w)."""
+    if not fit.laplacian_weight:
+        return 0.0
+    found = laplacian_of_change(level, log_depth)
+    return fit.laplacian_weight * float(np.vdot(found, found))
+
+
+def laplacian_terms(level: Level, fit: Fit) -> dict[str, Floats]:
+    """The Laplacian's term for a correction of log depth, as `solve.assemble` takes it."""
+    if not fit.laplacian_weight:
+        return {}
+    return {
+        "laplacian_weight": fit.noise**2 * fit.laplacian_weight * level.inner,
+        "laplacian_target": -laplacian_of_change(level, fit.log_depth),
+    }
+
+
 def depth_system(level: Level, fit: Fit, tensor: Floats) -> DepthSystem:
     """The normal equations of a correction of log depth, with `tensor` (h, w, 3) for a matrix."""
-    sensor = level.sensor_terms(fit.log_depth, fit.noise**2)
+    priors = level.sensor_terms(fit.log_depth, fit.noise**2) | laplacian_terms(level, fit)
     return assemble(
-        level.mask, tensor, fit.linearization.rhs, pair_weights=level.pairs, **sensor,
+        level.mask, tensor, fit.linearization.rhs, pair_weights=level.pairs, **priors,
     ).plus(-fourth_difference_gradient(level, fit))  # fmt: skip
 
 
@@ -179,6 +214,9 @@ def depth_negative_gradient(level: Level, fit: Fit) -> Floats:
     along = fit.linearization.rhs
     shading = mean_gradient_transposed(along[..., 0], along[..., 1], level.grid)
     data = sensor["data_weight"] * sensor["data_target"] + sensor.get("extra_rhs", 0.0)
+    if bent := laplacian_terms(level, fit):
+        laplacian = Laplacian.on(level.mask, bent["laplacian_weight"])
+        data = data + laplacian.right_side(bent["laplacian_target"])
     return np.asarray(shading + data - fourth_difference_gradient(level, fit))
 
 

@@ -1,4 +1,4 @@
-"""The weights of the sensor's depth and of equal intensities, from how far errors are correlated.
+"""The weights of the energy's priors, from how far errors are correlated.
 
 The sensor's errors and the photographs' alike.
 """
@@ -10,8 +10,10 @@ from collections.abc import Callable
 import numpy as np
 
 from rakelight.geometry.cells import cell_sums
+from rakelight.geometry.derivatives import gradient_image
 from rakelight.geometry.grid import pair_slices
 from rakelight.jit import side_by_side, worth_side_by_side
+from rakelight.methods.base import in_one_plane
 from rakelight.methods.levels import CORRELATION_PX, Level, sensor_error
 from rakelight.methods.multi_light.energy import Fit
 from rakelight.model import MAD_TO_SIGMA, Floats, Mask
@@ -66,6 +68,25 @@ def estimate_equal_intensity_weight(level: Level, log_depth: Floats, prepared: P
         return 0.0
     variance = max(variance for _, variance in block_variances(error, seen))
     return float(np.median(level.sensor_weight) * variance)
+
+
+def estimate_laplacian_weight(level: Level, fit: Fit) -> float:
+    """c, the weight of the Laplacian of the change from the prepared depth; 0 but in one plane.
+
+    Lights in one plane do not show the slope across it, and rows of pixels part.  Along the slope
+    that they show best the change is known: how far that bends is how far all of it may.
+    1 / c is the variance, the largest over blocks of all sizes of  (sum of a block)^2 / pixels.
+    """
+    if not in_one_plane(fit.lights.as_lights(level.middle_m)):
+        return 0.0
+    active = level.photographs.active
+    uu, uv, vv = fit.linearization.jtwj[active].sum(axis=0)
+    best = np.linalg.eigh([[uu, uv], [uv, vv]])[1][:, -1]
+    slope = gradient_image(fit.log_depth - level.prior, level.grid) @ best
+    bend = gradient_image(slope, level.grid) @ best
+    variance = max(variance for _, variance in block_variances(bend, active))
+    # A surface that has moved by no more than rounding says nothing of how far it may.
+    return 1 / variance if variance > np.finfo(np.float32).eps ** 2 else 0.0
 
 
 def correlation_ratio(level: Level, fit: Fit) -> float:
