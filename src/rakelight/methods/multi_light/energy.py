@@ -136,8 +136,8 @@ def evaluated(
         np.vdot(fit.fourth_difference_weight * fourth_difference, fourth_difference)
     )
     equal_intensity = fit.equal_intensity_weight * equal_intensity_energy(lights.vector)
-    sensor = level.sensor_sum_of_squares(log_depth) + laplacian_energy(level, fit, log_depth)
-    prior = fit.noise**2 * (sensor + equal_intensity)
+    sensor, bent = level.sensor_sum_of_squares(log_depth), laplacian_energy(level, fit, log_depth)
+    prior = fit.noise**2 * (sensor + bent + equal_intensity)
     energy = linearization.energy + fourth_difference_energy + prior
     return replace(
         fit, log_depth=log_depth, lights=lights, surface=surface, linearization=linearization,
