@@ -64,7 +64,7 @@ def test_lights_all_around_need_no_warning():
     assert not in_one_plane(lights(30.0, AROUND))
 
 
-def test_two_lights_are_in_no_plane():
+def test_two_lights_are_too_few_to_tell_a_plane():
     assert not in_one_plane(lights(30.0, AROUND[:2]))
 
 

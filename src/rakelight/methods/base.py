@@ -285,7 +285,7 @@ def thickness_deg(toward: Floats) -> float:
 
 
 def in_one_plane(lights: Lights) -> bool:
-    """Whether the lights lie in one plane with the object: slopes across it do not show.
+    """Whether the lights lie in one plane with the object: photographs show no slope across it.
 
     >>> tilt = np.radians([-40.0, 0.0, 40.0])
     >>> vector = np.stack([np.sin(tilt), 0 * tilt, -np.cos(tilt)], axis=-1)

@@ -74,6 +74,15 @@ class Laplacian:
         in_parts(_kernels.second_differences, *rows, *where, self.weight, top, left, x, y)
         in_parts(_kernels.second_differences_transposed, *rows, *where, top, left, y, out)
 
+    def of(self, image: Floats) -> Floats:
+        """lambda L p, (H, W), of an image p (H, W)."""
+        from rakelight.solve import _kernels
+
+        x = np.pad(image, 1)
+        y, where = np.zeros_like(x), (self.along_u, self.along_v)
+        _kernels.second_differences(1, len(x) - 1, *where, self.weight, 0, 0, x, y)
+        return y[1:-1, 1:-1]
+
     def right_side(self, target: Floats) -> Floats:
         """Lᵀ lambda l, (H, W), for the target l (H, W)."""
         from rakelight.solve import _kernels

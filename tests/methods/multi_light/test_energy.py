@@ -92,7 +92,7 @@ def start(level, name):
     near = replace(lights, inverse_distance=np.full((count, 1), 3.0))
     depth, light = {
         "rough depth": (prior + 0.03 * rough(level), lights),
-        "rough depth, held": (prior + 0.03 * rough(level), lights),
+        "rough depth, Laplacian": (prior + 0.03 * rough(level), lights),
         "flat depth": (np.full_like(prior, prior.mean()), lights),
         "wild lights": (prior, wild),
         "lights behind": (prior, replace(lights, vector=-lights.vector)),
@@ -104,7 +104,7 @@ def start(level, name):
     if "glossy" in name:
         light = replace(light, gloss=np.array([0.02, 0.05, 0.01]))
     fit = first_fit(level, depth, light, LightModel(near="near" in name))
-    if "held" in name:  # the Laplacian counts as much as the photographs
+    if "Laplacian" in name:  # it counts as much as the photographs
         counted = np.median(fit.linearization.jtwj[level.photographs.active]) / fit.noise**2
         fit = evaluated(level, replace(fit, laplacian_weight=counted), depth, light)
     return update_scale(level, with_coloured_lights(fit)) if "coloured" in name else fit
@@ -113,7 +113,7 @@ def start(level, name):
 STARTS = (
     "prior", "rough depth", "flat depth", "wild lights", "lights behind", "no light",
     "lights alike", "coloured", "near", "coloured near", "glossy", "glossy near", "glossy coloured",
-    "rough depth, held",
+    "rough depth, Laplacian",
 )  # fmt: skip
 
 
@@ -198,7 +198,7 @@ def test_the_laplacian_does_not_reach_across_a_cut(level):
 
 
 @pytest.mark.parametrize(
-    "name", ["prior", "rough depth", "rough depth, held", "near", "glossy near"]
+    "name", ["prior", "rough depth", "rough depth, Laplacian", "near", "glossy near"]
 )
 def test_the_right_side_is_minus_half_the_derivative_of_the_energy(level, name):
     # By then the albedo's reweighting has come to rest, and the energy owes nothing to it.

@@ -164,13 +164,13 @@ def smooth(seed=0):
     return gaussian_filter(white(scene()[1].mask.shape, seed), 2.0)
 
 
-def test_the_laplacian_counts_by_how_far_the_surface_bends_along_the_lights_plane():
+def test_the_laplacians_weight_is_one_over_the_variance_of_curvature_along_the_lights_plane():
     _, level = scene()
     once = laplacian_weight(smooth())
     assert laplacian_weight(2 * smooth()) == pytest.approx(once / 4)
-    # It bends alike over a few pixels, which count as one.
-    bend = np.gradient(np.gradient(smooth(), axis=1), axis=1)[level.inner]
-    assert 0.1 / bend.var() < once < 0.3 / bend.var()
+    # Curvature is correlated over a few pixels, which count as one.
+    curvature = np.gradient(np.gradient(smooth(), axis=1), axis=1)[level.inner]
+    assert 0.1 / curvature.var() < once < 0.3 / curvature.var()
 
 
 def test_rows_that_have_parted_do_not_make_it_count_less():
@@ -178,7 +178,7 @@ def test_rows_that_have_parted_do_not_make_it_count_less():
     assert laplacian_weight(smooth() + rows) == pytest.approx(laplacian_weight(smooth()), rel=0.2)
 
 
-def test_lights_around_the_plane_need_no_laplacian():
+def test_lights_off_the_plane_need_no_laplacian():
     assert laplacian_weight(smooth(), across_deg=10) == 0
 
 

@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rakelight.geometry.derivatives import fourth_differences
-from rakelight.geometry.grid import Links, differences, mean_gradient_transposed
+from rakelight.geometry.grid import Links, mean_gradient_transposed
 from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.equal_intensity import (
     equal_intensity_derivatives,
@@ -136,8 +136,9 @@ def evaluated(
         np.vdot(fit.fourth_difference_weight * fourth_difference, fourth_difference)
     )
     equal_intensity = fit.equal_intensity_weight * equal_intensity_energy(lights.vector)
-    sensor, bent = level.sensor_sum_of_squares(log_depth), laplacian_energy(level, fit, log_depth)
-    prior = fit.noise**2 * (sensor + bent + equal_intensity)
+    sensor = level.sensor_sum_of_squares(log_depth)
+    laplacian = laplacian_energy(level, fit, log_depth)
+    prior = fit.noise**2 * (sensor + laplacian + equal_intensity)
     energy = linearization.energy + fourth_difference_energy + prior
     return replace(
         fit, log_depth=log_depth, lights=lights, surface=surface, linearization=linearization,
@@ -169,11 +170,7 @@ def laplacian_of_change(level: Level, log_depth: Floats) -> Floats:
 
     0 where a pixel is not linked to all four neighbours: at the outline, and beside a jump.
     """
-    change, total = log_depth - level.prior, np.zeros(level.mask.shape)
-    for axis in (1, 0):
-        forward, backward = differences(change, level.links, axis)
-        total += forward - backward
-    return np.where(level.inner, total, 0.0)
+    return Laplacian.on(level.mask, level.inner.astype(float)).of(log_depth - level.prior)
 
 
 def laplacian_energy(level: Level, fit: Fit, log_depth: Floats) -> float:
@@ -214,9 +211,9 @@ def depth_negative_gradient(level: Level, fit: Fit) -> Floats:
     along = fit.linearization.rhs
     shading = mean_gradient_transposed(along[..., 0], along[..., 1], level.grid)
     data = sensor["data_weight"] * sensor["data_target"] + sensor.get("extra_rhs", 0.0)
-    if bent := laplacian_terms(level, fit):
-        laplacian = Laplacian.on(level.mask, bent["laplacian_weight"])
-        data = data + laplacian.right_side(bent["laplacian_target"])
+    if terms := laplacian_terms(level, fit):
+        laplacian = Laplacian.on(level.mask, terms["laplacian_weight"])
+        data = data + laplacian.right_side(terms["laplacian_target"])
     return np.asarray(shading + data - fourth_difference_gradient(level, fit))
 
 

@@ -73,9 +73,10 @@ def estimate_equal_intensity_weight(level: Level, log_depth: Floats, prepared: P
 def estimate_laplacian_weight(level: Level, fit: Fit) -> float:
     """c, the weight of the Laplacian of the change from the prepared depth; 0 but in one plane.
 
-    Lights in one plane do not show the slope across it, and rows of pixels part.  Along the slope
-    that they show best the change is known: how far that bends is how far all of it may.
-    1 / c is the variance, the largest over blocks of all sizes of  (sum of a block)^2 / pixels.
+    Lights in one plane do not show the slope across it, and rows of pixels part.  In the direction
+    in which photographs show the slope best, the second derivative of the change is known; it is
+    taken to be as large in all.  1 / c is its variance, pixels^-4: the largest, over blocks of all
+    sizes, of  (sum of a block)^2 / pixels.
     """
     if not in_one_plane(fit.lights.as_lights(level.middle_m)):
         return 0.0
@@ -83,8 +84,8 @@ def estimate_laplacian_weight(level: Level, fit: Fit) -> float:
     uu, uv, vv = fit.linearization.jtwj[active].sum(axis=0)
     best = np.linalg.eigh([[uu, uv], [uv, vv]])[1][:, -1]
     slope = gradient_image(fit.log_depth - level.prior, level.grid) @ best
-    bend = gradient_image(slope, level.grid) @ best
-    variance = max(variance for _, variance in block_variances(bend, active))
+    curvature = gradient_image(slope, level.grid) @ best
+    variance = max(variance for _, variance in block_variances(curvature, active))
     # A surface that has moved by no more than rounding says nothing of how far it may.
     return 1 / variance if variance > np.finfo(np.float32).eps ** 2 else 0.0
 
