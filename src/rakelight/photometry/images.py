@@ -165,7 +165,7 @@ def applied(tensor: Floats, gradient: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Photographs:
-    """Photographs (N, h, w, 3) as read, with what their values mean.
+    """Photographs (N, h, w, 3), uint16 with the values as read, and what these mean.
 
     table : linear light of every value; values from `low` to `high` are usable
     grid : (h, w) mask of the object, or which of its neighbours are linked; camera : of this window
@@ -264,8 +264,10 @@ class Photographs:
         mean_abs_residual = np.zeros((height, width))
         slope = np.zeros((height if with_light_slope else 0, lights.ambient.shape[1], 5, len(self)))
         gloss_slope = np.zeros((len(slope), len(lights.gloss)))
+        # In one order in memory, or the kernel would be compiled once more for another.
+        gradient, points = map(np.ascontiguousarray, (surface.gradient, surface.points))
         given = (
-            self.values, self._light, self.active, surface.gradient, surface.points,
+            self.values, self._light, self.active, gradient, points,
             self._optics, *lights.arrays, self._scales(scale), lagged, project,
             albedo, jtwj, rhs, sums, histogram, mean_abs_residual, with_light_slope, slope,
         )  # fmt: skip
