@@ -36,6 +36,7 @@ from rakelight.methods.multi_light.model_selection import (
     plausible,
     radius_over_distance,
     select_model,
+    sensor_cost,
     starts,
     with_near_lights,
 )
@@ -77,7 +78,7 @@ def descents(capture: Capture, truth: Truth) -> Record:
     exact = pyramid(replace(finest, prior=log_true), options.coarse_pixels)[-1]
     measured = partial(figures, level, exact, truth)
 
-    chosen = select_model(level, weights, options, silent, "look").fit
+    chosen = select_model(level, weights, options, silent, "look")
     others: list[Record] = []
     for name, start in named_starts(level, exact):
         for weight in weights:
@@ -86,8 +87,9 @@ def descents(capture: Capture, truth: Truth) -> Record:
             begun = with_near_lights(weighted, distant)
             near = descend(weighted, begun, options, silent, "look").fit
             for fit in (distant, near):
-                others.append({"start": name, "weight": weight, **measured(fit)})
-    return {"photographs": len(level.photographs), "chosen": measured(chosen), "others": others}
+                others.append({"start": name, "weight": weight, **measured(fit, weight)})
+    chosen_here = measured(chosen.fit, chosen.weight)
+    return {"photographs": len(level.photographs), "chosen": chosen_here, "others": others}
 
 
 def named_starts(level: Level, exact: Level) -> Iterator[tuple[str, Fit]]:
@@ -99,16 +101,16 @@ def named_starts(level: Level, exact: Level) -> Iterator[tuple[str, Fit]]:
     yield "truth", reset_scale(level, fit)
 
 
-def figures(level: Level, exact: Level, truth: Truth, fit: Fit) -> Record:
+def figures(level: Level, exact: Level, truth: Truth, fit: Fit, weight: float) -> Record:
     """Errors of a state, the depth's but for an offset, and the terms of a likelihood.
 
-    level : its depth weight is of one sensor pixel's noise; exact : with the true depth for a prior
+    level : its depth weight is of one sensor pixel's noise; weight : that of the descent, a
+        multiple; exact : with the true depth for a prior
     """
     (normals, _), (true_normals, _) = (level.normals(each) for each in (fit.log_depth, exact.prior))
     active = level.photographs.active
     off_deg = normal_error_map_deg(normals, true_normals, active)
     off = (fit.log_depth - exact.prior)[level.mask]
-    misfit = level.sensor_sum_of_squares(fit.log_depth) / len(level.sensor_weight)
     nearness = radius_over_distance(level, fit.lights)
     return {
         "deg": float(off_deg[active].mean()),
@@ -117,7 +119,7 @@ def figures(level: Level, exact: Level, truth: Truth, fit: Fit) -> Record:
         "near": fit.model.near,
         "plausible": not fit.model.near or plausible(level, fit.lights),
         "log_sigma": float(np.log(fit.linearization.noise_sigma) + np.log1p(nearness**2)),
-        "log_misfit": float(np.log1p(misfit)),
+        "sensor": sensor_cost(level, fit, weight),
         "equal_intensity": equal_intensity_energy(fit.lights.vector),
     }
 
@@ -127,7 +129,7 @@ def figures(level: Level, exact: Level, truth: Truth, fit: Fit) -> Record:
 
 def cost(share: float, record: Record, other: Record) -> float:
     """Minus twice the logarithm of the likelihood of a descent, n = share N."""
-    photographs = 2 * other["log_sigma"] + share * other["log_misfit"]
+    photographs = 2 * other["log_sigma"] + share * other["sensor"]
     return float(record["photographs"] * photographs + other["equal_intensity"])
 
 

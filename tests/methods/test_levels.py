@@ -157,6 +157,23 @@ def test_the_weight_is_the_precision_of_log_depth():
     np.testing.assert_allclose((level.prior_weight * change**2)[seen], 1, rtol=6e-3)
 
 
+def test_a_sensor_that_is_more_precise_than_its_model_shows_it_from_pixel_to_pixel():
+    prepared = make_prepared(96, 96)
+    row, column = np.mgrid[:96, :96]
+    noise = np.random.default_rng(1).standard_normal(row.shape)
+    plane = 0.8 + 0.002 * column - 0.001 * row
+
+    def level(noise_m):
+        sensor = replace(prepared.sensor, depth_m=plane + noise_m * noise)
+        return finest_level(replace(prepared, sensor=sensor))
+
+    assert level(4e-4).pixel_noise == pytest.approx(0.04, rel=0.1)  # the model's is 2 mm
+    assert level(4e-3).pixel_noise == 1.0
+    assert level(4e-4).halved().pixel_noise == level(4e-4).pixel_noise
+    unseen = replace(prepared.sensor, depth_m=np.full(row.shape, np.nan))
+    assert finest_level(replace(prepared, sensor=unseen)).pixel_noise == 1.0
+
+
 def test_a_factor_multiplies_the_weight_alone():
     level = finest_level(make_prepared())
     np.testing.assert_array_equal(level.weighted(7.0).prior_weight, 7 * level.prior_weight)

@@ -30,6 +30,7 @@ from rakelight.geometry.normals import (
 from rakelight.model import BLACK, SATURATED, Array, Camera, Floats, Mask
 from rakelight.photometry.images import Photographs, Surface
 from rakelight.prepare import Prepared
+from rakelight.prepare.average import pixel_noise
 from rakelight.prepare.inpaint import nearest_fill
 from rakelight.prepare.jumps import without_measured_jumps
 from rakelight.prepare.linear import linear_table
@@ -59,6 +60,8 @@ class Level:
     middle_m : (3,) the object's middle, metres
     points : (h, w, 3) of the prepared depth, metres from the middle, for near lights; refining
         moves them little compared to the distance of the lights
+    pixel_noise : variance of the sensor's pixel-to-pixel noise over the one that `prior_weight` is
+        of: at most 1, and less where the sensor may be more precise than its model says
     """
 
     photographs: Photographs
@@ -69,6 +72,7 @@ class Level:
     points: Floats
     averaging: Averaging | None
     small_components: Mask
+    pixel_noise: float = 1.0
 
     @property
     def mask(self) -> Mask:
@@ -254,6 +258,7 @@ class Level:
             / np.maximum(weight, 1)[..., None],
             averaging,
             find_small_components(photographs.grid, averaging),
+            self.pixel_noise,
         )
 
     def carried(self, coarse: Level, log_depth: Floats) -> Floats:
@@ -296,7 +301,17 @@ def finest_level(prepared: Prepared, *, cut: bool = False, unbiased: bool = Fals
         points - middle,
         averaging,
         find_small_components(grid, averaging),
+        relative_pixel_noise(prepared),
     )
+
+
+def relative_pixel_noise(prepared: Prepared) -> float:
+    """Variance of the sensor's pixel-to-pixel noise over that of `prepared.sigma_m`, at most 1."""
+    sensor = prepared.sensor
+    if not sensor.measured.any():
+        return 1.0
+    typical_m = float(np.median(sensor.sigma_m[sensor.measured]))
+    return min(pixel_noise(sensor.depth_m) / typical_m, 1.0) ** 2
 
 
 def cut_at_measured_jumps(level: Level, prepared: Prepared) -> Level:

@@ -12,6 +12,7 @@ from rakelight.methods.multi_light import (
     coarsest_level,
     first_levels,
 )
+from rakelight.methods.multi_light.confidence import typical_information
 from rakelight.methods.multi_light.energy import first_fit
 from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.methods.multi_light.initial_lights import lights_of_prior
@@ -21,7 +22,9 @@ from rakelight.methods.multi_light.model_selection import (
     cheapest,
     cost,
     near_choices,
+    raised,
     select_model,
+    sensor_cost,
     variation_of_distances,
     with_coloured_lights,
 )
@@ -34,6 +37,7 @@ from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
 CORRELATED = DepthNoise(rms_mm=3.3, correlation_length_px=14.0)
+WHITE = DepthNoise(rms_mm=2.5)
 
 
 @cache
@@ -73,16 +77,16 @@ def test_depth_whose_errors_are_correlated_has_less_weight():
 
 
 def test_lights_of_equal_intensity_speak_for_less_weight():
-    """Of the coin, a flat surface explains photographs half as well; but its lights are unlike."""
+    """Of the coin, a flat surface explains photographs half as well, but its lights are unlike."""
     flat, relief = (
         selected(CORRELATED, weights=(weight,), distance="distant").fit for weight in (10.0, 0.01)
     )
     assert relief.linearization.noise_sigma > 0.5 * flat.linearization.noise_sigma
-    level = coarsest(CORRELATED)[0]
-    costs = [cost(level, fit) for fit in (flat, relief)]
+    level, factor = coarsest(CORRELATED)
+    costs = [cost(level, fit, factor * weight) for fit, weight in ((flat, 10.0), (relief, 0.01))]
     unequal = [equal_intensity_energy(fit.lights.vector) for fit in (flat, relief)]
     assert costs[1] < costs[0]
-    assert costs[1] - unequal[1] > costs[0] - unequal[0] + 10
+    assert unequal[1] < unequal[0] - 10
 
 
 def test_correlated_errors_of_the_depth_do_not_flatten_a_coin():
@@ -93,15 +97,81 @@ def test_correlated_errors_of_the_depth_do_not_flatten_a_coin():
 
 def test_the_cost_counts_each_photograph_once_and_the_depth_as_all_of_them():
     level, fit = coarsest(CORRELATED)[0], selected(CORRELATED).fit
-    here, count = cost(level, fit), len(level.photographs)
-    rougher = replace(fit.linearization, noise_sigma=2 * fit.linearization.noise_sigma)
-    more = cost(level, replace(fit, linearization=rougher)) - here
-    assert more == pytest.approx(count * np.log(4))
-    # The sensor's own depth, and one that is three of its noise's deviations off everywhere.
-    exact = level.unbiased_prior
-    off = exact + 3 / np.sqrt(np.median(level.sensor_weight))
-    costs = [cost(level, replace(fit, log_depth=each)) for each in (exact, off)]
-    assert costs[1] - costs[0] == pytest.approx(count * np.log(10), rel=0.05)
+    here, count = cost(level, fit, 1.0), len(level.photographs)
+    # So that what photographs say of the depth stays as it is.
+    ten = replace(fit.linearization, jtwj=100 * fit.linearization.jtwj, noise_sigma=10 * sigma(fit))
+    rougher = replace(fit, linearization=ten, noise=10 * fit.noise)
+    more = cost(level, rougher, 1.0) - here
+    assert more == pytest.approx(count * np.log(100))
+    without = [
+        cost(level, each, 1.0) - count * sensor_cost(level, each, 1.0) for each in (fit, rougher)
+    ]
+    assert without[1] - without[0] == pytest.approx(more)
+
+
+def sigma(fit):
+    return fit.linearization.noise_sigma
+
+
+def missed(level, fit, deviations, seed=0):
+    """The state at the sensor's depth but for white noise, in deviations of the sensor's."""
+    noise = deviations * np.random.default_rng(seed).standard_normal(level.mask.shape)
+    return replace(
+        fit, log_depth=level.unbiased_prior + noise / np.sqrt(level.prior_weight + 1e-300)
+    )
+
+
+def test_the_sensors_cost_is_the_logarithm_of_its_variance():
+    """Where photographs know the depth and nothing is held to it, white noise of 1 and 10 times."""
+    level, fit = coarsest(WHITE)[0], selected(WHITE).fit
+    known = replace(fit.linearization, jtwj=1e12 * fit.linearization.jtwj)
+    fit = replace(fit, linearization=known)
+    level = replace(level, pixel_noise=1.0)
+    found = [sensor_cost(level, missed(level, fit, off), 0.0) for off in (0.0, 3.0, 10.0)]
+    assert found == pytest.approx([0.0, np.log(10), np.log(101)], abs=0.1)
+    finer = replace(level, pixel_noise=0.01)
+    assert sensor_cost(finer, missed(level, fit, 0.0), 0.0) == pytest.approx(np.log(0.01))
+
+
+def test_what_photographs_do_not_say_of_the_depth_costs_nothing():
+    """Their variance is added to the sensor's: a miss within it is no error of the sensor."""
+    level, fit = coarsest(WHITE)[0], selected(WHITE).fit
+    vague = replace(fit.linearization, jtwj=1e-12 * fit.linearization.jtwj)
+    near, far = (
+        sensor_cost(level, missed(level, replace(fit, linearization=vague), off), 0.0)
+        for off in (0.0, 3.0)
+    )
+    assert far == pytest.approx(near, rel=1e-3)
+
+
+def test_a_surface_that_follows_the_sensor_does_not_cost_less_for_it():
+    """It shows m / (m + w) of what it is off by: the cost does not change where w is counted in."""
+    level, fit = coarsest(WHITE)[0], selected(WHITE).fit
+    level = replace(level, pixel_noise=1e-12)
+    known = replace(
+        fit, linearization=replace(fit.linearization, jtwj=1e3 * fit.linearization.jtwj)
+    )
+    free = missed(level, known, 3.0)
+    information = known.noise**-2 * typical_information(level, known)
+    information *= np.pi**2 / 2 / np.median(level.sensor_weight)  # of single pixels
+    held = missed(level, known, 1.5)
+    assert sensor_cost(level, held, 0.0) < sensor_cost(level, free, 0.0) - 1
+    assert sensor_cost(level, held, information) > sensor_cost(level, free, 0.0)
+
+
+def test_a_larger_weight_is_tried_while_it_costs_less():
+    """Up to the noise from pixel to pixel, and not where a weight was asked for."""
+    level, factor = coarsest(WHITE)
+    weights = [factor * each for each in FIRST_DEPTH_WEIGHTS]
+    best = replace(selected(WHITE), weight=weights[-1])
+    bad = replace(best, fit=missed(level, best.fit, 30.0))
+    precise = replace(level, pixel_noise=0.5)
+    more = raised(precise, bad, weights, MultiLight(), silent)
+    assert more.weight == pytest.approx(10 * weights[-1])
+    assert raised(level, bad, weights, MultiLight(), silent) is bad
+    assert raised(precise, bad, weights, MultiLight(depth_weight=1.0), silent) is bad
+    smaller = replace(bad, weight=weights[0])
+    assert raised(precise, smaller, weights, MultiLight(), silent) is smaller
 
 
 def test_the_cost_counts_unequal_lights_but_not_given_ones():
@@ -110,12 +180,12 @@ def test_the_cost_counts_unequal_lights_but_not_given_ones():
     dimmed = np.linspace(1, 2, len(vector))[:, None, None] * vector
     more = equal_intensity_energy(dimmed) - equal_intensity_energy(vector)
     both = [replace(fit, lights=replace(fit.lights, vector=each)) for each in (vector, dimmed)]
-    found = [cost(level, each) for each in both]
+    found = [cost(level, each, 1.0) for each in both]
     assert found[1] - found[0] == pytest.approx(more)
     assert more > 1
     directions = vector / np.linalg.norm(vector, axis=-1, keepdims=True)
     given = LightModel(directions=directions)
-    held = [cost(level, replace(each, model=given)) for each in both]
+    held = [cost(level, replace(each, model=given), 1.0) for each in both]
     assert held[0] == held[1]
 
 
@@ -126,6 +196,7 @@ def test_lights_that_would_be_very_near_are_penalised():
         cost(
             level,
             replace(fit, lights=replace(fit.lights, inverse_distance=each * np.ones((12, 1)))),
+            1.0,
         )
         for each in (0.0, 1 / radius_m)
     )
@@ -135,6 +206,9 @@ def test_lights_that_would_be_very_near_are_penalised():
 def test_distances_that_vary_more_than_a_hands_are_penalised():
     """As much as residuals that are as many times larger; never refused."""
     level, fit = coarsest(CORRELATED)[0], selected(CORRELATED, distance="distant").fit
+    # Where photographs determine the depth, sigma is not in the sensor's cost.
+    known = replace(fit.linearization, jtwj=1e12 * fit.linearization.jtwj)
+    fit = replace(fit, linearization=known)
     radius_m = np.linalg.norm(level.points[level.mask], axis=-1).max()
 
     def at(most):  # the middle half of the inverse distances spans as much as the largest differs
@@ -143,19 +217,21 @@ def test_distances_that_vary_more_than_a_hands_are_penalised():
 
     alike, plain, wide = (at(most) for most in (0.0, 0.4, 0.9))
     assert variation_of_distances(alike.lights) == variation_of_distances(fit.lights) == 0
-    assert cost(level, plain) == cost(level, alike)
+    assert cost(level, plain, 1.0) == cost(level, alike, 1.0)
     beyond = variation_of_distances(wide.lights) / MOST_VARIED_DISTANCES
     assert beyond == pytest.approx(1.8)
     rougher = replace(wide.linearization, noise_sigma=beyond * wide.linearization.noise_sigma)
     without = replace(alike, linearization=rougher)
-    assert cost(level, wide) == pytest.approx(cost(level, without))
+    assert cost(level, wide, 1.0) == pytest.approx(cost(level, without, 1.0))
 
 
 def test_the_choice_is_the_least_cost_of_white_and_near_lights():
-    level, free = coarsest(CORRELATED)[0], selected(CORRELATED)
+    (level, factor), free = coarsest(CORRELATED), selected(CORRELATED)
     choices = [free, *(selected(CORRELATED, distance=each) for each in ("near", "distant"))]
     assert [each.fit.model.near for each in choices[1:]] == [True, False]
-    assert cost(level, free.fit) == min(cost(level, each.fit) for each in choices)
+    choices = [replace(each, weight=factor * each.weight) for each in choices]
+    costs = [cost(level, each.fit, each.weight) for each in choices]
+    assert costs[0] == min(costs)
     assert cheapest(level, choices[::-1]).fit.energy == free.fit.energy
 
 

@@ -34,7 +34,7 @@ from rakelight.methods.levels import (
 from rakelight.methods.multi_light.bas_relief_variance import bas_relief_variance, sensor_moment
 from rakelight.methods.multi_light.confidence import depth_sigma, normal_errors
 from rakelight.methods.multi_light.energy import Fit, evaluated, reset_scale
-from rakelight.methods.multi_light.model_selection import cheapest, descents, select_model
+from rakelight.methods.multi_light.model_selection import cheapest, descents, raised, select_model
 from rakelight.methods.multi_light.noise import (
     correlation_ratio,
     estimate_depth_weight,
@@ -69,6 +69,7 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     # 1. The coarsest level: the start, the light model, and a first depth weight.
     coarsest = len(levels) - 1
     coarse, factor = coarsest_level(levels)
+    largest = weights[-1]
     weights = [factor * each for each in weights]
     descent = select_model(coarse, weights, options, progress, stage(coarsest), prepared.lights)
     # 2. With the highlights and without the cast shadows that this fit predicts, the weight is
@@ -89,7 +90,7 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     # 4. The depth weight from the errors of both sides, now that there are residuals.
     first_weight = weight
     if options.depth_weight is None:
-        weight = estimate_depth_weight(descent.fit, prepared)
+        weight = estimate_depth_weight(descent.fit, prepared, largest / max(weight, largest))
     # 5. The lights, the depth moving with them, until the energy has converged.  Outliers are
     # predicted again, and links cut at jumps that the sensor blurred or its noise hid: they are
     # steep by now.  One scale for all pixels: the lights do not follow those where the model errs.
@@ -152,7 +153,8 @@ def select_without_outliers(
     clear, fit = without_outliers(level, descent.fit)
     if fit is descent.fit:
         return descent
-    return cheapest(clear, descents(clear, options, progress, stage, weights, fit))
+    again = cheapest(clear, descents(clear, options, progress, stage, weights, fit))
+    return raised(clear, again, weights, options, progress)
 
 
 def without_outliers(level: Level, fit: Fit) -> tuple[Level, Fit]:

@@ -12,11 +12,13 @@ from functools import partial
 import numpy as np
 
 from rakelight.methods.levels import Level
+from rakelight.methods.multi_light.confidence import TINY, typical_information
 from rakelight.methods.multi_light.energy import Fit, first_fit
 from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.methods.multi_light.factored_start import factored_start
 from rakelight.methods.multi_light.initial_lights import lights_of_given, lights_of_prior
 from rakelight.methods.multi_light.light_model import LightModel
+from rakelight.methods.multi_light.noise import variances_by_scale
 from rakelight.methods.multi_light.options import MultiLight
 from rakelight.methods.multi_light.steps import Descent, descend, refine_lights
 from rakelight.model import GivenLights, ProgressCallback
@@ -68,7 +70,7 @@ def select_model(
             choices = near
         else:
             choices += [each for each in near if plausible(level, each.fit.lights)]
-    best = cheapest(level, choices)
+    best = raised(level, cheapest(level, choices), weights, options, progress)
     own_ambient = replace(best.fit.model, shared_ambient=False)
     return replace(best, fit=replace(best.fit, model=own_ambient))
 
@@ -115,36 +117,84 @@ def near_choices(
     return [best, *smaller, *again]
 
 
+def raised(
+    level: Level,
+    best: Descent,
+    weights: Sequence[float],
+    options: MultiLight,
+    progress: ProgressCallback,
+) -> Descent:
+    """The descent under ten times the largest weight, and ten times that, while it costs less.
+
+    A sensor can be more precise than its model says: up to the noise from pixel to pixel.
+    """
+    largest = weights[-1]
+    if options.depth_weight is not None:
+        return best
+    while best.weight >= largest and largest * level.pixel_noise < weights[-1]:
+        largest = 10 * best.weight
+        more = descents(level, options, progress, "try a larger depth weight", [largest], best.fit)
+        best = cheapest(level, [best, *more])
+    return best
+
+
 def cheapest(level: Level, choices: Sequence[Descent]) -> Descent:
     """The descent of the least cost; the level's depth weight is of one sensor pixel's noise."""
-    return min(choices, key=lambda each: cost(level, each.fit))
+    return min(choices, key=lambda each: cost(level, each.fit, each.weight))
 
 
-def cost(level: Level, fit: Fit) -> float:
+def cost(level: Level, fit: Fit, weight: float) -> float:
     """Minus twice the logarithm of the likelihood of photographs, depth and lights.
 
-        N log(sigma^2 (1 + R^2/D^2)^2 V^2)  +  N log(1 + mean w (K (p - p_0))^2)
+        N log(sigma^2 (1 + R^2/D^2)^2 V^2)  +  N (`sensor_cost`)
             +  (N - 4) log(variance of log |s_i|)
 
     each with the variance that makes it most likely.  Errors are correlated within a photograph and
     within the depth map, over areas that are not known: each photograph counts as one value, the
-    depth map as many as all photographs, and its variance is at least that of one pixel's noise.
-    Lights at a distance D about the object's radius R would let fall-off make all shading, and so
-    would distances that vary more than a hand's, V times.  Lights in given directions have neither
-    of these penalties, nor the third term.
+    depth map as many as all photographs.  Lights at a distance D about the object's radius R would
+    let fall-off make all shading, and so would distances that vary more than a hand's, V times.
+    Lights in given directions have neither of these penalties, nor the third term.
 
-    level : its depth weight w is of one sensor pixel's noise
+    level : its depth weight is of one sensor pixel's noise
+    weight : a multiple of that, under which the fit was found
     """
     count = len(level.photographs)
     sigma = max(fit.linearization.noise_sigma, SMALLEST_NOISE)
-    misfit = level.sensor_sum_of_squares(fit.log_depth) / max(len(level.sensor_weight), 1)
-    total = count * (2 * np.log(sigma) + np.log1p(misfit))
+    total = count * (2 * np.log(sigma) + sensor_cost(level, fit, weight))
     if fit.model.directions is None:
         total += 2 * count * np.log1p(radius_over_distance(level, fit.lights) ** 2)
         varied = variation_of_distances(fit.lights) / MOST_VARIED_DISTANCES
         total += 2 * count * np.log(max(varied, 1.0))
         total += equal_intensity_energy(fit.lights.vector)
     return float(total)
+
+
+def sensor_cost(level: Level, fit: Fit, weight: float) -> float:
+    """Mean over all scales of log(v_0 + 1/m + v (1 + w'/m)^2), in one sensor pixel's noise.
+
+    v is the variance, at a scale, of sensor less surface (`variances_by_scale`); m what photographs
+    say of a mode there, 1 / variance.  A surface that is held to the sensor by w has followed its
+    errors, and shows m / (m + w) of what sensor and photographs differ by.  That has the sensor's
+    variance, whatever makes it most likely but no less than its pixel-to-pixel noise v_0, and the
+    photographs', 1/m.  Blocks of side S differ at wavelengths of 2 S to 4 S, so that
+    m = M (2 pi / sqrt(8) S)^2 / sigma^2; w' is w with the noise by which the descent weighed it.
+    """
+    seen = level.mask if level.averaging is None else level.averaging.covered
+    error = np.zeros(seen.shape)
+    miss = level.sensed(fit.log_depth - level.unbiased_prior)
+    error[seen] = miss * np.sqrt(level.sensor_weight)
+    scales = variances_by_scale(error, seen)
+    if not scales:
+        return 0.0  # a single sensor pixel, to which any surface is moved
+    side, modes, variance = np.transpose(scales)
+    pixels = 1.0 if level.averaging is None else level.averaging.factor
+    information = (np.pi / (pixels * side)) ** 2 / 2 * typical_information(level, fit) * pixels**2
+    information /= float(np.median(level.sensor_weight))
+    sigma = max(fit.linearization.noise_sigma, SMALLEST_NOISE)
+    by_photographs = np.maximum(information, TINY) / sigma**2
+    followed = 1 + weight * fit.noise**2 / np.maximum(information, TINY)
+    each = level.pixel_noise + 1 / by_photographs + variance * followed**2
+    return float(modes @ np.log(each) / modes.sum())
 
 
 def starts(level: Level, given: GivenLights | None) -> Iterator[Fit]:

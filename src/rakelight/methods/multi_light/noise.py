@@ -26,12 +26,15 @@ from rakelight.solve.robust import BY_CHANCE, SMALLEST_NOISE
 FEWEST_BLOCKS = 16
 
 
-def estimate_depth_weight(fit: Fit, prepared: Prepared) -> float:
+def estimate_depth_weight(fit: Fit, prepared: Prepared, least: float = 1.0) -> float:
     """The depth weight, 1/variance relative to white noise's, from the errors of both sides.
 
     Depth errors e that are correlated over an area of r^2 = <e^2> / <|de|^2> of the sensor's pixels
     count r^2 times less than independent ones (medians, so that depth jumps do not count).  The
     photographs' residuals are correlated, too: over `assumed_correlation_area`.
+
+    least : of the variance of e over the one that the sensor is taken to have; below 1 where the
+        sensor was found to be more precise than that
     """
     error, seen = sensor_error(prepared, fit.log_depth)
     steps = np.concatenate(
@@ -44,7 +47,10 @@ def estimate_depth_weight(fit: Fit, prepared: Prepared) -> float:
         return CORRELATION_PX**2  # no two depth pixels are neighbours
     error = error[seen] - np.median(error[seen])
     correlation_area = np.median(error**2) / max(float(np.median(steps**2)), 1e-30)
-    return assumed_correlation_area(fit) / max(float(correlation_area), 1e-30)
+    relative = (prepared.sensor.depth_m / prepared.sensor.sigma_m)[seen]
+    variance = MAD_TO_SIGMA**2 * float(np.median((error * relative) ** 2))
+    independent = float(correlation_area) * min(max(variance, least), 1.0)
+    return assumed_correlation_area(fit) / max(independent, 1e-30)
 
 
 def assumed_correlation_area(fit: Fit) -> float:
@@ -118,6 +124,30 @@ def correlation_ratio(level: Level, fit: Fit) -> float:
     # The median of the photographs: one of something else is no error of the model.
     correlated = float(np.median(each, axis=0).max()) / sigma**2
     return correlated / assumed_correlation_area(fit)
+
+
+def variances_by_scale(error: Floats, seen: Mask) -> list[tuple[int, int, float]]:
+    """Sides S = 1, 2, 4 ... of square blocks, how many modes differ at that scale, their variance.
+
+    Haar's modes: what the means over blocks of side S differ by within blocks of side 2 S, times
+    the root of the pixels of each.  White noise has the same variance at all scales.
+
+    error : (h, w), 0 where it is not seen; seen : (h, w)
+
+    >>> noise = np.random.default_rng(0).standard_normal((64, 64))
+    >>> [(side, modes) for side, modes, _ in variances_by_scale(noise, np.ones((64, 64), bool))][:3]
+    [(1, 3072), (2, 768), (4, 192)]
+    """
+    total, pixels, side, found = error, seen.astype(float), 1, []
+    energy, count = float(np.vdot(error, error)), int(np.count_nonzero(seen))
+    while count > 1:
+        total, pixels = cell_sums(total, 2), cell_sums(pixels, 2)
+        coarser = float((total**2 / np.maximum(pixels, 1)).sum())
+        modes = count - int(np.count_nonzero(pixels))
+        if modes:
+            found.append((side, modes, max(energy - coarser, 0.0) / modes))
+        energy, count, side = coarser, count - modes, 2 * side
+    return found
 
 
 def block_variances(error: Floats, seen: Mask) -> list[tuple[int, float]]:
