@@ -167,11 +167,13 @@ def test_a_sensor_that_is_more_precise_than_its_model_shows_it_from_pixel_to_pix
         sensor = replace(prepared.sensor, depth_m=plane + noise_m * noise)
         return finest_level(replace(prepared, sensor=sensor))
 
-    assert level(4e-4).pixel_noise == pytest.approx(0.04, rel=0.1)  # the model's is 2 mm
-    assert level(4e-3).pixel_noise == 1.0
-    assert level(4e-4).halved().pixel_noise == level(4e-4).pixel_noise
+    assert level(4e-4).relative_noise_variance == pytest.approx(
+        0.04, rel=0.1
+    )  # the model's is 2 mm
+    assert level(4e-3).relative_noise_variance == 1.0
+    assert level(4e-4).halved().relative_noise_variance == level(4e-4).relative_noise_variance
     unseen = replace(prepared.sensor, depth_m=np.full(row.shape, np.nan))
-    assert finest_level(replace(prepared, sensor=unseen)).pixel_noise == 1.0
+    assert finest_level(replace(prepared, sensor=unseen)).relative_noise_variance == 1.0
 
 
 def test_a_factor_multiplies_the_weight_alone():

@@ -60,8 +60,8 @@ class Level:
     middle_m : (3,) the object's middle, metres
     points : (h, w, 3) of the prepared depth, metres from the middle, for near lights; refining
         moves them little compared to the distance of the lights
-    pixel_noise : variance of the sensor's pixel-to-pixel noise over the one that `prior_weight` is
-        of: at most 1, and less where the sensor may be more precise than its model says
+    relative_noise_variance : variance of the sensor's noise from pixel to pixel over the variance
+        that `prior_weight` was made of; at most 1, less where the sensor may be more precise
     """
 
     photographs: Photographs
@@ -72,7 +72,7 @@ class Level:
     points: Floats
     averaging: Averaging | None
     small_components: Mask
-    pixel_noise: float = 1.0
+    relative_noise_variance: float = 1.0
 
     @property
     def mask(self) -> Mask:
@@ -258,7 +258,7 @@ class Level:
             / np.maximum(weight, 1)[..., None],
             averaging,
             find_small_components(photographs.grid, averaging),
-            self.pixel_noise,
+            self.relative_noise_variance,
         )
 
     def carried(self, coarse: Level, log_depth: Floats) -> Floats:
@@ -301,11 +301,11 @@ def finest_level(prepared: Prepared, *, cut: bool = False, unbiased: bool = Fals
         points - middle,
         averaging,
         find_small_components(grid, averaging),
-        relative_pixel_noise(prepared),
+        relative_noise_variance(prepared),
     )
 
 
-def relative_pixel_noise(prepared: Prepared) -> float:
+def relative_noise_variance(prepared: Prepared) -> float:
     """Variance of the sensor's pixel-to-pixel noise over that of `prepared.sigma_m`, at most 1."""
     sensor = prepared.sensor
     if not sensor.measured.any():

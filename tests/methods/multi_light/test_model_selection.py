@@ -22,11 +22,11 @@ from rakelight.methods.multi_light.model_selection import (
     cheapest,
     cost,
     near_choices,
-    raised,
     select_model,
     sensor_cost,
     variation_of_distances,
     with_coloured_lights,
+    with_larger_weights,
 )
 from rakelight.methods.multi_light.steps import Descent
 from rakelight.metrics import evaluate_maps
@@ -126,10 +126,10 @@ def test_the_sensors_cost_is_the_logarithm_of_its_variance():
     level, fit = coarsest(WHITE)[0], selected(WHITE).fit
     known = replace(fit.linearization, jtwj=1e12 * fit.linearization.jtwj)
     fit = replace(fit, linearization=known)
-    level = replace(level, pixel_noise=1.0)
+    level = replace(level, relative_noise_variance=1.0)
     found = [sensor_cost(level, missed(level, fit, off), 0.0) for off in (0.0, 3.0, 10.0)]
     assert found == pytest.approx([0.0, np.log(10), np.log(101)], abs=0.1)
-    finer = replace(level, pixel_noise=0.01)
+    finer = replace(level, relative_noise_variance=0.01)
     assert sensor_cost(finer, missed(level, fit, 0.0), 0.0) == pytest.approx(np.log(0.01))
 
 
@@ -147,7 +147,7 @@ def test_what_photographs_do_not_say_of_the_depth_costs_nothing():
 def test_a_surface_that_follows_the_sensor_does_not_cost_less_for_it():
     """It shows m / (m + w) of what it is off by: the cost does not change where w is counted in."""
     level, fit = coarsest(WHITE)[0], selected(WHITE).fit
-    level = replace(level, pixel_noise=1e-12)
+    level = replace(level, relative_noise_variance=1e-12)
     known = replace(
         fit, linearization=replace(fit.linearization, jtwj=1e3 * fit.linearization.jtwj)
     )
@@ -165,13 +165,13 @@ def test_a_larger_weight_is_tried_while_it_costs_less():
     weights = [factor * each for each in FIRST_DEPTH_WEIGHTS]
     best = replace(selected(WHITE), weight=weights[-1])
     bad = replace(best, fit=missed(level, best.fit, 30.0))
-    precise = replace(level, pixel_noise=0.5)
-    more = raised(precise, bad, weights, MultiLight(), silent)
+    precise = replace(level, relative_noise_variance=0.5)
+    more = with_larger_weights(precise, bad, weights, MultiLight(), silent)
     assert more.weight == pytest.approx(10 * weights[-1])
-    assert raised(level, bad, weights, MultiLight(), silent) is bad
-    assert raised(precise, bad, weights, MultiLight(depth_weight=1.0), silent) is bad
+    assert with_larger_weights(level, bad, weights, MultiLight(), silent) is bad
+    assert with_larger_weights(precise, bad, weights, MultiLight(depth_weight=1.0), silent) is bad
     smaller = replace(bad, weight=weights[0])
-    assert raised(precise, smaller, weights, MultiLight(), silent) is smaller
+    assert with_larger_weights(precise, smaller, weights, MultiLight(), silent) is smaller
 
 
 def test_the_cost_counts_unequal_lights_but_not_given_ones():

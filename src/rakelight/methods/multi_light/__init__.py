@@ -34,7 +34,12 @@ from rakelight.methods.levels import (
 from rakelight.methods.multi_light.bas_relief_variance import bas_relief_variance, sensor_moment
 from rakelight.methods.multi_light.confidence import depth_sigma, normal_errors
 from rakelight.methods.multi_light.energy import Fit, evaluated, reset_scale
-from rakelight.methods.multi_light.model_selection import cheapest, descents, raised, select_model
+from rakelight.methods.multi_light.model_selection import (
+    cheapest,
+    descents,
+    select_model,
+    with_larger_weights,
+)
 from rakelight.methods.multi_light.noise import (
     correlation_ratio,
     estimate_depth_weight,
@@ -154,7 +159,7 @@ def select_without_outliers(
     if fit is descent.fit:
         return descent
     again = cheapest(clear, descents(clear, options, progress, stage, weights, fit))
-    return raised(clear, again, weights, options, progress)
+    return with_larger_weights(clear, again, weights, options, progress)
 
 
 def without_outliers(level: Level, fit: Fit) -> tuple[Level, Fit]:

@@ -70,7 +70,7 @@ def select_model(
             choices = near
         else:
             choices += [each for each in near if plausible(level, each.fit.lights)]
-    best = raised(level, cheapest(level, choices), weights, options, progress)
+    best = with_larger_weights(level, cheapest(level, choices), weights, options, progress)
     own_ambient = replace(best.fit.model, shared_ambient=False)
     return replace(best, fit=replace(best.fit, model=own_ambient))
 
@@ -117,21 +117,24 @@ def near_choices(
     return [best, *smaller, *again]
 
 
-def raised(
+def with_larger_weights(
     level: Level,
     best: Descent,
     weights: Sequence[float],
     options: MultiLight,
     progress: ProgressCallback,
 ) -> Descent:
-    """The descent under ten times the largest weight, and ten times that, while it costs less.
+    """The best descent or, where it has the largest weight, one under ten times that, and so on.
 
-    A sensor can be more precise than its model says: up to the noise from pixel to pixel.
+    While it costs less, and at most until the weight is of the sensor's noise from pixel to pixel:
+    a sensor can be more precise than its model says.
+
+    weights : that were tried, multiples of the level's, the least first
     """
     largest = weights[-1]
     if options.depth_weight is not None:
         return best
-    while best.weight >= largest and largest * level.pixel_noise < weights[-1]:
+    while best.weight >= largest and largest * level.relative_noise_variance < weights[-1]:
         largest = 10 * best.weight
         more = descents(level, options, progress, "try a larger depth weight", [largest], best.fit)
         best = cheapest(level, [best, *more])
@@ -189,11 +192,10 @@ def sensor_cost(level: Level, fit: Fit, weight: float) -> float:
     side, modes, variance = np.transpose(scales)
     pixels = 1.0 if level.averaging is None else level.averaging.factor
     information = (np.pi / (pixels * side)) ** 2 / 2 * typical_information(level, fit) * pixels**2
-    information /= float(np.median(level.sensor_weight))
+    information = np.maximum(information / float(np.median(level.sensor_weight)), TINY)
     sigma = max(fit.linearization.noise_sigma, SMALLEST_NOISE)
-    by_photographs = np.maximum(information, TINY) / sigma**2
-    followed = 1 + weight * fit.noise**2 / np.maximum(information, TINY)
-    each = level.pixel_noise + 1 / by_photographs + variance * followed**2
+    followed = 1 + weight * fit.noise**2 / information
+    each = level.relative_noise_variance + sigma**2 / information + variance * followed**2
     return float(modes @ np.log(each) / modes.sum())
 
 
