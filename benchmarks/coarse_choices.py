@@ -6,7 +6,7 @@
 For each draw of `random_captures.py` a descent from each start (the sensor's depth, the
 photographs' factorisation), under each depth weight, with distant lights and, from where that
 ends, with near ones.  Printed are geometric means of what an error at that level is over that of
-the descent that `select_model` chooses: of normals, of depth, of the lights' directions.  The rows
+the descent that `Search.select` chooses: of normals, of depth, of the lights' directions.  The rows
 choose with the truth in sight, or by the likelihood of `model_selection.cost`, in which the depth
 counts as n values (n = N there) and each of the N photographs as one.  "The truth too": of
 descents that begin at the true depth as well.  Draws under lights of several colours are left out:
@@ -33,9 +33,9 @@ from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.methods.multi_light.model_selection import (
     SHARED_AMBIENT,
+    Search,
     plausible,
     radius_over_distance,
-    select_model,
     sensor_cost,
     starts,
     with_near_lights,
@@ -78,7 +78,7 @@ def descents(capture: Capture, truth: Truth) -> Record:
     exact = pyramid(replace(finest, prior=log_true), options.coarse_pixels)[-1]
     measured = partial(figures, level, exact, truth)
 
-    chosen = select_model(level, weights, options, silent, "look")
+    chosen = Search(level, weights, options, silent, "look").select()
     others: list[Record] = []
     for name, start in named_starts(level, exact):
         for weight in weights:

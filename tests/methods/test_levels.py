@@ -444,3 +444,11 @@ def test_links_are_cut_where_measurements_as_fine_as_the_photographs_jump():
         lost = level.links.right & ~after.links.right
         assert lost.any(axis=0).nonzero()[0].tolist() == jumps
         assert (after.links.down == level.links.down).all()
+
+
+def test_a_depth_that_is_a_jump_everywhere_keeps_its_links():
+    """Without them no pixel would have a normal."""
+    prepared = make_prepared()
+    steep = prepared.depth_m + 2.0 * (np.indices(prepared.mask.shape).sum(axis=0) % 2)
+    level = finest_level(replace(prepared, depth_m=steep), cut=True)
+    assert level.photographs.active.any()

@@ -20,7 +20,7 @@ from rakelight import jit
 from rakelight.model import Camera
 from rakelight.photometry.images import LightParameters, Photographs, Surface
 from rakelight.solve import assemble, solve
-from rakelight.solve.gauss_newton import border
+from rakelight.solve.gauss_newton import bordered_step
 
 
 def linearize(gloss: float = 0.0) -> None:
@@ -45,7 +45,7 @@ def solver() -> None:
     weight = level.copy()
     weight[0] = 1.0
     solve(assemble(level == 0, tensor, slope, weight, level, laplacian_weight=1.0))
-    border(eye_array(9), np.zeros(9), np.zeros((9, 1)), np.eye(1), np.zeros(1))
+    bordered_step(eye_array(9), np.zeros(9), np.zeros((9, 1)), np.eye(1), np.zeros(1), 0.0)
 
 
 # The parts: large kernels, by their names, and those of the solver.  Each takes about as long.

@@ -131,11 +131,6 @@ class Level:
         across, down = (np.logical_and(*neighbours(self.links, axis)) for axis in (1, 0))
         return np.asarray(self.mask & across & down)
 
-    @property
-    def pairs(self) -> Floats | None:
-        """Weights of the difference pairs, as `solve.assemble` takes them; None without a cut."""
-        return self.links.pairs
-
     def surface(self, log_depth: Floats) -> Surface:
         """The surface of `log_depth` (h, w), as the photographs depend on it."""
         return Surface(gradient_image(log_depth, self.grid), self.points)
@@ -202,18 +197,20 @@ class Level:
         weights = weights + diags_array(1e-9 * (weights.diagonal() + weights.diagonal().max()))
         return number, membership, seen, factorised(weights.tocsc())
 
+    @property
+    def seen(self) -> Mask:
+        """(hs, ws) the M pixels of the sensor that hold a part of the object."""
+        return self.mask if self.averaging is None else self.averaging.covered
+
     def sensed(self, image: Floats) -> Floats:
-        """(M,) K image, of an image (h, w): its means over the sensor's pixels."""
-        if self.averaging is None:
-            return image[self.mask]
-        return self.averaging.down(image)[self.averaging.covered]
+        """(M,) K image, of an image (h, w): its means over the sensor's pixels, those `seen`."""
+        return (image if self.averaging is None else self.averaging.down(image))[self.seen]
 
     @property
     def sensor_weight(self) -> Floats:
         """(M,) precision of each of the sensor's pixels, in the order of `sensed`."""
-        if self.averaging is None:
-            return self.prior_weight[self.mask]
-        return self.averaging.total(self.prior_weight)[self.averaging.covered]
+        weight = self.prior_weight
+        return (weight if self.averaging is None else self.averaging.total(weight))[self.seen]
 
     def weighted(self, factor: float) -> Level:
         """This level with the prior's weight multiplied by `factor`."""
@@ -270,13 +267,11 @@ class Level:
 def finest_level(prepared: Prepared, *, cut: bool = False, unbiased: bool = False) -> Level:
     """The level of the prepared window itself.
 
-    cut : whether links end at the jumps of the prepared depth
+    cut : whether links end at the jumps of the prepared depth, unless all pixels would lose theirs
     unbiased : whether `unbiased_prior` is without the bias of the depth's smoothing
     """
     read = prepared.photographs.dtype
     white, grid = np.iinfo(read).max, Links.of(prepared.mask)
-    if cut:
-        grid = surface_links(prepared.depth_m, prepared.mask, prepared.camera)
     photographs = Photographs(
         # One type for all levels, or kernels would be compiled for another.
         np.ascontiguousarray(prepared.photographs, dtype=np.uint16),
@@ -292,10 +287,10 @@ def finest_level(prepared: Prepared, *, cut: bool = False, unbiased: bool = Fals
     points = back_project(prepared.depth_m, prepared.camera)
     middle = points[prepared.mask].mean(axis=0)
     prior = np.log(prepared.depth_m)
-    return Level(
+    level = Level(
         photographs,
         prior,
-        np.where(photographs.active, unbiased_depth(prepared), prior) if unbiased else prior,
+        prior,
         depth_precision(prepared),
         middle,
         points - middle,
@@ -303,6 +298,8 @@ def finest_level(prepared: Prepared, *, cut: bool = False, unbiased: bool = Fals
         find_small_components(grid, averaging),
         relative_noise_variance(prepared),
     )
+    level = level.cut(prior) if cut else level
+    return held_to_measurements(level, prepared, CORRELATION_PX) if unbiased else level
 
 
 def relative_noise_variance(prepared: Prepared) -> float:
@@ -352,27 +349,21 @@ def find_small_components(grid: Grid, averaging: Averaging | None) -> Mask:
     return links.mask & (size < averaging.factor**2)[components]
 
 
-def unbiased_depth(prepared: Prepared) -> Floats:
-    """(h, w) the prepared log depth without the bias of its smoothing, which flattens slopes.
+def held_to_measurements(level: Level, prepared: Prepared, averaged_px: float = 0.0) -> Level:
+    """The finest level with a p_0 that is corrected by its residual against the measurements.
 
-    Its residual against the measurements, averaged over `CORRELATION_PX`, is added.
+    averaged_px : deviation of the Gaussian, pixels, that averages the residual.  With
+        `CORRELATION_PX` the bias of the prepared depth's smoothing, which flattens slopes, is gone.
+        With 0 the means of p_0 are the measurements themselves: the sensor then tells how high
+        relief is that is a few of its pixels wide, which averaging takes away.  Not for a start:
+        lights that are not known yet follow what is wrong beside jumps.
     """
-    prior = np.log(prepared.depth_m)
-    miss, seen = sensor_error(prepared, prior)
-    miss = blurred(miss, CORRELATION_PX / prepared.factor, seen)
-    return np.asarray(prior + prepared.sensor.nearest_upsample(miss, prior.shape))
-
-
-def held_to_measurements(level: Level, prepared: Prepared) -> Level:
-    """The finest level with a p_0 whose means are the measurements themselves, not smoothed.
-
-    The sensor then tells how high relief is that is a few of its pixels wide, which averaging takes
-    away.  Not for a start: lights that are not known yet follow what is wrong beside jumps.
-    """
-    smooth = level.unbiased_prior
-    miss, _ = sensor_error(prepared, smooth)
-    measured = smooth + prepared.sensor.nearest_upsample(miss, smooth.shape)
-    return replace(level, unbiased_prior=np.where(level.photographs.active, measured, smooth))
+    before = level.unbiased_prior
+    miss, seen = sensor_error(prepared, before)
+    if averaged_px:
+        miss = blurred(miss, averaged_px / prepared.factor, seen)
+    after = before + prepared.sensor.nearest_upsample(miss, before.shape)
+    return replace(level, unbiased_prior=np.where(level.photographs.active, after, before))
 
 
 def sensor_error(prepared: Prepared, log_depth: Floats) -> tuple[Floats, Mask]:

@@ -143,6 +143,16 @@ class Linearization:
     light_slope: Floats | None = None
     gloss_slope: Floats | None = None
 
+    @property
+    def information(self) -> Floats:
+        """(h, w) trace of M: what photographs say of each pixel's gradient, in both directions."""
+        return np.asarray(self.jtwj[..., 0] + self.jtwj[..., 2])
+
+    @property
+    def informed(self) -> Mask:
+        """(h, w) pixels of whose gradient photographs say something: they are lit and usable."""
+        return self.information > 0
+
     def darker(self, gain: float) -> Linearization:
         """The same with the albedo divided by `gain`, for lights multiplied by it."""
         return replace(self, albedo=self.albedo / gain)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight.model import MAD_TO_SIGMA, Floats, Mask, SensorNoise
+from rakelight.prepare.jumps import nan_median
 
 # Scatter of the maps over the sensor model's, below which they are copies of one measurement.
 REPEATED = 0.1
@@ -125,9 +126,7 @@ def _inliers(depth_m: Floats) -> tuple[Floats, Mask]:
     if len(stack) == 1:
         return stack, seen
     count = seen.sum(axis=0)
-    # The median, as NaN is sorted to the end; NumPy's nanmedian takes five times as long.
-    middle = np.stack([(count - 1) // 2, count // 2])
-    median = np.take_along_axis(np.sort(stack, axis=0), middle, axis=0).mean(axis=0)
+    median = nan_median(stack)
     median[count < max(1.0, len(stack) / 4)] = np.nan
     model = SensorNoise().at(median)
     steps = np.abs(np.diff(stack, axis=0))

@@ -66,7 +66,10 @@ def unexpected_differences(depth_m: Floats, axis: int) -> Floats:
 
 
 def nan_median(values: Floats) -> Floats:
-    """The median over the first axis of the values that are not NaN; NaN where all are."""
+    """The median over the first axis of the values that are not NaN; NaN where all are.
+
+    NumPy's nanmedian takes five times as long.
+    """
     ordered = np.sort(values, axis=0)  # NaN comes last
     count = np.count_nonzero(np.isfinite(values), axis=0)[None]
     low, high = (

@@ -44,14 +44,19 @@ class Direct:
         return value, 1
 
 
-def factorised(matrix: Any) -> Any:
-    """Factors, with a method `solve`, of a sparse symmetric positive definite (P, P) matrix."""
+def factorised(matrix: Any, panel_size: int | None = None) -> Any:
+    """Factors, with a method `solve`, of a sparse symmetric positive definite (P, P) matrix.
+
+    panel_size : columns that are eliminated at once; SuperLU's own number unless given
+    Raises RuntimeError where the matrix is singular.
+    """
     from scipy.sparse.linalg import splu
 
     return splu(
         matrix,
         permc_spec="MMD_AT_PLUS_A",
         diag_pivot_thresh=0.0,
+        panel_size=panel_size,
         options={"SymmetricMode": True},
     )
 

@@ -11,34 +11,12 @@ S = H - C^T A^-1 C is as small as H.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from rakelight.model import Floats
-
-
-@dataclass(frozen=True)
-class BorderedSystem:
-    """A eliminated: what is needed for steps of any damping.
-
-    schur : (K, K) S; reduced : (K,) residual_numbers - C^T A^-1 residual_field
-    field : (P,) A^-1 residual_field on the mask's P pixels
-    columns : (P, K) C; factor : of A, with a method `solve`; diagonal : (K,) of H
-    """
-
-    schur: Floats
-    reduced: Floats
-    field: Floats
-    columns: Floats
-    factor: Any
-    diagonal: Floats
-
-    def step(self, damping: float) -> tuple[Floats, Floats]:
-        """(P,) step of the field and (K,) step of the numbers, damped as in `damped_solution`."""
-        numbers = damped_solution(self.schur, self.reduced, self.diagonal, damping)
-        return self.field - self.factor.solve(self.columns @ numbers), numbers
+from rakelight.solve.direct import factorised
 
 
 def damped_solution(matrix: Floats, right: Floats, diagonal: Floats, damping: float) -> Floats:
@@ -64,35 +42,28 @@ def damped_solution(matrix: Floats, right: Floats, diagonal: Floats, damping: fl
     return solution
 
 
-def border(
-    matrix: Any, residual: Floats, columns: Floats, hessian: Floats, slope: Floats
-) -> BorderedSystem | None:
-    """Eliminate the field from a joint step; None where the field's matrix is singular.
+def bordered_step(
+    matrix: Any, residual: Floats, columns: Floats, hessian: Floats, slope: Floats, damping: float
+) -> tuple[Floats, Floats] | None:
+    """(P,) step of the field and (K,) step of the numbers; None where the field's A is singular.
 
     matrix : sparse (P, P) A, symmetric positive definite; residual : (P,) of the field
     columns : (P, K) C; hessian, slope : (K, K) and (K,) second and first derivatives with the
-        numbers
+        numbers, whose step is damped as in `damped_solution`
 
     >>> from scipy.sparse import eye_array
-    >>> free = border(eye_array(9), np.zeros(9), np.zeros((9, 1)), np.eye(1), np.array([-2.0]))
-    >>> field, numbers = free.step(0.0)
+    >>> field, numbers = bordered_step(
+    ...     eye_array(9), np.zeros(9), np.zeros((9, 1)), np.eye(1), np.array([-2.0]), 0.0)
     >>> round(float(numbers[0]), 6), float(np.abs(field).max())
     (2.0, 0.0)
-    >>> border(0 * eye_array(9), np.zeros(9), np.zeros((9, 1)), np.eye(1), np.zeros(1)) is None
+    >>> bordered_step(
+    ...     0 * eye_array(9), np.zeros(9), np.zeros((9, 1)), np.eye(1), np.zeros(1), 0.0) is None
     True
     """
-    from scipy.sparse.linalg import splu
-
     from rakelight.solve._kernels import solve_lower
 
     try:
-        factor: Any = splu(
-            matrix.tocsc(),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            panel_size=1,  # a tenth faster for so few unknowns
-            options={"SymmetricMode": True},
-        )
+        factor = factorised(matrix.tocsc(), panel_size=1)  # a tenth faster for so few unknowns
     except RuntimeError:  # "Factor is exactly singular": by rounding, of wild values
         return None
     field = factor.solve(residual)
@@ -103,11 +74,6 @@ def border(
     half[factor.perm_r] = columns
     solve_lower(lower.indptr, lower.indices, lower.data, half)
     half /= np.sqrt(pivots)[:, None]
-    return BorderedSystem(
-        schur=hessian - half.T @ half,
-        reduced=-slope - columns.T @ field,
-        field=field,
-        columns=columns,
-        factor=factor,
-        diagonal=np.diag(hessian),
-    )
+    schur, reduced = hessian - half.T @ half, -slope - columns.T @ field
+    numbers = damped_solution(schur, reduced, np.diag(hessian), damping)
+    return field - factor.solve(columns @ numbers), numbers

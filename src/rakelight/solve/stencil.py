@@ -13,7 +13,7 @@ gradient, so its photometry says nothing and it keeps its data term alone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -151,10 +151,6 @@ class DepthSystem:
             full[rows, columns] = x[1:-1, 1:-1]
             term = np.where(self.mask, self.extra.apply(full), 0.0)
             out[1:-1, 1:-1] += term[rows, columns]
-
-    def plus(self, rhs: Floats) -> DepthSystem:
-        """The system with `rhs` (H, W) added to the right side inside the mask."""
-        return replace(self, rhs=self.rhs + np.where(self.mask, rhs, 0.0))
 
     def to_sparse(self) -> csr_array[Any]:
         """A over the mask pixels, row by row.

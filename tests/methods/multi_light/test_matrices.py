@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from rakelight.methods.multi_light.confidence import typical_information
 from rakelight.methods.multi_light.energy import depth_system, evaluated, first_fit
-from rakelight.methods.multi_light.joint_step import joint_system
+from rakelight.methods.multi_light.initial_lights import lights_of_prior
+from rakelight.methods.multi_light.joint_step import damped_tensor, joint_system
 from rakelight.methods.multi_light.light_model import LightModel
 from rakelight.photometry.images import LightParameters
 from rakelight.prepare.linear import linear_table
@@ -136,3 +138,22 @@ def test_the_depth_steps_matrix_has_the_laplacian_as_it_is_in_the_energy():
         forms.append(np.vdot(step, depth_system(level, here, fit.linearization.jtwj).apply(step)))
     assert forms[1] - forms[0] == pytest.approx(energies[1] - energies[0], rel=1e-6)
     assert forms[1] > 1.5 * forms[0]
+
+
+def dark_beyond(level, share):
+    """The level with values in its first columns alone; (h, w) which pixels have any."""
+    lit = np.indices(level.mask.shape)[1] < share * level.mask.shape[1]
+    hidden = np.broadcast_to(~lit[..., None], (*lit.shape, 3))
+    photographs = level.photographs.without([hidden] * len(level.photographs))
+    return replace(level, photographs=photographs), lit & level.photographs.active
+
+
+def test_steps_are_damped_and_lights_found_where_most_pixels_are_dark():
+    level, fit = perfect_fit("white")
+    dark, lit = dark_beyond(level, 0.4)
+    assert 0.1 < lit.sum() / level.photographs.active.sum() < 0.5
+    there = first_fit(dark, fit.log_depth, fit.lights)
+    added = damped_tensor(dark, there, 1e-3) - there.linearization.jtwj
+    assert (added[lit][:, [0, 2]] > 0).all()
+    assert typical_information(dark, there) > 0.5 * typical_information(level, fit)
+    assert (np.linalg.norm(lights_of_prior(dark).vector, axis=-1) > 0.1).all()

@@ -19,14 +19,11 @@ from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.methods.multi_light.light_model import LightModel
 from rakelight.methods.multi_light.model_selection import (
     MOST_VARIED_DISTANCES,
-    cheapest,
+    Search,
     cost,
-    near_choices,
-    select_model,
     sensor_cost,
     variation_of_distances,
     with_coloured_lights,
-    with_larger_weights,
 )
 from rakelight.methods.multi_light.steps import Descent
 from rakelight.metrics import evaluate_maps
@@ -58,7 +55,7 @@ def coarsest(noise, name="coin", size=1.0, **settings):
 def selected(noise, name="coin", size=1.0, weights=FIRST_DEPTH_WEIGHTS, **options):
     level, factor = coarsest(noise, name, size)
     there = [factor * each for each in weights]
-    choice = select_model(level, there, MultiLight(**options), silent, "look")
+    choice = Search(level, there, MultiLight(**options), silent, "look").select()
     return replace(choice, weight=choice.weight / factor)
 
 
@@ -165,13 +162,15 @@ def test_a_larger_weight_is_tried_while_it_costs_less():
     weights = [factor * each for each in FIRST_DEPTH_WEIGHTS]
     best = replace(selected(WHITE), weight=weights[-1])
     bad = replace(best, fit=missed(level, best.fit, 30.0))
-    precise = replace(level, relative_noise_variance=0.5)
-    more = with_larger_weights(precise, bad, weights, MultiLight(), silent)
+    search = Search(level, weights, MultiLight(), silent, "look")
+    precise = replace(search, level=replace(level, relative_noise_variance=0.5))
+    more = precise.with_larger_weights(bad)
     assert more.weight == pytest.approx(10 * weights[-1])
-    assert with_larger_weights(level, bad, weights, MultiLight(), silent) is bad
-    assert with_larger_weights(precise, bad, weights, MultiLight(depth_weight=1.0), silent) is bad
+    assert search.with_larger_weights(bad) is bad
+    asked = replace(precise, options=MultiLight(depth_weight=1.0))
+    assert asked.with_larger_weights(bad) is bad
     smaller = replace(bad, weight=weights[0])
-    assert with_larger_weights(precise, smaller, weights, MultiLight(), silent) is smaller
+    assert precise.with_larger_weights(smaller) is smaller
 
 
 def test_the_cost_counts_unequal_lights_but_not_given_ones():
@@ -232,7 +231,8 @@ def test_the_choice_is_the_least_cost_of_white_and_near_lights():
     choices = [replace(each, weight=factor * each.weight) for each in choices]
     costs = [cost(level, each.fit, each.weight) for each in choices]
     assert costs[0] == min(costs)
-    assert cheapest(level, choices[::-1]).fit.energy == free.fit.energy
+    search = Search(level, [1.0], MultiLight(), silent, "look")
+    assert search.cheapest(choices[::-1]).fit.energy == free.fit.energy
 
 
 def test_coloured_lights_are_made_of_white_ones_once():
@@ -288,7 +288,7 @@ def test_near_lights_begin_at_every_start_under_the_largest_and_the_least_weight
 
     monkeypatch.setattr("rakelight.methods.multi_light.model_selection.descend", at_once)
     weights = [factor * each for each in FIRST_DEPTH_WEIGHTS]
-    found = near_choices(level, weights, (here, there), MultiLight(), silent)
+    found = Search(level, weights, MultiLight(), silent, "look").near_choices((here, there))
     assert [each.weight for each in found[-2:]] == [weights[0]] * 2
     for first in (begun[:2], begun[-2:]):
         np.testing.assert_array_equal(first[0].log_depth, here.log_depth)

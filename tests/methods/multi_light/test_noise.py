@@ -11,6 +11,7 @@ from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light.energy import first_fit
 from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.methods.multi_light.noise import (
+    block_variances,
     correlation_ratio,
     estimate_depth_weight,
     estimate_equal_intensity_weight,
@@ -243,3 +244,20 @@ def test_lights_off_the_plane_need_no_laplacian():
 def test_a_surface_that_has_not_moved_says_nothing_of_how_far_it_may():
     assert laplacian_weight(np.zeros(scene()[1].mask.shape)) == 0
     assert laplacian_weight(1e-6 * smooth()) == 0
+
+
+def test_a_surface_that_is_exactly_the_sensors_has_a_finite_weight():
+    prepared, level = scene()
+    fit = first_fit(level, level.prior, lights_of_prior(level))
+    depth_m = np.full_like(prepared.sensor.depth_m, 0.5)
+    flat = replace(prepared, sensor=replace(prepared.sensor, depth_m=depth_m))
+    fit = replace(fit, log_depth=np.full(level.mask.shape, np.log(0.5)))
+    assert estimate_depth_weight(fit, flat) == 25.0
+
+
+def test_errors_that_most_pixels_do_not_have_are_seen():
+    error = np.zeros((32, 32))
+    error[:, :12] = 1.0
+    found = dict(block_variances(error, np.ones(error.shape, bool)))
+    assert found[4] == pytest.approx(16 * 12 / 32)
+    assert block_variances(error, np.zeros(error.shape, bool)) == [(1, 0.0)]

@@ -31,15 +31,10 @@ from rakelight.methods.levels import (
     held_to_measurements,
     pyramid,
 )
-from rakelight.methods.multi_light.bas_relief_variance import bas_relief_variance, sensor_moment
+from rakelight.methods.multi_light.bas_relief_variance import shape_errors
 from rakelight.methods.multi_light.confidence import depth_sigma, normal_errors
 from rakelight.methods.multi_light.energy import Fit, evaluated, reset_scale
-from rakelight.methods.multi_light.model_selection import (
-    cheapest,
-    descents,
-    select_model,
-    with_larger_weights,
-)
+from rakelight.methods.multi_light.model_selection import Search
 from rakelight.methods.multi_light.noise import (
     correlation_ratio,
     estimate_depth_weight,
@@ -76,10 +71,11 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     coarse, factor = coarsest_level(levels)
     largest = weights[-1]
     weights = [factor * each for each in weights]
-    descent = select_model(coarse, weights, options, progress, stage(coarsest), prepared.lights)
+    search = Search(coarse, weights, options, progress, stage(coarsest))
+    descent = search.select(prepared.lights)
     # 2. With the highlights and without the cast shadows that this fit predicts, the weight is
     # chosen again: they had been errors of the photographs.
-    descent = select_without_outliers(coarse, descent, weights, options, progress, stage(coarsest))
+    descent = select_without_outliers(search, descent)
     weight = descent.weight / factor
     levels = [each.weighted(weight * COARSER_WEIGHT**k) for k, each in enumerate(levels)]
 
@@ -88,7 +84,7 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     for index in reversed(range(coarsest)):
         log_depth = levels[index].carried(levels[index + 1], descent.fit.log_depth)
         level, lights = remove_outliers(levels[index], log_depth, descent.fit.lights)
-        fit = reset_scale(level, replace(descent.fit, lights=lights), log_depth)
+        fit = reset_scale(level, replace(descent.fit, log_depth=log_depth, lights=lights))
         # At the finest level the depth alone, to take up detail; the lights move in step 5.
         descent = descend(level, fit, briefly, progress, stage(index), together=index > 0)
 
@@ -139,27 +135,20 @@ def coarsest_level(levels: Sequence[Level]) -> tuple[Level, float]:
     mean over a pixel of the level is not that much smaller.
     """
     coarse, finest = (levels[k].sensor_weight for k in (-1, 0))
-    averaged = float(np.median(coarse) / np.median(finest)) if finest.size and coarse.size else 1.0
+    averaged = float(np.median(coarse) / np.median(finest))
     return levels[-1].weighted(1 / averaged), averaged * COARSER_WEIGHT ** (len(levels) - 1)
 
 
-def select_without_outliers(
-    level: Level,
-    descent: Descent,
-    weights: Sequence[float],
-    options: MultiLight,
-    progress: ProgressCallback,
-    stage: str,
-) -> Descent:
+def select_without_outliers(search: Search, descent: Descent) -> Descent:
     """The cheapest descent, under each weight, without the outliers that this descent predicts.
 
     Itself where it predicts none.
     """
-    clear, fit = without_outliers(level, descent.fit)
+    clear, fit = without_outliers(search.level, descent.fit)
     if fit is descent.fit:
         return descent
-    again = cheapest(clear, descents(clear, options, progress, stage, weights, fit))
-    return with_larger_weights(clear, again, weights, options, progress)
+    again = replace(search, level=clear)
+    return again.with_larger_weights(again.cheapest(again.descents(search.weights, fit)))
 
 
 def without_outliers(level: Level, fit: Fit) -> tuple[Level, Fit]:
@@ -196,10 +185,8 @@ def finished(
     if fit.lights.gloss.any():
         height = f"{fit.lights.gloss.sum() / gain:.2f} of white paint's brightness"
         notes.append(Finding("note", "highlights", f"highlights up to {height}"))
-    held = fit.model.directions is not None
-    moment = sensor_moment(level, fit.log_depth, scale_only=held)
-    free = None if held else fit.lights
-    bas_relief = bas_relief_variance(level, fit.log_depth, free, moment)
+    free = None if fit.model.directions is not None else fit.lights
+    moment, bas_relief = shape_errors(level, fit.log_depth, free)
     confidence, normal_sigma, local = normal_errors(level, fit, normals, bas_relief)
     return Estimate(
         log_depth=fit.log_depth,

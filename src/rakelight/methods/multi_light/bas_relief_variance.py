@@ -18,14 +18,25 @@ from rakelight.geometry.normals import normal_derivatives
 from rakelight.methods.base import DARK, scatter
 from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.bas_relief import sensed_columns
+from rakelight.methods.multi_light.equal_intensity import GAUGE_FREEDOM
+from rakelight.methods.multi_light.noise import FEWEST_BLOCKS
 from rakelight.model import Floats, Mask
 from rakelight.photometry.images import LightParameters
 
-# Least number of blocks whose sums the variance is taken from; of fewer it would be chance.
-FEWEST_BLOCKS = 16
-# Least number of lights: their intensities determine four numbers, their mean and g, and only more
-# lights than that have a variance.
-LIGHTS_NEEDED = 6
+# Least number of lights.  Four numbers are fitted to their intensities, the mean and g; a variance
+# from fewer than two more would be chance.
+LIGHTS_NEEDED = GAUGE_FREEDOM + 2
+
+
+def shape_errors(
+    level: Level, log_depth: Floats, lights: LightParameters | None
+) -> tuple[Floats, Floats]:
+    """`sensor_moment` and `bas_relief_variance` of a refined log depth (h, w).
+
+    lights : None where their directions are given, which leave nothing but the scale open
+    """
+    moment = sensor_moment(level, log_depth, scale_only=lights is None)
+    return moment, bas_relief_variance(level, log_depth, lights, moment)
 
 
 def bas_relief_variance(
@@ -33,8 +44,7 @@ def bas_relief_variance(
 ) -> Floats:
     """(h, w) expected squared error of the normals, radians^2, by the bas-relief transform alone.
 
-    log_depth : (h, w) of the refined surface; moment : (4, 4) its `sensor_moment`
-    lights : None where their directions are given, which leave nothing but the scale open
+    log_depth, lights : as in `shape_errors`; moment : (4, 4) the `sensor_moment`
     """
     moment = moment[1:, 1:] + (0.0 if lights is None else lights_moment(level, lights))
     camera, grid = level.camera, level.grid
@@ -77,9 +87,8 @@ def sensor_moment(level: Level, log_depth: Floats, scale_only: bool = False) -> 
     inverse = np.linalg.pinv((design * weight[:, None]).T @ design)
     correction = inverse @ ((weight * error) @ design)
     scores = design * (weight * (error - design @ correction))[:, None]
-    where = level.mask if level.averaging is None else level.averaging.covered
     # As step^T step it is symmetric and nowhere negative, also where the inverse is inaccurate.
-    steps = (sums @ inverse for sums in _clustered(scatter(scores, where), where))
+    steps = (sums @ inverse for sums in _clustered(scatter(scores, level.seen), level.seen))
     largest = max(
         (step.T @ step for step in steps),
         key=lambda covariance: float(np.trace(covariance[-3:, -3:])),
@@ -108,7 +117,7 @@ def lights_moment(level: Level, lights: LightParameters) -> Floats:
     logs = -np.log(size[reaching])
     inverse = np.linalg.pinv(design.T @ design)
     fitted = inverse @ (design.T @ logs)
-    freedom = len(logs) - 4
+    freedom = len(logs) - GAUGE_FREEDOM
     variance = float(((logs - design @ fitted) ** 2).sum()) / freedom
     g, covariance = fitted[1:], variance * inverse[1:, 1:]
     # F statistic: 1 is chance.

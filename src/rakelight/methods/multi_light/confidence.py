@@ -115,9 +115,12 @@ def sensor_length(level: Level, fit: Fit) -> float:
 
 
 def typical_information(level: Level, fit: Fit) -> float:
-    """What photographs say of the median pixel's gradient: M, its mean over directions."""
-    tensor = fit.linearization.jtwj
-    return float(np.median((tensor[..., 0] + tensor[..., 2])[level.photographs.active])) / 2
+    """What photographs say of the median pixel's gradient: M, its mean over directions.
+
+    Of the pixels of which they say anything; 0 without any.
+    """
+    informed = fit.linearization.informed
+    return float(np.median(fit.linearization.information[informed])) / 2 if informed.any() else 0.0
 
 
 def mean_error_variance(prepared: Prepared, log_depth: Floats, length_px: float) -> float:

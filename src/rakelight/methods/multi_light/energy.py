@@ -91,14 +91,12 @@ def first_fit(
     return update_scale(level, start)
 
 
-def reset_scale(level: Level, fit: Fit, log_depth: Floats | None = None) -> Fit:
+def reset_scale(level: Level, fit: Fit) -> Fit:
     """`first_fit` at a state's depth and lights: on other photographs, level or depth weight.
 
     The albedo, too, starts from least squares: weights of the old loss do not bias the new one.
-    log_depth : at the new level; that of the state unless given
     """
-    log_depth = fit.log_depth if log_depth is None else log_depth
-    return first_fit(level, log_depth, fit.lights, fit.model)
+    return first_fit(level, fit.log_depth, fit.lights, fit.model)
 
 
 def update_scale(
@@ -181,40 +179,30 @@ def laplacian_energy(level: Level, fit: Fit, log_depth: Floats) -> float:
     return fit.laplacian_weight * float(np.vdot(found, found))
 
 
-def laplacian_terms(level: Level, fit: Fit) -> dict[str, Floats]:
-    """The Laplacian's term for a correction of log depth, as `solve.assemble` takes it."""
-    if not fit.laplacian_weight:
-        return {}
-    return {
-        "laplacian_weight": fit.noise**2 * fit.laplacian_weight * level.inner,
-        "laplacian_target": -laplacian_of_change(level, fit.log_depth),
-    }
-
-
 def depth_system(level: Level, fit: Fit, tensor: Floats) -> DepthSystem:
     """The normal equations of a correction of log depth, with `tensor` (h, w, 3) for a matrix."""
-    priors = level.sensor_terms(fit.log_depth, fit.noise**2) | laplacian_terms(level, fit)
-    return assemble(
-        level.mask, tensor, fit.linearization.rhs, pair_weights=level.pairs, **priors,
-    ).plus(-fourth_difference_gradient(level, fit))  # fmt: skip
-
-
-def fourth_difference_gradient(level: Level, fit: Fit) -> Floats:
-    """(h, w) half the derivatives of the fourth differences' energy with log depth."""
-    weighted = fit.fourth_difference_weight * fourth_difference_term(level, fit.log_depth)
-    return fourth_difference_term_transposed(level, weighted)
+    weight = fit.noise**2 * fit.laplacian_weight
+    system = assemble(
+        level.mask, tensor, np.zeros((*level.mask.shape, 2)), pair_weights=level.links.pairs,
+        laplacian_weight=weight * level.inner if weight else None,
+        **level.sensor_terms(fit.log_depth, fit.noise**2),
+    )  # fmt: skip
+    return replace(system, rhs=np.where(level.mask, depth_negative_gradient(level, fit), 0.0))
 
 
 def depth_negative_gradient(level: Level, fit: Fit) -> Floats:
-    """(h, w) minus half the energy's derivatives with log depth: `depth_system`'s right side."""
-    sensor = level.sensor_terms(fit.log_depth, fit.noise**2)
+    """(h, w) minus half the energy's derivatives with log depth."""
     along = fit.linearization.rhs
     shading = mean_gradient_transposed(along[..., 0], along[..., 1], level.grid)
+    sensor = level.sensor_terms(fit.log_depth, fit.noise**2)
     data = sensor["data_weight"] * sensor["data_target"] + sensor.get("extra_rhs", 0.0)
-    if terms := laplacian_terms(level, fit):
-        laplacian = Laplacian.on(level.mask, terms["laplacian_weight"])
-        data = data + laplacian.right_side(terms["laplacian_target"])
-    return np.asarray(shading + data - fourth_difference_gradient(level, fit))
+    weighted = fit.fourth_difference_weight * fourth_difference_term(level, fit.log_depth)
+    total = shading + data - fourth_difference_term_transposed(level, weighted)
+    if fit.laplacian_weight:
+        weight = fit.noise**2 * fit.laplacian_weight * level.inner
+        change = laplacian_of_change(level, fit.log_depth)
+        total -= Laplacian.on(level.mask, weight).right_side(change)
+    return np.asarray(total)
 
 
 def light_system(

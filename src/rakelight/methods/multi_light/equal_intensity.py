@@ -35,8 +35,7 @@ def equal_intensity_energy(vectors: Floats) -> float:
     >>> equal_intensity_energy(equal) < equal_intensity_energy(differing)
     True
     """
-    _, _, freedom, variance = _log_intensities(vectors)
-    return float(freedom * np.log(variance))
+    return equal_intensity_slope(vectors)[0]
 
 
 def equal_intensity_slope(vectors: Floats) -> tuple[float, Floats]:

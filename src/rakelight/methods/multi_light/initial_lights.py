@@ -71,11 +71,17 @@ def _intensities(level: Level, directions: Floats) -> Floats:
 
 
 def _seen(level: Level) -> tuple[Floats, Floats, Floats]:
-    """Light (N, P, 3) of pixels with a normal, its median colour (3,), the prior's normals."""
+    """Light (N, P, 3) of pixels that have any, its median colour (3,), the prior's normals (P, 3).
+
+    All pixels with a normal where none has a usable value.
+    """
     active = level.photographs.active
-    values = level.photographs.light(active)
+    values, normals = level.photographs.light(active), level.normals(level.prior)[0][active]
+    some = (values >= 0).any(axis=(0, 2))
+    if some.any():
+        values, normals = values[:, some], normals[some]
     colour = np.median(np.maximum(values, 0.0).mean(axis=0), axis=0)
-    return values, colour, level.normals(level.prior)[0][active]
+    return values, colour, normals
 
 
 def bas_relief_of_slopes(scaled: Floats, normals: Floats) -> Floats:

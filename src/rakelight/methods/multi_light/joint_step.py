@@ -9,7 +9,6 @@ one more unknown beside the lights.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,7 +28,7 @@ from rakelight.methods.multi_light.energy import (
 from rakelight.model import Floats, Mask
 from rakelight.photometry.images import applied
 from rakelight.solve import assemble
-from rakelight.solve.gauss_newton import border
+from rakelight.solve.gauss_newton import bordered_step
 from rakelight.solve.levenberg_marquardt import lowered
 
 # Weight of one-sided differences over mean ones in the matrix of a joint step of pixels
@@ -42,7 +41,15 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
 
     It is not repeated at once: to set it up costs as much as all other steps.
     """
-    after = partial(after_joint_step, level, fit, most_cells)
+
+    def after(damping: float) -> Fit:
+        step = joint_system(level, fit, most_cells, damping).step(damping)
+        if step is None:
+            return fit  # refused, as it is no lower
+        depth, numbers = step
+        lights = fit.model.moved(fit.lights, numbers)
+        return evaluated(level, fit, level.placed(fit.log_depth + depth), lights)
+
     # Any damping shortens steps along the bas-relief valley: next to none.
     lower, damping = lowered(fit, fit.joint_damping, after, least=1e-6)
     return replace(lower, joint_damping=damping)
@@ -50,7 +57,7 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
 
 @dataclass(frozen=True)
 class JointSystem:
-    """The normal equations of one step of lights and depth: the parts that `border` takes.
+    """The normal equations of one step of lights and depth: the parts that `bordered_step` takes.
 
     matrix : sparse (P, P) of the log depth of P pixels or cells; right : (P,) minus half the
         energy's derivatives with it
@@ -71,29 +78,18 @@ class JointSystem:
 
     def step(self, damping: float) -> tuple[Floats, Floats] | None:
         """(h, w) step of log depth and (F,) of the lights' numbers; None where it is singular."""
-        joint = border(self.matrix, self.right, self.columns, self.hessian, self.slope)
-        if joint is None:
+        step = bordered_step(
+            self.matrix, self.right, self.columns, self.hessian, self.slope, damping
+        )
+        if step is None:
             return None
-        correction, numbers = joint.step(damping)
+        correction, numbers = step
         field = np.zeros(self.cells.inside.shape)
         field[self.cells.inside] = correction
         depth = self.cells.interpolate(field)
         if self.relief is None:
             return depth, numbers
         return depth + numbers[-1] * self.relief, numbers[:-1]
-
-
-def after_joint_step(level: Level, fit: Fit, most_cells: int, damping: float) -> Fit:
-    """The state after one Gauss-Newton step of lights and depth together, whatever its energy.
-
-    The same state, so that the step counts as refused, where its matrix is singular.
-    """
-    step = joint_system(level, fit, most_cells, damping).step(damping)
-    if step is None:
-        return fit
-    depth, numbers = step
-    moved = fit.model.moved(fit.lights, numbers)
-    return evaluated(level, fit, level.placed(fit.log_depth + depth), moved)
 
 
 def joint_system(level: Level, fit: Fit, most_cells: int, damping: float) -> JointSystem:
@@ -134,7 +130,7 @@ def joint_system(level: Level, fit: Fit, most_cells: int, damping: float) -> Joi
 
     matrix = field_matrix(
         grid, cell_sums(tensor, cell) / cell**2,
-        cell_sums(weight, cell), level.pairs if cell == 1 else None,
+        cell_sums(weight, cell), level.links.pairs if cell == 1 else None,
         STIFFNESS if cell == 1 else 1.0,
     )  # fmt: skip
     right = cells.gather(negative_gradient)[cells.inside]
@@ -172,12 +168,14 @@ def _subsampled_sums(mixed: Floats, subsampling: int, cell: int, inside: Mask) -
 def damped_tensor(level: Level, fit: Fit, damping: float, sample: Mask | None = None) -> Floats:
     """M plus a damping that limits the step of normals that the photographs leave open.
 
-    Relative to the median over the pixels of the information on the normal.
+    Relative to the median, over the pixels that have any, of the information on the normal.
     sample : (h, w) the pixels whose M, scaled up, stands for all of them; None for every pixel
     """
     tensor, active = fit.linearization.jtwj.copy(), level.photographs.active
     dn_dg2 = level.squared_normal_derivative(fit.surface)
-    information = np.median((tensor[..., 0] + tensor[..., 2])[active] / dn_dg2[active])
+    informed = fit.linearization.informed
+    each = fit.linearization.information[informed] / dn_dg2[informed]
+    information = float(np.median(each)) if each.size else 0.0
     damping_term = damping * information * dn_dg2 * active
     if sample is not None:
         tensor *= (np.count_nonzero(active) / np.count_nonzero(sample) * sample)[..., None]

@@ -1,16 +1,18 @@
 """What is chosen at the coarsest level: the start, the light model, the depth weight.
 
-Each is tried by a descent of its own, and the one of the least `cost` is taken.
+Each is tried by a descent of its own, and the one of the least `cost` is taken; lights of one
+colour per channel are tried where they explain more, near ones count where they are `plausible`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
+from rakelight.methods.base import scatter
 from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.confidence import TINY, typical_information
 from rakelight.methods.multi_light.energy import Fit, first_fit
@@ -37,113 +39,95 @@ MOST_VARIED_DISTANCES = 0.5
 SHARED_AMBIENT = LightModel(shared_ambient=True)
 
 
-def select_model(
-    level: Level,
-    weights: Sequence[float],
-    options: MultiLight,
-    progress: ProgressCallback,
-    stage: str,
-    given: GivenLights | None = None,
-) -> Descent:
-    """The descent of the least cost.
+@dataclass(frozen=True, eq=False)
+class Search:
+    """What all descents at the coarsest level share.
 
     level : the coarsest; its depth weight is of one sensor pixel's noise
     weights : the depth weights to choose from, multiples of that, the least first
-    given : lights that are one more start or, fixed, the only one
+    stage : the level's name in the progress
     """
-    along = partial(descents, level, options, progress)
-    begins = list(starts(level, given))
-    # Under the least weight correlated errors of the sensor's depth bend the lights least.
-    least, larger = weights[:1], weights[1:]
-    best = cheapest(level, [each for fit in begins for each in along(stage, least, fit)])
-    if options.lights != "white":
-        # At this depth the lights alone show already whether one per channel explains more.
-        coloured = refine_lights(level, with_coloured_lights(best.fit))
-        freer, white = (each.linearization.noise_sigma for each in (coloured, best.fit))
-        if options.lights == "coloured" or freer < (1 - NOTABLE) * white:
-            best = along("try coloured lights", least, coloured)[0]
-            begins = [with_coloured_lights(fit) for fit in begins]
-    choices = [best, *along("try a larger depth weight", larger, best.fit)]
-    if options.distance != "distant" and best.fit.model.directions is None:
-        near = near_choices(level, weights, begins, options, progress)
-        if options.distance == "near":
-            choices = near
-        else:
-            choices += [each for each in near if plausible(level, each.fit.lights)]
-    best = with_larger_weights(level, cheapest(level, choices), weights, options, progress)
-    own_ambient = replace(best.fit.model, shared_ambient=False)
-    return replace(best, fit=replace(best.fit, model=own_ambient))
 
+    level: Level
+    weights: Sequence[float]
+    options: MultiLight
+    progress: ProgressCallback
+    stage: str
 
-def descents(
-    level: Level,
-    options: MultiLight,
-    progress: ProgressCallback,
-    stage: str,
-    weights: Sequence[float],
-    fit: Fit,
-) -> list[Descent]:
-    """A descent under each of these depth weights, begun where the one before has ended."""
-    found = []
-    for weight in weights:
-        descent = descend(level.weighted(weight), fit, options, progress, stage)
-        found.append(replace(descent, weight=weight))
-        fit = descent.fit
-    return found
+    def select(self, given: GivenLights | None = None) -> Descent:
+        """The descent of the least cost.
 
+        given : lights that are one more start or, fixed, the only one
+        """
+        options = self.options
+        begins = list(starts(self.level, given))
+        # Under the least weight correlated errors of the sensor's depth bend the lights least.
+        least, larger = self.weights[:1], self.weights[1:]
+        best = self.cheapest([each for fit in begins for each in self.descents(least, fit)])
+        if options.lights != "white":
+            # At this depth the lights alone show already whether one per channel explains more.
+            coloured = refine_lights(self.level, with_coloured_lights(best.fit))
+            freer, white = (each.linearization.noise_sigma for each in (coloured, best.fit))
+            if options.lights == "coloured" or freer < (1 - NOTABLE) * white:
+                best = self.descents(least, coloured, "try coloured lights")[0]
+                begins = [with_coloured_lights(fit) for fit in begins]
+        choices = [best, *self.descents(larger, best.fit, "try a larger depth weight")]
+        if options.distance != "distant" and best.fit.model.directions is None:
+            near = self.near_choices(begins)
+            if options.distance == "near":
+                choices = near
+            else:
+                choices += [each for each in near if plausible(self.level, each.fit.lights)]
+        best = self.with_larger_weights(self.cheapest(choices))
+        own_ambient = replace(best.fit.model, shared_ambient=False)
+        return replace(best, fit=replace(best.fit, model=own_ambient))
 
-def near_choices(
-    level: Level,
-    weights: Sequence[float],
-    begins: Sequence[Fit],
-    options: MultiLight,
-    progress: ProgressCallback,
-) -> list[Descent]:
-    """Descents with near lights, from the largest depth weight to the least.
+    def descents(self, weights: Sequence[float], fit: Fit, stage: str = "") -> list[Descent]:
+        """A descent under each of these depth weights, begun where the one before has ended."""
+        found = []
+        for weight in weights:
+            level = self.level.weighted(weight)
+            descent = descend(level, fit, self.options, self.progress, stage or self.stage)
+            found.append(replace(descent, weight=weight))
+            fit = descent.fit
+        return found
 
-    Their fall-off determines the relief, and finds it from a surface that is near the sensor's.
-    If that surface has no relief, the lights come out so near that all shading is fall-off;
-    therefore each start has a descent under the least weight as well.  If the lights come out far
-    away, no smaller weight is tried, unless `options` ask for near ones.
-    """
-    along = partial(descents, level, options, progress, "try near lights")
-    begun = [with_near_lights(level, fit) for fit in begins]
-    best = cheapest(level, [each for fit in begun for each in along(weights[-1:], fit)])
-    nearness = radius_over_distance(level, best.fit.lights)
-    if nearness < LEAST_RADIUS_OVER_DISTANCE and options.distance != "near":
-        return [best]
-    smaller = along(weights[:-1][::-1], best.fit)
-    again = [each for fit in begun for each in along(weights[:1], fit)]
-    return [best, *smaller, *again]
+    def near_choices(self, begins: Sequence[Fit]) -> list[Descent]:
+        """Descents with near lights, from the largest depth weight to the least.
 
+        Their fall-off determines the relief, and finds it from a surface that is near the sensor's.
+        If that surface has no relief, the lights come out so near that all shading is fall-off;
+        therefore each start has a descent under the least weight as well.  If the lights come out
+        far away, no smaller weight is tried, unless `options` ask for near ones.
+        """
+        along = partial(self.descents, stage="try near lights")
+        begun = [with_near_lights(self.level, fit) for fit in begins]
+        best = self.cheapest([each for fit in begun for each in along(self.weights[-1:], fit)])
+        nearness = radius_over_distance(self.level, best.fit.lights)
+        if nearness < LEAST_RADIUS_OVER_DISTANCE and self.options.distance != "near":
+            return [best]
+        smaller = along(self.weights[:-1][::-1], best.fit)
+        again = [each for fit in begun for each in along(self.weights[:1], fit)]
+        return [best, *smaller, *again]
 
-def with_larger_weights(
-    level: Level,
-    best: Descent,
-    weights: Sequence[float],
-    options: MultiLight,
-    progress: ProgressCallback,
-) -> Descent:
-    """The best descent or, where it has the largest weight, one under ten times that, and so on.
+    def with_larger_weights(self, best: Descent) -> Descent:
+        """The best descent; where its weight is the largest, one under ten times that, and so on.
 
-    While it costs less, and at most until the weight is of the sensor's noise from pixel to pixel:
-    a sensor can be more precise than its model says.
-
-    weights : that were tried, multiples of the level's, the least first
-    """
-    largest = weights[-1]
-    if options.depth_weight is not None:
+        While it costs less, and at most until the weight is of the sensor's noise from pixel to
+        pixel: a sensor can be more precise than its model says.
+        """
+        if self.options.depth_weight is not None:
+            return best
+        largest, relative = self.weights[-1], self.level.relative_noise_variance
+        while best.weight >= largest and largest * relative < self.weights[-1]:
+            largest = 10 * best.weight
+            more = self.descents([largest], best.fit, "try a larger depth weight")
+            best = self.cheapest([best, *more])
         return best
-    while best.weight >= largest and largest * level.relative_noise_variance < weights[-1]:
-        largest = 10 * best.weight
-        more = descents(level, options, progress, "try a larger depth weight", [largest], best.fit)
-        best = cheapest(level, [best, *more])
-    return best
 
-
-def cheapest(level: Level, choices: Sequence[Descent]) -> Descent:
-    """The descent of the least cost; the level's depth weight is of one sensor pixel's noise."""
-    return min(choices, key=lambda each: cost(level, each.fit, each.weight))
+    def cheapest(self, choices: Sequence[Descent]) -> Descent:
+        """The descent of the least cost."""
+        return min(choices, key=lambda each: cost(self.level, each.fit, each.weight))
 
 
 def cost(level: Level, fit: Fit, weight: float) -> float:
@@ -182,16 +166,13 @@ def sensor_cost(level: Level, fit: Fit, weight: float) -> float:
     photographs', 1/m.  Blocks of side S differ at wavelengths of 2 S to 4 S, so that
     m = M (2 pi / sqrt(8) S)^2 / sigma^2; w' is w with the noise by which the descent weighed it.
     """
-    seen = level.mask if level.averaging is None else level.averaging.covered
-    error = np.zeros(seen.shape)
     miss = level.sensed(fit.log_depth - level.unbiased_prior)
-    error[seen] = miss * np.sqrt(level.sensor_weight)
-    scales = variances_by_scale(error, seen)
+    error = scatter(miss * np.sqrt(level.sensor_weight), level.seen)
+    scales = variances_by_scale(error, level.seen)
     if not scales:
         return 0.0  # a single sensor pixel, to which any surface is moved
     side, modes, variance = np.transpose(scales)
-    pixels = 1.0 if level.averaging is None else level.averaging.factor
-    information = (np.pi / (pixels * side)) ** 2 / 2 * typical_information(level, fit) * pixels**2
+    information = (np.pi / side) ** 2 / 2 * typical_information(level, fit)
     information = np.maximum(information / float(np.median(level.sensor_weight)), TINY)
     sigma = max(fit.linearization.noise_sigma, SMALLEST_NOISE)
     followed = 1 + weight * fit.noise**2 / information

@@ -13,7 +13,7 @@ from rakelight.geometry.cells import cell_sums
 from rakelight.geometry.derivatives import gradient_image
 from rakelight.geometry.grid import pair_slices
 from rakelight.jit import side_by_side, worth_side_by_side
-from rakelight.methods.base import in_one_plane
+from rakelight.methods.base import in_one_plane, scatter
 from rakelight.methods.levels import CORRELATION_PX, Level, sensor_error
 from rakelight.methods.multi_light.energy import Fit
 from rakelight.model import MAD_TO_SIGMA, Floats, Mask
@@ -43,10 +43,11 @@ def estimate_depth_weight(fit: Fit, prepared: Prepared, least: float = 1.0) -> f
             for axis, (here, there) in ((axis, pair_slices(axis)) for axis in (1, 0))
         ]
     )
-    if not steps.size:
-        return CORRELATION_PX**2  # no two depth pixels are neighbours
+    typical_step2 = float(np.median(steps**2)) if steps.size else 0.0
+    if not typical_step2:
+        return CORRELATION_PX**2  # no two depth pixels are neighbours, or there are no errors
     error = error[seen] - np.median(error[seen])
-    correlation_area = np.median(error**2) / max(float(np.median(steps**2)), 1e-30)
+    correlation_area = np.median(error**2) / typical_step2
     relative = (prepared.sensor.depth_m / prepared.sensor.sigma_m)[seen]
     variance = MAD_TO_SIGMA**2 * float(np.median((error * relative) ** 2))
     independent = float(correlation_area) * min(max(variance, least), 1.0)
@@ -70,8 +71,6 @@ def estimate_equal_intensity_weight(level: Level, log_depth: Floats, prepared: P
     largest, over blocks of all sizes, of  (sum of a block)^2 / pixels.
     """
     error, seen = sensor_error(prepared, log_depth)
-    if not seen.any():
-        return 0.0
     variance = max(variance for _, variance in block_variances(error, seen))
     return float(np.median(level.sensor_weight) * variance)
 
@@ -115,8 +114,7 @@ def correlation_ratio(level: Level, fit: Fit) -> float:
             incident = arriving(lights.of(photograph), points)
             residual += highlights.light(normals, points, incident)[0]
         residual *= photographs.usable(photograph)[active]
-        error = np.zeros(active.shape)
-        error[active] = residual.sum(axis=-1) / np.sqrt(residual.shape[-1])
+        error = scatter(residual.sum(axis=-1) / np.sqrt(residual.shape[-1]), active)
         return [variance for _, variance in block_variances(error, active)]
 
     each = list(side_by_side(variances, range(len(photographs)), worth_side_by_side()))
@@ -157,13 +155,17 @@ def block_variances(error: Floats, seen: Mask) -> list[tuple[int, float]]:
     seen : (h, w) where it counts
 
     Of single pixels the variance comes from the median; larger blocks need to be `FEWEST_BLOCKS`.
+    0 where nothing is seen.
 
     >>> [side for side, _ in block_variances(np.ones((8, 8)), np.ones((8, 8), bool))]
     [1, 2]
     """
+    if not seen.any():
+        return [(1, 0.0)]
     error = np.where(seen, error - np.median(error[seen]), 0.0)
     deviation = MAD_TO_SIGMA * float(np.median(np.abs(error[seen])))
-    error = np.clip(error, -BY_CHANCE * deviation, BY_CHANCE * deviation)
+    if deviation:  # else most are exact, and the others all that there is
+        error = np.clip(error, -BY_CHANCE * deviation, BY_CHANCE * deviation)
     count, side = int(np.count_nonzero(seen)), 2
     found = [(1, deviation**2)]
     while count >= FEWEST_BLOCKS * side**2:

@@ -130,7 +130,7 @@ def try_bas_relief(level: Level, fit: Fit, options: MultiLight) -> Fit:
     along it are short.  Compared by least squares: losses that have adapted to one surface do not
     judge another.
     """
-    if not fit.model.near or fit.model.directions is not None:
+    if not fit.model.near:
         return fit
     weight = fit.equal_intensity_weight
     fit = replace(reset_scale(level, fit), equal_intensity_weight=weight)

@@ -25,7 +25,7 @@ from rakelight.geometry.cells import interpolate
 from rakelight.geometry.grid import has_gradient
 from rakelight.methods.base import UNDETERMINED_RAD, Estimate
 from rakelight.methods.levels import Level, finest_level
-from rakelight.methods.multi_light.bas_relief_variance import bas_relief_variance, sensor_moment
+from rakelight.methods.multi_light.bas_relief_variance import shape_errors
 from rakelight.methods.multi_light.confidence import normal_errors, typical_information
 from rakelight.methods.multi_light.energy import Fit, first_fit, update_scale
 from rakelight.methods.multi_light.normals import fine_normals
@@ -113,8 +113,7 @@ def whole_of(prepared: Prepared, estimate: Estimate, shrink: int) -> Whole:
     inverse_distance = np.zeros_like(lights.ambient) if distance_m is None else 1 / distance_m
     held = prepared.lights is not None and prepared.lights.fixed
     parameters = LightParameters(lights.vector, lights.ambient, inverse_distance)
-    moment = sensor_moment(level, log_depth, scale_only=held)
-    bas_relief = bas_relief_variance(level, log_depth, None if held else parameters, moment)
+    bas_relief = shape_errors(level, log_depth, None if held else parameters)[1]
     outliers = find_outliers(LitSurface(level, log_depth, parameters))
     return Whole(
         shrink=shrink,
