@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight.model import MAD_TO_SIGMA, Floats, Mask, SensorNoise
-from rakelight.prepare.jumps import nan_median
 
 # Scatter of the maps over the sensor model's, below which they are copies of one measurement.
 REPEATED = 0.1
@@ -132,6 +131,20 @@ def _inliers(depth_m: Floats) -> tuple[Floats, Mask]:
     steps = np.abs(np.diff(stack, axis=0))
     width = np.maximum(_width(steps), np.maximum(_width(steps / model), 1.0) * model)
     return stack, np.abs(stack - median) <= 3 * width
+
+
+def nan_median(values: Floats) -> Floats:
+    """The median over the first axis of the values that are not NaN; NaN where all are.
+
+    NumPy's nanmedian takes five times as long.
+    """
+    ordered = np.sort(values, axis=0)  # NaN comes last
+    count = np.count_nonzero(np.isfinite(values), axis=0)[None]
+    low, high = (
+        np.take_along_axis(ordered, np.maximum(each, 0), axis=0)[0]
+        for each in ((count - 1) // 2, count // 2)
+    )
+    return np.asarray(np.where(count[0] > 0, (low + high) / 2, np.nan))
 
 
 def _width(steps: Floats) -> float:

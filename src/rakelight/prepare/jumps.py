@@ -10,6 +10,7 @@ import numpy as np
 
 from rakelight.geometry.grid import Links, pair_slices
 from rakelight.model import MAD_TO_SIGMA, Camera, Floats, Mask
+from rakelight.prepare.average import nan_median
 from rakelight.solve.robust import BY_CHANCE
 
 # Least height of a jump, pixel sizes on the object; creases and curved sides are lower.  Over 50
@@ -63,20 +64,6 @@ def unexpected_differences(depth_m: Floats, axis: int) -> Floats:
     others = [wide[:, k : k + count] for k in range(2 * BESIDE + 1) if k != BESIDE]
     off = np.abs(step - nan_median(np.stack(others)))
     return np.moveaxis(np.where(np.isfinite(off), off, -1.0), -1, axis)
-
-
-def nan_median(values: Floats) -> Floats:
-    """The median over the first axis of the values that are not NaN; NaN where all are.
-
-    NumPy's nanmedian takes five times as long.
-    """
-    ordered = np.sort(values, axis=0)  # NaN comes last
-    count = np.count_nonzero(np.isfinite(values), axis=0)[None]
-    low, high = (
-        np.take_along_axis(ordered, np.maximum(each, 0), axis=0)[0]
-        for each in ((count - 1) // 2, count // 2)
-    )
-    return np.asarray(np.where(count[0] > 0, (low + high) / 2, np.nan))
 
 
 def is_largest(step: Floats, axis: int) -> Mask:

@@ -71,7 +71,7 @@ def half_second_difference(level, fit, depth, numbers):
 def light_direction(fit, size, seed):
     """(F,) a step of the lights that does not make a channel of all brighter: nothing sees that."""
     rng = np.random.default_rng(seed)
-    brighter = fit.model.free(fit.lights.brighter(2.0).numbers - fit.lights.numbers)
+    brighter = fit.model.own_numbers(fit.lights.brighter(2.0).numbers - fit.lights.numbers)
     step = rng.normal(size=brighter.shape)
     share = (step * brighter).sum((0, 2)) / (brighter**2).sum((0, 2))
     step = (step - share[:, None] * brighter).ravel()

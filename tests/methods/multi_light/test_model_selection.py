@@ -22,10 +22,11 @@ from rakelight.methods.multi_light.model_selection import (
     Search,
     cost,
     sensor_cost,
+    try_near_lights,
     variation_of_distances,
     with_coloured_lights,
 )
-from rakelight.methods.multi_light.steps import Descent
+from rakelight.methods.multi_light.steps import Descent, descend
 from rakelight.metrics import evaluate_maps
 from rakelight.model import silent
 from rakelight.photometry.images import LightParameters
@@ -294,6 +295,25 @@ def test_near_lights_begin_at_every_start_under_the_largest_and_the_least_weight
         np.testing.assert_array_equal(first[0].log_depth, here.log_depth)
         np.testing.assert_array_equal(first[1].log_depth, there.log_depth)
     assert all((fit.lights.inverse_distance > 0).all() for fit in begun)
+
+
+def test_near_lights_are_tried_again_at_the_finest_level():
+    """From a fit of distant lights, which stays where they are distant, or that was asked for."""
+    for lamp_distance_m in (0.5, None):
+        capture, _ = scene(CORRELATED, "head", 0.3, lamp_distance_m=lamp_distance_m)
+        level = first_levels(prepare(capture), MultiLight())[0][0]
+        start = first_fit(level, level.prior, lights_of_prior(level))
+        fit = descend(level, start, MultiLight(), silent, "look").fit
+        found = try_near_lights(level, fit, MultiLight(), silent)
+        asked = try_near_lights(level, fit, MultiLight(distance="distant"), silent)
+        assert asked is fit
+        if lamp_distance_m is None:
+            assert found is fit
+        else:
+            assert found.model.near
+            distance_m = 1 / np.median(found.lights.inverse_distance)
+            assert distance_m == pytest.approx(lamp_distance_m, rel=0.2)
+            assert found.linearization.noise_sigma < 0.9 * fit.linearization.noise_sigma
 
 
 def test_a_weight_that_was_asked_for_is_kept():

@@ -6,13 +6,14 @@ The albedo is linear given the shading and is eliminated per pixel and channel (
 projection).  The lights are few and are eliminated by a Schur complement.  Alternation (3.4)
 is slow along the bas-relief valley, in which lights and depth have to move together; the joint step
 is not.  Coarse to fine; Cauchy weights per photograph, pixel and channel.  Values that are
-predicted to lie in cast shadow, or to be largely a highlight, are left out.
+predicted to lie in cast shadow, or to be a highlight by more than a twentieth, are left out.
 
-The files, in the order of reading: energy.py (what is minimised, and its derivatives),
-light_model.py (which numbers of the lights are free), steps.py and joint_step.py (Gauss-Newton
-steps, and the loop over them), bas_relief.py (what photographs leave open), model_selection.py
-(which lights, which start, what depth weight), noise.py (both error models), outliers.py,
-confidence.py, normals.py.
+The files, in the order of reading: options.py; energy.py and equal_intensity.py (what is minimised,
+and its derivatives), light_model.py (which numbers of the lights are free), steps.py and
+joint_step.py (Gauss-Newton steps, and the loop over them), bas_relief.py (what photographs leave
+open), model_selection.py (which lights, which start, what depth weight), initial_lights.py and
+factored_start.py (where descents begin), noise.py (both error models), outliers.py, confidence.py
+and bas_relief_variance.py (expected errors), normals.py, tiles.py (large captures).
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from rakelight.methods.levels import (
 from rakelight.methods.multi_light.bas_relief_variance import shape_errors
 from rakelight.methods.multi_light.confidence import depth_sigma, normal_errors
 from rakelight.methods.multi_light.energy import Fit, evaluated, reset_scale
-from rakelight.methods.multi_light.model_selection import Search
+from rakelight.methods.multi_light.model_selection import Search, try_near_lights
 from rakelight.methods.multi_light.noise import (
     correlation_ratio,
     estimate_depth_weight,
@@ -103,7 +104,7 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     # What photographs say of the lights counts the less, the farther their errors are correlated.
     correlated = max(correlation_ratio(level, fit), 1.0)
     fit = replace(fit, equal_intensity_weight=correlated * equal_intensity)
-    start = try_bas_relief(level, fit, options)
+    start = try_bas_relief(level, try_near_lights(level, fit, options, progress), options)
     both = descend(level, start, options, progress, "refine, weighed", last=True)
     # 6. The depth alone under these lights, from where step 5 began: its depth has errors of
     # millimetres on steep sides, where one scale takes all of a pixel for outliers.

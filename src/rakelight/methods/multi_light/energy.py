@@ -53,8 +53,8 @@ LARGEST_NOISE = 0.01
 class Fit:
     """The state: log depth (h, w) and lights at one level, and the linearization there.
 
-    scales : (h, w) of the Cauchy losses; noise : standard deviation of a value, which weighs the
-        priors; energy : the sum of all terms
+    scales : (h, w) of the Cauchy losses; energy : the sum of all terms
+    noise : sigma as it weighs the priors, at most `LARGEST_NOISE` before the last two descents
     fourth_difference_weight : (2, h, w) of its squares along u and v
     model : which of the lights' numbers are free
     equal_intensity_weight : W, of `equal_intensity_energy`; laplacian_weight : c
@@ -225,7 +225,7 @@ def light_system(
     now = fit.linearization
     if now.light_slope is None:
         now = evaluated(level, fit, fit.log_depth, fit.lights, with_light_slope=True).linearization
-    slope = model.free(np.asarray(now.light_slope)).ravel()
+    slope = model.own_numbers(np.asarray(now.light_slope)).ravel()
     equal_intensity = equal_intensity_derivatives(fit.lights, model.numbers)
     weight = fit.noise**2 * fit.equal_intensity_weight
     slope = slope + weight * equal_intensity[0]
@@ -242,7 +242,7 @@ def light_system(
 def gauge(fit: Fit, hessian: Floats) -> Floats:
     """(K, K) a term that fixes the lights' common intensity, one per channel: the gauge."""
     lights = fit.lights
-    intensity = fit.model.free(lights.brighter(2.0).numbers - lights.numbers)
+    intensity = fit.model.own_numbers(lights.brighter(2.0).numbers - lights.numbers)
     total = np.zeros_like(hessian)
     for channel in range(intensity.shape[1]):
         along = np.zeros_like(intensity)

@@ -2,8 +2,8 @@
 
 A surface that is flattened, and lights that are moved to match, explain photographs nearly as well:
 steps of one alone are short there.  On large images the depth moves in cells, linearly between
-their centres.  Under near lights, whose fall-off determines the scale of the relief, that scale is
-one more unknown beside the lights.
+their centres.  There, under near lights, whose fall-off determines the scale of the relief, that
+scale is one more unknown beside the lights.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from rakelight.solve import assemble
 from rakelight.solve.gauss_newton import bordered_step
 from rakelight.solve.levenberg_marquardt import lowered
 
-# Weight of one-sided differences over mean ones in the matrix of a joint step of pixels
+# Share of one-sided differences, the rest being mean ones, in the matrix of a joint step of pixels
 # (ablation.md: halved 0.99, doubled 0.95).  Cells have one-sided differences alone.
 STIFFNESS = 0.03
 

@@ -35,8 +35,8 @@ class LightModel:
         """How many numbers each light has: vector, inverse distance where it is near, ambient."""
         return 5 if self.near else 4
 
-    def free(self, numbers: Floats) -> Floats:
-        """(N, C, 4 or 5) those of `LightParameters.numbers` (N, C, 5)."""
+    def own_numbers(self, numbers: Floats) -> Floats:
+        """(N, C, 4 or 5) of `LightParameters.numbers` (N, C, 5): without distances if not near."""
         return numbers if self.near else np.delete(numbers, 3, axis=-1)
 
     def jacobian(self, lights: LightParameters) -> Any:

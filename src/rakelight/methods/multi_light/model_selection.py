@@ -25,7 +25,7 @@ from rakelight.methods.multi_light.options import MultiLight
 from rakelight.methods.multi_light.steps import Descent, descend, refine_lights
 from rakelight.model import GivenLights, ProgressCallback
 from rakelight.photometry.images import LightParameters
-from rakelight.solve.robust import NOTABLE, SMALLEST_NOISE
+from rakelight.solve.robust import NOTABLE, ROUNDS, SMALLEST_NOISE
 
 # The object's radius over the distance at which all near lights start (ablation.md: halved 1.02,
 # doubled 1.04), and the least at which they are near: descents are slower than with distant ones
@@ -145,15 +145,20 @@ def cost(level: Level, fit: Fit, weight: float) -> float:
     level : its depth weight is of one sensor pixel's noise
     weight : a multiple of that, under which the fit was found
     """
-    count = len(level.photographs)
-    sigma = max(fit.linearization.noise_sigma, SMALLEST_NOISE)
-    total = count * (2 * np.log(sigma) + sensor_cost(level, fit, weight))
+    photographs = 2 * np.log(penalised_sigma(level, fit)) + sensor_cost(level, fit, weight)
+    total = len(level.photographs) * photographs
     if fit.model.directions is None:
-        total += 2 * count * np.log1p(radius_over_distance(level, fit.lights) ** 2)
-        varied = variation_of_distances(fit.lights) / MOST_VARIED_DISTANCES
-        total += 2 * count * np.log(max(varied, 1.0))
         total += equal_intensity_energy(fit.lights.vector)
     return float(total)
+
+
+def penalised_sigma(level: Level, fit: Fit) -> float:
+    """sigma (1 + R^2/D^2) V, as in `cost`; sigma alone under lights in given directions."""
+    sigma = max(fit.linearization.noise_sigma, SMALLEST_NOISE)
+    if fit.model.directions is not None:
+        return sigma
+    varied = variation_of_distances(fit.lights) / MOST_VARIED_DISTANCES
+    return sigma * (1 + radius_over_distance(level, fit.lights) ** 2) * max(varied, 1.0)
 
 
 def sensor_cost(level: Level, fit: Fit, weight: float) -> float:
@@ -178,6 +183,27 @@ def sensor_cost(level: Level, fit: Fit, weight: float) -> float:
     followed = 1 + weight * fit.noise**2 / information
     each = level.relative_noise_variance + sigma**2 / information + variance * followed**2
     return float(modes @ np.log(each) / modes.sum())
+
+
+def try_near_lights(level: Level, fit: Fit, options: MultiLight, progress: ProgressCallback) -> Fit:
+    """The state at the finest level, or one under near lights, where these explain more.
+
+    After `ROUNDS` steps from either.  At the coarsest level jumps and cast shadows can be most of
+    the residuals, so that distant lights explain as much there.
+    """
+    if fit.model.near or fit.model.directions is not None or options.distance != "auto":
+        return fit
+    briefly, weight = replace(options, max_iterations=ROUNDS), fit.equal_intensity_weight
+
+    def after(start: Fit) -> Fit:
+        return descend(level, start, briefly, progress, "try near lights", last=True).fit
+
+    near = after(replace(with_near_lights(level, fit), equal_intensity_weight=weight))
+    most = (1 - NOTABLE) * penalised_sigma(level, fit)
+    if not plausible(level, near.lights) or penalised_sigma(level, near) >= most:
+        return fit
+    most = (1 - NOTABLE) * penalised_sigma(level, after(fit))
+    return near if penalised_sigma(level, near) < most else fit
 
 
 def starts(level: Level, given: GivenLights | None) -> Iterator[Fit]:

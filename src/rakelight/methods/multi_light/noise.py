@@ -1,6 +1,6 @@
-"""The weights of the energy's priors, from how far errors are correlated.
+"""Both error models: how far the sensor's errors and the photographs' are correlated.
 
-The sensor's errors and the photographs' alike.
+From that the weights of the energy's priors.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def estimate_depth_weight(fit: Fit, prepared: Prepared, least: float = 1.0) -> f
     """The depth weight, 1/variance relative to white noise's, from the errors of both sides.
 
     Depth errors e that are correlated over an area of r^2 = <e^2> / <|de|^2> of the sensor's pixels
-    count r^2 times less than independent ones (medians, so that depth jumps do not count).  The
+    count r^2 times less (medians, so that jumps do not count; of white noise r^2 is 1/2).  The
     photographs' residuals are correlated, too: over `assumed_correlation_area`.
 
     least : of the variance of e over the one that the sensor is taken to have; below 1 where the

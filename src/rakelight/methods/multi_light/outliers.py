@@ -2,9 +2,9 @@
 
 Both are predicted from the present surface and lights: cast shadows by marching the ray to each
 light over the depth map, highlights by `photometry.specular`.  Whether there are any is estimated
-from the photographs; where they show none, nothing is changed.  Values in shadow, and those that
-are mostly a highlight's, are left out; weaker highlights are a part of the energy, as the gloss in
-`LightParameters`.
+from the photographs; where they show none, nothing is changed.  Values in shadow are left out, and
+those of which a highlight is predicted to make more than a twentieth; weaker highlights are a part
+of the energy, as the gloss in `LightParameters`.
 """
 
 from __future__ import annotations

@@ -123,9 +123,11 @@ def project_bas_relief(level: Level, fit: Fit) -> Fit:
 
 
 def try_bas_relief(level: Level, fit: Fit, options: MultiLight) -> Fit:
-    """The state after one step of lights and depth under near lights; under others as it is.
+    """The state after up to three steps of the lights, one of the depth and one of both.
 
-    The step starts from the sensor's bas-relief transform as well, and the lower state is returned.
+    Under near lights; under others as it is.
+
+    They start from the sensor's bas-relief transform as well, and the lower state is returned.
     The fall-off of near lights determines the transform, but on a flat object so little that steps
     along it are short.  Compared by least squares: losses that have adapted to one surface do not
     judge another.

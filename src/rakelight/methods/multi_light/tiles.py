@@ -52,11 +52,12 @@ TINY = 1e-12
 class Whole:
     """What the lower resolution says of the whole object.
 
-    shrink : the photographs' pixels along a pixel of it; rows, columns : of its window's upper left
+    shrink : the photographs' pixels along a pixel of it; row, column : of its window's upper left
         corner in its image
     mask : (h, w) the object; the other images go on beyond it as they are at its border
     log_depth, depth_sigma_m : (h, w) of the estimate, and its expected error
     stated, lights : the lights as the estimate states them, and as the solver moves them
+    middle_m : (3,) the object's middle; outliers : cast shadows and highlights that it predicts
     bas_relief : (h, w) expected squared error of normals, radians^2, by the bas-relief transform of
         the whole shape; 0 under given directions
     """
