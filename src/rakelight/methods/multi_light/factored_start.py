@@ -12,7 +12,7 @@ also fits the sensor's depth z:
 g = (m_1 / f_x, m_2 / f_y) / c being the gradient of log depth, w weights of a Cauchy loss.  The
 last sum is the change of variables from b to slopes: without it a flatter surface would always fit
 better.  For given A and weights p is a linear least-squares solution, its matrix factored once; A
-has eight degrees of freedom and is found by BFGS from several starts, each also mirrored: convex
+has eight degrees of freedom and is found by L-BFGS from several starts, each also mirrored: convex
 and concave fit the photographs alike, and only the sensor distinguishes them.
 """
 
@@ -161,15 +161,6 @@ class Problem:
         return value - float(share @ volume), derivative.ravel()
 
 
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A matrix A, its surface (P,) of log depth, and its cost."""
-
-    A: Floats
-    log_depth: Floats
-    cost: float
-
-
 def factored_start(level: Level) -> tuple[Floats, LightParameters] | None:
     """(h, w) log depth and white distant lights that explain the photographs and fit the sensor.
 
@@ -186,15 +177,16 @@ def factored_start(level: Level) -> tuple[Floats, LightParameters] | None:
         factors = factorise(values, usable, LdrPs())
         problem = Problem.of(level, scatter(factors.normals, mask), determined)
         found = [descended(problem, A) for A in matrices(level, factors, determined)]
-        best = min((each for each in found if np.isfinite(each.cost)), key=lambda each: each.cost)
-        vector = factors.lights @ np.linalg.inv(best.A)
+        possible = (each for each in found if np.isfinite(each[0]))
+        _, A, log_depth_inside = min(possible, key=lambda each: each[0])
+        vector = factors.lights @ np.linalg.inv(A)
     except (np.linalg.LinAlgError, RuntimeError, ValueError):  # singular
         return None
     vector /= max(float(np.median(np.linalg.norm(vector, axis=1))), np.finfo(float).tiny)
-    if not (np.isfinite(vector).all() and np.isfinite(best.log_depth).all()):
+    if not (np.isfinite(vector).all() and np.isfinite(log_depth_inside).all()):
         return None
     log_depth = level.prior.copy()
-    log_depth[level.mask] = best.log_depth
+    log_depth[level.mask] = log_depth_inside
     return log_depth, LightParameters.distant(vector[:, None], np.zeros((len(vector), 1)))
 
 
@@ -223,9 +215,10 @@ def matrices(level: Level, factors: Factors, determined: Mask) -> Iterator[Float
         yield np.array([[-1.0, 0.0, u], [0.0, -1.0, v], [0.0, 0.0, 1.0]]) @ facing
 
 
-def descended(problem: Problem, A: Floats) -> Candidate:
-    """The local minimum that BFGS finds from A, the weights estimated again after each round.
+def descended(problem: Problem, A: Floats) -> tuple[float, Floats, Floats]:
+    """The local minimum that L-BFGS finds from A: `comparable_cost`, matrix, (P,) log depth.
 
+    The weights are estimated again after each round.
     A quadratic cost takes as many steps as A has numbers; this one is given `ROUNDS` times as many.
     """
     from scipy.optimize import minimize
@@ -240,7 +233,7 @@ def descended(problem: Problem, A: Floats) -> Candidate:
         A /= np.cbrt(abs(np.linalg.det(A)))
         problem = reweighted(problem, A)
     log_depth, residual = problem.surface(problem.slopes(A)[0])
-    return Candidate(A, log_depth, comparable_cost(problem, A, log_depth, residual))
+    return comparable_cost(problem, A, log_depth, residual), A, log_depth
 
 
 def reweighted(problem: Problem, A: Floats) -> Problem:
