@@ -143,15 +143,15 @@ class Linearization:
     light_slope: Floats | None = None
     gloss_slope: Floats | None = None
 
-    @property
-    def information(self) -> Floats:
-        """(h, w) trace of M: what photographs say of each pixel's gradient, in both directions."""
-        return np.asarray(self.jtwj[..., 0] + self.jtwj[..., 2])
+    def typical_information(self, per: Floats | float = 1.0) -> float:
+        """The median of the trace of M over `per` (h, w); 0 where photographs say nothing.
 
-    @property
-    def informed(self) -> Mask:
-        """(h, w) pixels of whose gradient photographs say something: they are lit and usable."""
-        return self.information > 0
+        Over the pixels of which they say anything: most may be black or saturated.
+        per : 2 for the mean of both directions; |dn/dg|^2 for the information on the normal
+        """
+        trace = self.jtwj[..., 0] + self.jtwj[..., 2]
+        informed = trace > 0
+        return float(np.median((trace / per)[informed])) if informed.any() else 0.0
 
     def darker(self, gain: float) -> Linearization:
         """The same with the albedo divided by `gain`, for lights multiplied by it."""

@@ -12,7 +12,6 @@ from rakelight.methods.multi_light import (
     coarsest_level,
     first_levels,
 )
-from rakelight.methods.multi_light.confidence import typical_information
 from rakelight.methods.multi_light.energy import first_fit
 from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.methods.multi_light.initial_lights import lights_of_prior
@@ -150,7 +149,7 @@ def test_a_surface_that_follows_the_sensor_does_not_cost_less_for_it():
         fit, linearization=replace(fit.linearization, jtwj=1e3 * fit.linearization.jtwj)
     )
     free = missed(level, known, 3.0)
-    information = known.noise**-2 * typical_information(level, known)
+    information = known.noise**-2 * known.linearization.typical_information(2.0)
     information *= np.pi**2 / 2 / np.median(level.sensor_weight)  # of single pixels
     held = missed(level, known, 1.5)
     assert sensor_cost(level, held, 0.0) < sensor_cost(level, free, 0.0) - 1

@@ -110,17 +110,8 @@ def sensor_length(level: Level, fit: Fit) -> float:
     Of the median pixel; from 1 to the size of the object.
     """
     precision = fit.noise**2 * float(np.median(level.prior_weight[level.photographs.active]))
-    length = np.sqrt(typical_information(level, fit) / max(precision, 1e-300))
+    length = np.sqrt(fit.linearization.typical_information(2.0) / max(precision, 1e-300))
     return float(np.clip(length, 1, np.sqrt(np.count_nonzero(level.mask))))
-
-
-def typical_information(level: Level, fit: Fit) -> float:
-    """What photographs say of the median pixel's gradient: M, its mean over directions.
-
-    Of the pixels of which they say anything; 0 without any.
-    """
-    informed = fit.linearization.informed
-    return float(np.median(fit.linearization.information[informed])) / 2 if informed.any() else 0.0
 
 
 def mean_error_variance(prepared: Prepared, log_depth: Floats, length_px: float) -> float:

@@ -183,26 +183,31 @@ def depth_system(level: Level, fit: Fit, tensor: Floats) -> DepthSystem:
     """The normal equations of a correction of log depth, with `tensor` (h, w, 3) for a matrix."""
     weight = fit.noise**2 * fit.laplacian_weight
     system = assemble(
-        level.mask, tensor, np.zeros((*level.mask.shape, 2)), pair_weights=level.links.pairs,
+        level.mask, tensor, fit.linearization.rhs, pair_weights=level.links.pairs,
         laplacian_weight=weight * level.inner if weight else None,
         **level.sensor_terms(fit.log_depth, fit.noise**2),
     )  # fmt: skip
-    return replace(system, rhs=np.where(level.mask, depth_negative_gradient(level, fit), 0.0))
+    return replace(system, rhs=system.rhs - np.where(level.mask, wide_gradient(level, fit), 0.0))
 
 
 def depth_negative_gradient(level: Level, fit: Fit) -> Floats:
-    """(h, w) minus half the energy's derivatives with log depth."""
+    """(h, w) minus half the energy's derivatives with log depth: `depth_system`'s right side."""
     along = fit.linearization.rhs
     shading = mean_gradient_transposed(along[..., 0], along[..., 1], level.grid)
     sensor = level.sensor_terms(fit.log_depth, fit.noise**2)
     data = sensor["data_weight"] * sensor["data_target"] + sensor.get("extra_rhs", 0.0)
+    return np.asarray(shading + data - wide_gradient(level, fit))
+
+
+def wide_gradient(level: Level, fit: Fit) -> Floats:
+    """(h, w) half the derivatives of fourth differences and Laplacian with log depth."""
     weighted = fit.fourth_difference_weight * fourth_difference_term(level, fit.log_depth)
-    total = shading + data - fourth_difference_term_transposed(level, weighted)
+    total = fourth_difference_term_transposed(level, weighted)
     if fit.laplacian_weight:
         weight = fit.noise**2 * fit.laplacian_weight * level.inner
         change = laplacian_of_change(level, fit.log_depth)
-        total -= Laplacian.on(level.mask, weight).right_side(change)
-    return np.asarray(total)
+        total += Laplacian.on(level.mask, weight).right_side(change)
+    return total
 
 
 def light_system(

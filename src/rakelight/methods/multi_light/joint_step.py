@@ -173,10 +173,7 @@ def damped_tensor(level: Level, fit: Fit, damping: float, sample: Mask | None = 
     """
     tensor, active = fit.linearization.jtwj.copy(), level.photographs.active
     dn_dg2 = level.squared_normal_derivative(fit.surface)
-    informed = fit.linearization.informed
-    each = fit.linearization.information[informed] / dn_dg2[informed]
-    information = float(np.median(each)) if each.size else 0.0
-    damping_term = damping * information * dn_dg2 * active
+    damping_term = damping * fit.linearization.typical_information(dn_dg2) * dn_dg2 * active
     if sample is not None:
         tensor *= (np.count_nonzero(active) / np.count_nonzero(sample) * sample)[..., None]
     tensor[..., 0] += damping_term

@@ -1,7 +1,8 @@
 """What is chosen at the coarsest level: the start, the light model, the depth weight.
 
-Each is tried by a descent of its own, and the one of the least `cost` is taken; lights of one
-colour per channel are tried where they explain more, near ones count where they are `plausible`.
+Each is tried by a descent of its own, and the one of the least `cost` is taken.  A light per
+channel is tried where that explains more, near lights count where they are `plausible`.  At the
+finest level near lights are tried once more.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 
 from rakelight.methods.base import scatter
 from rakelight.methods.levels import Level
-from rakelight.methods.multi_light.confidence import TINY, typical_information
+from rakelight.methods.multi_light.confidence import TINY
 from rakelight.methods.multi_light.energy import Fit, first_fit
 from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.methods.multi_light.factored_start import factored_start
@@ -67,8 +68,7 @@ class Search:
         if options.lights != "white":
             # At this depth the lights alone show already whether one per channel explains more.
             coloured = refine_lights(self.level, with_coloured_lights(best.fit))
-            freer, white = (each.linearization.noise_sigma for each in (coloured, best.fit))
-            if options.lights == "coloured" or freer < (1 - NOTABLE) * white:
+            if options.lights == "coloured" or explains_more(self.level, coloured, best.fit):
                 best = self.descents(least, coloured, "try coloured lights")[0]
                 begins = [with_coloured_lights(fit) for fit in begins]
         choices = [best, *self.descents(larger, best.fit, "try a larger depth weight")]
@@ -161,6 +161,11 @@ def penalised_sigma(level: Level, fit: Fit) -> float:
     return sigma * (1 + radius_over_distance(level, fit.lights) ** 2) * max(varied, 1.0)
 
 
+def explains_more(level: Level, freer: Fit, fit: Fit) -> bool:
+    """Whether a state under freer lights has notably smaller residuals: `penalised_sigma`."""
+    return penalised_sigma(level, freer) < (1 - NOTABLE) * penalised_sigma(level, fit)
+
+
 def sensor_cost(level: Level, fit: Fit, weight: float) -> float:
     """Mean over all scales of log(v_0 + 1/m + v (1 + w'/m)^2), in one sensor pixel's noise.
 
@@ -177,7 +182,7 @@ def sensor_cost(level: Level, fit: Fit, weight: float) -> float:
     if not scales:
         return 0.0  # a single sensor pixel, to which any surface is moved
     side, modes, variance = np.transpose(scales)
-    information = (np.pi / side) ** 2 / 2 * typical_information(level, fit)
+    information = (np.pi / side) ** 2 / 2 * fit.linearization.typical_information(2.0)
     information = np.maximum(information / float(np.median(level.sensor_weight)), TINY)
     sigma = max(fit.linearization.noise_sigma, SMALLEST_NOISE)
     followed = 1 + weight * fit.noise**2 / information
@@ -199,11 +204,9 @@ def try_near_lights(level: Level, fit: Fit, options: MultiLight, progress: Progr
         return descend(level, start, briefly, progress, "try near lights", last=True).fit
 
     near = after(replace(with_near_lights(level, fit), equal_intensity_weight=weight))
-    most = (1 - NOTABLE) * penalised_sigma(level, fit)
-    if not plausible(level, near.lights) or penalised_sigma(level, near) >= most:
+    if not plausible(level, near.lights) or not explains_more(level, near, fit):
         return fit
-    most = (1 - NOTABLE) * penalised_sigma(level, after(fit))
-    return near if penalised_sigma(level, near) < most else fit
+    return near if explains_more(level, near, after(fit)) else fit
 
 
 def starts(level: Level, given: GivenLights | None) -> Iterator[Fit]:

@@ -164,7 +164,7 @@ def block_variances(error: Floats, seen: Mask) -> list[tuple[int, float]]:
         return [(1, 0.0)]
     error = np.where(seen, error - np.median(error[seen]), 0.0)
     deviation = MAD_TO_SIGMA * float(np.median(np.abs(error[seen])))
-    if deviation:  # else most are exact, and the others all that there is
+    if deviation:  # 0 where most errors are 0, which does not make outliers of the others
         error = np.clip(error, -BY_CHANCE * deviation, BY_CHANCE * deviation)
     count, side = int(np.count_nonzero(seen)), 2
     found = [(1, deviation**2)]

@@ -63,9 +63,7 @@ def gradient_step(level: Level, fit: Fit, linearized: Callable[[Floats], Lineari
         np.moveaxis(each, -1, 0) for each in (fit.linearization.jtwj, fit.linearization.rhs)
     )
     information = np.where(active, uu + vv, 0.0) / dn_dg2
-    informed = fit.linearization.informed
-    typical = float(np.median(information[informed])) if informed.any() else 0.0
-    least = 1e-6 * typical * dn_dg2
+    least = 1e-6 * fit.linearization.typical_information(dn_dg2) * dn_dg2
     free = np.where(active[..., None], _solved(uu + least, uv, vv + least, u, v), 0.0)
     # Residuals that no normal explains: noise, highlights, edges of paint that do not align.
     mean_abs_residual = linearized(free).mean_abs_residual

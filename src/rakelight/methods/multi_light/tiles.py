@@ -26,7 +26,7 @@ from rakelight.geometry.grid import has_gradient
 from rakelight.methods.base import UNDETERMINED_RAD, Estimate
 from rakelight.methods.levels import Level, finest_level
 from rakelight.methods.multi_light.bas_relief_variance import shape_errors
-from rakelight.methods.multi_light.confidence import normal_errors, typical_information
+from rakelight.methods.multi_light.confidence import normal_errors
 from rakelight.methods.multi_light.energy import Fit, first_fit, update_scale
 from rakelight.methods.multi_light.normals import fine_normals
 from rakelight.methods.multi_light.outliers import LitSurface, Outliers, find_outliers
@@ -247,4 +247,6 @@ def carried(image: Floats, prepared: Prepared, whole: Whole) -> Floats:
 
 def agreement(level: Level, fit: Fit, shrink: int) -> float:
     """The weight of the agreement, 1 / variance of log depth, by which corrections fade."""
-    return max(typical_information(level, fit), TINY) / (fit.noise * LENGTH * shrink) ** 2
+    return (
+        max(fit.linearization.typical_information(2.0), TINY) / (fit.noise * LENGTH * shrink) ** 2
+    )
