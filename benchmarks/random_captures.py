@@ -57,6 +57,8 @@ WEIGHTS = tuple(np.geomspace(1e-3, 30, 7).tolist())
 """The oracle's grid, multiples of white noise's weight."""
 WORSE = 1.02
 """A result is worse than the prepared depth where an error is this much larger."""
+FAR_DEG = 10
+"""Mean error of normals above which a person should have been warned."""
 TORN_M, TORN_SIGMAS = 0.003, 3.0
 
 Record = dict[str, Any]
@@ -215,6 +217,21 @@ def line(record: Record) -> str:
     return " | ".join([what, *cells, f"{record['seconds']:.1f} s", *marks])
 
 
+def warned_of(done: list[Record]) -> Iterator[str]:
+    """Whether the results whose normals are far off are those with a warning."""
+    far = [record for record in done if record["result"]["deg"] > FAR_DEG]
+    told = sum(bool(record["warnings"]) for record in far)
+    yield f"normals more than {FAR_DEG} degrees off: {len(far)}, with a warning: {told}"
+    for name, uncertain in (("with", True), ("without", False)):
+        angles = [
+            record["result"]["deg"]
+            for record in done
+            if ("normals-uncertain" in record["warnings"]) == uncertain
+        ]
+        if angles:
+            yield f"{name} normals-uncertain: {len(angles)}, median {np.median(angles):.1f} degrees"
+
+
 def worse(record: Record) -> bool:
     """Whether an error is larger than the prepared depth's by more than `WORSE`."""
     return any(record["result"][unit] > WORSE * record["prepared"][unit] for unit in ("deg", "mm"))
@@ -268,6 +285,7 @@ def summary(records: Sequence[Record]) -> Iterator[str]:
                 f"{high:.0%} (90 %)"
             )
     yield f"worse than the prepared depth by more than 2 %: {sum(map(worse, done))}"
+    yield from warned_of(done)
     yield f"not converged: {sum(not record['converged'] for record in done)}"
     seconds = [record["seconds"] for record in done]
     drawing = [record["drawing_s"] for record in done]

@@ -717,6 +717,13 @@ class Result:
         """(H, W) True where there is depth."""
         return np.isfinite(self.depth)
 
+    @property
+    def expected_errors(self) -> tuple[float, float] | None:
+        """Medians of `depth_sigma` (metres) and `normal_sigma` (degrees); None without them."""
+        if self.depth_sigma is None or self.normal_sigma is None:
+            return None
+        return float(np.nanmedian(self.depth_sigma)), float(np.nanmedian(self.normal_sigma))
+
     def mesh(self) -> Mesh:
         """The surface as triangles, none across a depth jump: what mesh.ply holds.
 

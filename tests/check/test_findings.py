@@ -17,7 +17,7 @@ from tests.test_layers import PACKAGE, SOURCES, name_of
 
 ONLY_REFINE_SAYS = {
     "albedo-bound", "depth-not-used", "depth-weight", "first-photograph", "given-lights-unused",
-    "no-mesh", "not-converged", "not-finite", "older-not-deleted",
+    "no-mesh", "normals-uncertain", "not-converged", "not-finite", "older-not-deleted",
     "refined-in-tiles", "thin-parts",
 }  # fmt: skip
 # Which argument is the code.

@@ -9,6 +9,7 @@ import pytest
 
 from rakelight import __version__
 from rakelight.cli.commands import COMMANDS, rakelight
+from rakelight.export import load_result
 from tests.cli.cli_helpers import QUICK
 from tests.cli.cli_process import run_process, start
 
@@ -55,12 +56,15 @@ def test_errors_are_told_all_the_same(run, tmp_path, option):
 def test_what_refine_says(run, capture, tmp_path):
     out = tmp_path / "out"
     ran = run("refine", capture, "-o", out)
-    first, second = ran.out.splitlines()
+    first, expected, last = ran.out.splitlines()
     assert re.fullmatch(
         r"[a-z-]+: 5 photographs, 48 x 36, 384 pixels, (converged|stopped) after \d+ iterations",
         first,
     )
-    assert second == f"result: {out}  (look at it with `rakelight view {out}`)"
+    depth_m, normals_deg = load_result(out).expected_errors
+    errors = f"{1000 * depth_m:.2g} mm in depth, {normals_deg:.2g} degrees in normals"
+    assert expected == f"expected errors: {errors} (medians)"
+    assert last == f"result: {out}  (look at it with `rakelight view {out}`)"
     # Without a terminal on stderr no progress is shown.
     assert all(re.match("(note|warning): ", line) for line in ran.err.splitlines())
     assert "note: median depth 0.7" in ran.err
@@ -74,6 +78,9 @@ def test_what_refine_says_in_json(run, capture, tmp_path):
     assert (said["photographs"], said["pixels"]) == (5, 384)
     for key in ("method", "iterations", "converged", "pixels", "findings"):
         assert said[key] == stored[key]
+    depth_m, normals_deg = load_result(out).expected_errors
+    assert said["expected_errors"]["depth_mm"] == pytest.approx(1000 * depth_m, abs=1e-3)
+    assert said["expected_errors"]["normals_deg"] == pytest.approx(normals_deg, abs=1e-2)
     assert set(said["timings_s"]) == set(stored["timings_s"]) >= {"read", "prepare", "refine"}
 
 

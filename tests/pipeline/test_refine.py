@@ -152,6 +152,25 @@ def test_a_method_of_ones_own(capture):
         refine(capture, ours, options=rakelight.LdrPs())
 
 
+@pytest.mark.parametrize(("sigma_deg", "warned"), [(14.0, False), (16.0, True)])
+def test_normals_that_are_expected_to_be_far_off_are_told(capture, sigma_deg, warned):
+    def unsure(prepared, options, progress):
+        doubt = np.where(prepared.mask, sigma_deg, np.nan)
+        return replace(kept_depth(prepared), normal_sigma=doubt, depth_sigma=doubt / 1000)
+
+    result = refine(capture, Method("unsure", unsure, Kept))
+    assert result.expected_errors == pytest.approx((sigma_deg / 1000, sigma_deg))
+    said = [f.message for f in result.findings if f.code == "normals-uncertain"]
+    expected = f"normals are expected to be off by {sigma_deg:.0f} degrees, the median"
+    assert [message.split(":")[0] for message in said] == [expected] * warned
+
+
+def test_errors_that_a_method_does_not_expect_are_not_told(capture):
+    result = refine(capture, Method("kept-depth", lambda p, options, progress: kept_depth(p), Kept))
+    assert result.expected_errors is None
+    assert "normals-uncertain" not in [f.code for f in result.findings]
+
+
 @dataclass(frozen=True)
 class Kept:
     weight: float = 1.0

@@ -154,6 +154,10 @@ def command(
 
 def outcome(result: Result, folder: Path) -> dict[str, Any]:
     """What `--json` prints of a result."""
+    expected = None
+    if result.expected_errors is not None:
+        depth_m, normals_deg = result.expected_errors
+        expected = {"depth_mm": round(1000 * depth_m, 3), "normals_deg": round(normals_deg, 2)}
     return {
         "output": printable(str(folder)),
         "method": result.method,
@@ -161,6 +165,7 @@ def outcome(result: Result, folder: Path) -> dict[str, Any]:
         "converged": result.converged,
         "pixels": int(result.mask.sum()),
         "photographs": len(result.lights),
+        "expected_errors": expected,
         "timings_s": {stage: round(seconds, 3) for stage, seconds in result.timings_s.items()},
         "findings": findings_as_json(result.findings),
     }
@@ -179,4 +184,9 @@ def report_result(result: Result, folder: Path, as_json: bool) -> None:
         f"{result.method}: {count_photographs(facts['photographs'])}, {width} x {height}, "
         f"{facts['pixels']} pixels, {ended} after {result.iterations} iterations"
     )
+    if (expected := facts["expected_errors"]) is not None:
+        click.echo(
+            f"expected errors: {expected['depth_mm']:.2g} mm in depth, "
+            f"{expected['normals_deg']:.2g} degrees in normals (medians)"
+        )
     click.echo(f"result: {facts['output']}  (look at it with `{printable(view_command(folder))}`)")

@@ -47,6 +47,10 @@ from rakelight.pipeline.tiles import Maps, tiled_maps
 from rakelight.prepare import Prepared, PreparedView, Scale, prepared_view
 from rakelight.prepare.undistort import undistorted
 
+# Median expected error of the normals, degrees, above which `refine` warns.  Real captures that
+# come out well have up to 11 (random-captures.md, "Results that say they are uncertain").
+UNCERTAIN_DEG = 15.0
+
 
 def refine(
     capture: Capture,
@@ -201,7 +205,13 @@ def _refined(
             "refine": refined_at - prepared_at,
             **estimate.timings_s,
         },
-        findings=view.findings + tuple(checked) + made + _convergence(estimate),
+        findings=(
+            *view.findings,
+            *checked,
+            *made,
+            *_convergence(estimate),
+            *_uncertainty(maps.normal_sigma_deg),
+        ),
         source=capture.source,
         photograph_names=prepared.names,
         capture=_figures(as_read, capture.depth_to_color if capture.register else None),
@@ -315,6 +325,21 @@ def _convergence(estimate: Estimate) -> tuple[Finding, ...]:
         return ()
     message = f"not converged after {estimate.iterations} iterations"
     return (Finding("warning", "not-converged", message, "look at the result before you use it"),)
+
+
+def _uncertainty(normal_sigma_deg: Floats | None) -> tuple[Finding, ...]:
+    """A warning where normals are expected to be off by more than `UNCERTAIN_DEG`, the median."""
+    if normal_sigma_deg is None:
+        return ()
+    expected_deg = float(np.nanmedian(normal_sigma_deg))
+    if not expected_deg > UNCERTAIN_DEG:
+        return ()
+    message = (
+        f"normals are expected to be off by {expected_deg:.0f} degrees, the median: photographs "
+        "and depth leave them open"
+    )
+    remedy = "take more photographs, the lamp 30 to 60 degrees off the camera's axis on all sides"
+    return (Finding("warning", "normals-uncertain", message, remedy),)
 
 
 __all__ = ["refine"]

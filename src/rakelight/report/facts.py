@@ -68,11 +68,11 @@ def method_rows(result: Result) -> Rows:
         ("Confidence", f"{np.median(confidence):.2f}, the median; above one half on "
          f"{100 * np.mean(confidence > 0.5):.0f} % of the object")
     )  # fmt: skip
-    if result.depth_sigma is not None and result.normal_sigma is not None:
-        depth_mm = 1000 * np.nanmedian(result.depth_sigma)
+    if (expected := result.expected_errors) is not None:
+        depth_m, normals_deg = expected
         rows.append(
-            ("Expected errors", f"{depth_mm:.2f} mm in depth, "
-             f"{np.nanmedian(result.normal_sigma):.1f} degrees in normals, medians")
+            ("Expected errors", f"{1000 * depth_m:.2f} mm in depth, {normals_deg:.1f} degrees in "
+             "normals, medians")
         )  # fmt: skip
     stages = {
         name: seconds
