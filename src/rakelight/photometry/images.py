@@ -17,6 +17,7 @@ from rakelight.geometry.grid import Grid, Links, has_gradient
 from rakelight.jit import in_blocks, in_parts
 from rakelight.model import FARTHEST_M, MAD_TO_SIGMA, Array, Camera, Floats, Lights, Mask
 from rakelight.photometry.specular import EXPONENTS
+from rakelight.solve.robust import SMALLEST_NOISE
 
 # Blocks of rows with a sum each; their number does not depend on the cores, nor does the result.
 BLOCKS = 16
@@ -124,8 +125,9 @@ class Linearization:
     albedo : (h, w, 3); energy : sum of squared residuals or, with a scale, of their Cauchy losses
     jtwj, rhs : M = J'WJ (h, w, 3: uu, uv, vv) and b = -J'Wr (h, w, 2) of each pixel; moving its
         gradient of log depth by d changes the energy by about  d^T M d - 2 b . d
-    noise_sigma : standard deviation of a value, from the median of the absolute residuals in one
-        channel of every other pixel; rms : root mean square of all residuals
+    noise_sigma : standard deviation of a value, at least that of rounding to 16 bit, from the
+        median of the absolute residuals in one channel of every other pixel; rms : root mean
+        square of all residuals
     observations : number of usable values; mean_abs_residual : (h, w) over those of each pixel
     light_slope : (N, C, 5) half the energy's derivatives with the lights' vector, inverse_distance
         and ambient, the albedo eliminated; None unless asked for
@@ -393,11 +395,12 @@ class Photographs:
 
 
 def _median_sigma(counts: Array, widest: float) -> float:
-    """Robust standard deviation from a histogram of absolute residuals."""
+    """Robust standard deviation from a histogram of absolute residuals, not below rounding's."""
     total = counts.sum()
     if total == 0:
-        return 0.0
+        return SMALLEST_NOISE
     below = np.cumsum(counts)
     bin_ = int(np.searchsorted(below, total / 2))
     inside = (total / 2 - (below[bin_] - counts[bin_])) / max(counts[bin_], 1)
-    return float(MAD_TO_SIGMA * (bin_ + inside) * widest / len(counts))
+    sigma = float(MAD_TO_SIGMA * (bin_ + inside) * widest / len(counts))
+    return max(sigma, SMALLEST_NOISE)

@@ -39,8 +39,7 @@ def cauchy_scales(noise_sigma: float, mean_abs_residual: Floats) -> Floats:
     >>> cauchy_scales(0.01, np.array([[0.0, 0.08]])).round(3).tolist()
     [[0.024, 0.239]]
     """
-    noise = max(noise_sigma, SMALLEST_NOISE)
-    return np.asarray(CAUCHY * np.maximum(noise, MEAN_ABSOLUTE_TO_SIGMA * mean_abs_residual))
+    return np.asarray(CAUCHY * np.maximum(noise_sigma, MEAN_ABSOLUTE_TO_SIGMA * mean_abs_residual))
 
 
 def variance_beyond(noise: float, mean_abs_residual: Floats) -> Floats:

@@ -36,7 +36,7 @@ from rakelight.methods.multi_light.light_model import FREE, LightModel
 from rakelight.model import Floats
 from rakelight.photometry.images import LightParameters, Linearization, Surface
 from rakelight.solve import DepthSystem, assemble
-from rakelight.solve.robust import SMALLEST_NOISE, cauchy_scales
+from rakelight.solve.robust import cauchy_scales
 from rakelight.solve.stencil import Laplacian
 
 FOURTH_DIFFERENCE = (0.125, -0.5, 0.75, -0.5, 0.125)
@@ -106,13 +106,11 @@ def update_scale(
 
     one_scale : whether all pixels have the noise's, and none a larger one for its own residuals
     """
-    sigma_now = max(fit.linearization.noise_sigma, SMALLEST_NOISE)
+    sigma = fit.linearization.noise_sigma
     residual = fit.linearization.mean_abs_residual
-    scales = cauchy_scales(sigma_now, np.zeros_like(residual) if one_scale else residual)
+    scales = cauchy_scales(sigma, np.zeros_like(residual) if one_scale else residual)
     weight = FOURTH_DIFFERENCE_WEIGHT * np.moveaxis(fit.linearization.jtwj[..., [0, 2]], -1, 0)
-    same = replace(
-        fit, scales=scales, noise=min(sigma_now, noisiest), fourth_difference_weight=weight
-    )
+    same = replace(fit, scales=scales, noise=min(sigma, noisiest), fourth_difference_weight=weight)
     return evaluated(level, same, fit.log_depth, fit.lights)
 
 

@@ -26,7 +26,7 @@ from rakelight.methods.multi_light.options import MultiLight
 from rakelight.methods.multi_light.steps import Descent, descend, refine_lights
 from rakelight.model import GivenLights, ProgressCallback
 from rakelight.photometry.images import LightParameters
-from rakelight.solve.robust import NOTABLE, ROUNDS, SMALLEST_NOISE
+from rakelight.solve.robust import NOTABLE, ROUNDS
 
 # The object's radius over the distance at which all near lights start (ablation.md: halved 1.02,
 # doubled 1.04), and the least at which they are near: descents are slower than with distant ones
@@ -154,7 +154,7 @@ def cost(level: Level, fit: Fit, weight: float) -> float:
 
 def penalised_sigma(level: Level, fit: Fit) -> float:
     """sigma (1 + R^2/D^2) V, as in `cost`; sigma alone under lights in given directions."""
-    sigma = max(fit.linearization.noise_sigma, SMALLEST_NOISE)
+    sigma = fit.linearization.noise_sigma
     if fit.model.directions is not None:
         return sigma
     varied = variation_of_distances(fit.lights) / MOST_VARIED_DISTANCES
@@ -184,7 +184,7 @@ def sensor_cost(level: Level, fit: Fit, weight: float) -> float:
     side, modes, variance = np.transpose(scales)
     information = (np.pi / side) ** 2 / 2 * fit.linearization.typical_information(2.0)
     information = np.maximum(information / float(np.median(level.sensor_weight)), TINY)
-    sigma = max(fit.linearization.noise_sigma, SMALLEST_NOISE)
+    sigma = fit.linearization.noise_sigma
     followed = 1 + weight * fit.noise**2 / information
     each = level.relative_noise_variance + sigma**2 / information + variance * followed**2
     return float(modes @ np.log(each) / modes.sum())

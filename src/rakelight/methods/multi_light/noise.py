@@ -20,7 +20,7 @@ from rakelight.model import MAD_TO_SIGMA, Floats, Mask
 from rakelight.photometry.forward import arriving, shadings
 from rakelight.photometry.specular import Highlights
 from rakelight.prepare import Prepared
-from rakelight.solve.robust import BY_CHANCE, SMALLEST_NOISE
+from rakelight.solve.robust import BY_CHANCE
 
 # Least number of blocks over which errors are summed (ablation.md: halved 0.97, doubled 0.98).
 FEWEST_BLOCKS = 16
@@ -60,7 +60,7 @@ def assumed_correlation_area(fit: Fit) -> float:
     A square of side `CORRELATION_PX` where the model holds, and the more, the heavier the tails of
     the residuals, since shadows, highlights and edges are not white noise.
     """
-    tail_ratio = fit.linearization.rms / max(fit.linearization.noise_sigma, 1e-30)
+    tail_ratio = fit.linearization.rms / fit.linearization.noise_sigma
     return float(CORRELATION_PX**2 * max(tail_ratio, 1.0))
 
 
@@ -118,9 +118,8 @@ def correlation_ratio(level: Level, fit: Fit) -> float:
         return [variance for _, variance in block_variances(error, active)]
 
     each = list(side_by_side(variances, range(len(photographs)), worth_side_by_side()))
-    sigma = max(fit.linearization.noise_sigma, SMALLEST_NOISE)
     # The median of the photographs: one of something else is no error of the model.
-    correlated = float(np.median(each, axis=0).max()) / sigma**2
+    correlated = float(np.median(each, axis=0).max()) / fit.linearization.noise_sigma**2
     return correlated / assumed_correlation_area(fit)
 
 
