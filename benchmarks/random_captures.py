@@ -58,7 +58,7 @@ WEIGHTS = tuple(np.geomspace(1e-3, 30, 7).tolist())
 WORSE = 1.02
 """A result is worse than the prepared depth where an error is this much larger."""
 FAR_DEG = 10
-"""Mean error of normals above which a person should have been warned."""
+"""Mean error of normals, degrees, above which a person should have been warned."""
 TORN_M, TORN_SIGMAS = 0.003, 3.0
 
 Record = dict[str, Any]

@@ -719,10 +719,23 @@ class Result:
 
     @property
     def expected_errors(self) -> tuple[float, float] | None:
-        """Medians of `depth_sigma` (metres) and `normal_sigma` (degrees); None without them."""
+        """Medians of `depth_sigma` (metres) and `normal_sigma` (degrees); None without them.
+
+        >>> flat, facing = np.ones((1, 3)), np.tile([0.0, 0.0, -1.0], (1, 3, 1))
+        >>> result = Result(flat, facing, np.ones((1, 3, 3)), flat, Lights(facing[0], flat),
+        ...                 Camera(3, 1, 100.0, 100.0, 1.0, 0.0), flat, "none",
+        ...                 depth_sigma=np.array([[0.001, np.nan, 0.003]]), normal_sigma=5 * flat)
+        >>> result.expected_errors
+        (0.002, 5.0)
+        """
         if self.depth_sigma is None or self.normal_sigma is None:
             return None
-        return float(np.nanmedian(self.depth_sigma)), float(np.nanmedian(self.normal_sigma))
+        depth_m, normals_deg = (
+            each[np.isfinite(each)] for each in (self.depth_sigma, self.normal_sigma)
+        )
+        if not (depth_m.size and normals_deg.size):
+            return None
+        return float(np.median(depth_m)), float(np.median(normals_deg))
 
     def mesh(self) -> Mesh:
         """The surface as triangles, none across a depth jump: what mesh.ply holds.

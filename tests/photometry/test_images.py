@@ -13,7 +13,7 @@ from rakelight.photometry import _kernels
 from rakelight.photometry.forward import arriving
 from rakelight.photometry.images import LightParameters, Photographs, Surface
 from rakelight.prepare.linear import linear_table, usable
-from rakelight.solve.robust import SMALLEST_NOISE
+from rakelight.solve.robust import CAUCHY, SMALLEST_NOISE, cauchy_scales
 from tests.photometry import plain_photographs as plain
 
 HEIGHT, WIDTH, COUNT = 11, 13, 5
@@ -432,9 +432,10 @@ def test_a_pixel_only_counts_where_it_is_usable(lights):
 def test_the_noise_is_never_nought(lights):
     surface = some_surface()
     exact = taken(seen(surface, lights)[0], mask=np.ones((HEIGHT, WIDTH), bool))
-    for photographs in (exact, replace(exact, low=1, high=0)):  # in the second none is usable
-        found = photographs.linearize(surface, lights)
-        assert SMALLEST_NOISE <= found.noise_sigma < 1e-3
+    assert SMALLEST_NOISE <= exact.linearize(surface, lights).noise_sigma < 1e-3
+    none_usable = replace(exact, low=1, high=0).linearize(surface, lights)
+    scales = cauchy_scales(none_usable.noise_sigma, none_usable.mean_abs_residual)
+    np.testing.assert_allclose(scales, CAUCHY * SMALLEST_NOISE, rtol=1e-12)
 
 
 def test_pixels_without_a_normal_say_nothing(lights):

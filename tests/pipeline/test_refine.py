@@ -161,12 +161,17 @@ def test_normals_that_are_expected_to_be_far_off_are_told(capture, sigma_deg, wa
     result = refine(capture, Method("unsure", unsure, Kept))
     assert result.expected_errors == pytest.approx((sigma_deg / 1000, sigma_deg))
     said = [f.message for f in result.findings if f.code == "normals-uncertain"]
-    expected = f"normals are expected to be off by {sigma_deg:.0f} degrees, the median"
+    expected = f"half of the normals are expected to be {sigma_deg:.0f} degrees off or more"
     assert [message.split(":")[0] for message in said] == [expected] * warned
 
 
-def test_errors_that_a_method_does_not_expect_are_not_told(capture):
-    result = refine(capture, Method("kept-depth", lambda p, options, progress: kept_depth(p), Kept))
+@pytest.mark.parametrize("sigma", [None, np.inf])
+def test_errors_that_a_method_does_not_know_are_not_told(capture, sigma):
+    def unknown(prepared, options, progress):
+        doubt = None if sigma is None else np.full(prepared.mask.shape, sigma)
+        return replace(kept_depth(prepared), normal_sigma=doubt, depth_sigma=doubt)
+
+    result = refine(capture, Method("unknown", unknown, Kept))
     assert result.expected_errors is None
     assert "normals-uncertain" not in [f.code for f in result.findings]
 

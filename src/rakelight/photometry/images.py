@@ -146,10 +146,10 @@ class Linearization:
     gloss_slope: Floats | None = None
 
     def typical_information(self, per: Floats | float = 1.0) -> float:
-        """The median of the trace of M over `per` (h, w); 0 where photographs say nothing.
+        """The median of the trace of M divided by `per`; 0 where photographs say nothing.
 
-        Over the pixels of which they say anything: most may be black or saturated.
-        per : 2 for the mean of both directions; |dn/dg|^2 for the information on the normal
+        Of the pixels of which they say anything: most may be black or saturated.
+        per : 2 for the mean over both directions; |dn/dg|^2 (h, w) for information on the normal
         """
         trace = self.jtwj[..., 0] + self.jtwj[..., 2]
         informed = trace > 0

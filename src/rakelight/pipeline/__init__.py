@@ -185,7 +185,7 @@ def _refined(
     made, prepared, estimate, maps = _maps(capture, view, chosen, options, progress)
     refined_at = perf_counter()
     depth_m, normals = surface(prepared, estimate)
-    return Result(
+    result = Result(
         depth=maps.depth_m,
         normals=maps.normals,
         albedo=maps.albedo,
@@ -205,13 +205,7 @@ def _refined(
             "refine": refined_at - prepared_at,
             **estimate.timings_s,
         },
-        findings=(
-            *view.findings,
-            *checked,
-            *made,
-            *_convergence(estimate),
-            *_uncertainty(maps.normal_sigma_deg),
-        ),
+        findings=view.findings + tuple(checked) + made + _convergence(estimate),
         source=capture.source,
         photograph_names=prepared.names,
         capture=_figures(as_read, capture.depth_to_color if capture.register else None),
@@ -219,6 +213,7 @@ def _refined(
         depth_sigma=maps.depth_sigma_m,
         normal_sigma=maps.normal_sigma_deg,
     )
+    return replace(result, findings=result.findings + _uncertainty(result))
 
 
 def _maps(
@@ -327,16 +322,13 @@ def _convergence(estimate: Estimate) -> tuple[Finding, ...]:
     return (Finding("warning", "not-converged", message, "look at the result before you use it"),)
 
 
-def _uncertainty(normal_sigma_deg: Floats | None) -> tuple[Finding, ...]:
-    """A warning where normals are expected to be off by more than `UNCERTAIN_DEG`, the median."""
-    if normal_sigma_deg is None:
-        return ()
-    expected_deg = float(np.nanmedian(normal_sigma_deg))
-    if not expected_deg > UNCERTAIN_DEG:
+def _uncertainty(result: Result) -> tuple[Finding, ...]:
+    """A warning where the normals' median expected error is more than `UNCERTAIN_DEG`."""
+    if result.expected_errors is None or result.expected_errors[1] <= UNCERTAIN_DEG:
         return ()
     message = (
-        f"normals are expected to be off by {expected_deg:.0f} degrees, the median: photographs "
-        "and depth leave them open"
+        f"half of the normals are expected to be {result.expected_errors[1]:.0f} degrees off or "
+        "more: photographs and depth leave them open"
     )
     remedy = "take more photographs, the lamp 30 to 60 degrees off the camera's axis on all sides"
     return (Finding("warning", "normals-uncertain", message, remedy),)

@@ -247,6 +247,5 @@ def carried(image: Floats, prepared: Prepared, whole: Whole) -> Floats:
 
 def agreement(level: Level, fit: Fit, shrink: int) -> float:
     """The weight of the agreement, 1 / variance of log depth, by which corrections fade."""
-    return (
-        max(fit.linearization.typical_information(2.0), TINY) / (fit.noise * LENGTH * shrink) ** 2
-    )
+    information = max(fit.linearization.typical_information(2.0), TINY)
+    return information / (fit.noise * LENGTH * shrink) ** 2
