@@ -131,11 +131,10 @@ def evaluated(
     fourth_difference_energy = float(
         np.vdot(fit.fourth_difference_weight * fourth_difference, fourth_difference)
     )
-    equal_intensity = fit.equal_intensity_weight * equal_intensity_energy(lights.vector)
-    sensor = level.sensor_sum_of_squares(log_depth)
-    laplacian = laplacian_energy(level, fit, log_depth)
-    prior = fit.noise**2 * (sensor + laplacian + equal_intensity)
-    energy = linearization.energy + fourth_difference_energy + prior
+    prior = level.sensor_sum_of_squares(log_depth) + laplacian_energy(level, fit, log_depth)
+    if weight := fit.equal_intensity_weight:
+        prior += weight * equal_intensity_energy(lights.vector)
+    energy = linearization.energy + fourth_difference_energy + fit.noise**2 * prior
     return replace(
         fit, log_depth=log_depth, lights=lights, surface=surface, linearization=linearization,
         energy=energy,
@@ -229,13 +228,14 @@ def light_system(
     if now.light_slope is None:
         now = evaluated(level, fit, fit.log_depth, fit.lights, with_light_slope=True).linearization
     slope = model.own_numbers(np.asarray(now.light_slope)).ravel()
-    equal_intensity = equal_intensity_derivatives(fit.lights, model.numbers)
-    weight = fit.noise**2 * fit.equal_intensity_weight
-    slope = slope + weight * equal_intensity[0]
     hessian *= share
     both *= share
     own = hessian[: slope.size, : slope.size]
-    own += gauge(fit, own) + weight * equal_intensity[1]
+    own += gauge(fit, own)
+    if weight := fit.noise**2 * fit.equal_intensity_weight:
+        first, second = equal_intensity_derivatives(fit.lights, model.numbers)
+        slope = slope + weight * first
+        own += weight * second
     if fit.lights.gloss.any():
         slope = np.append(slope, np.asarray(now.gloss_slope))
     jacobian = model.jacobian(fit.lights)
