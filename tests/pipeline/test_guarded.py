@@ -178,4 +178,4 @@ def test_a_needed_photograph_of_a_real_capture_stays(name):
     if not folder.is_dir():
         pytest.skip(f"no {folder}")
     # At the depth's own resolution, a quarter of the time.
-    assert "odd-photographs" not in warnings(refine(load_capture(folder), scale=1))
+    assert "odd-photographs" not in warnings(refine(load_capture(folder), BRIEFLY, scale=1))

@@ -10,9 +10,11 @@ from rakelight.geometry.averaging import Averaging
 from rakelight.methods.levels import finest_level, pyramid
 from rakelight.methods.multi_light.factored_start import (
     Problem,
+    best_surface,
     descended,
     factored_start,
     reweighted,
+    without_repeats,
 )
 from rakelight.prepare import prepare
 from rakelight.synthetic import random_capture
@@ -63,8 +65,22 @@ def test_a_flatter_surface_does_not_fit_better_by_being_flat():
     given = problem()
     A = np.eye(3)
     flat = np.diag([0.3, 0.3, 1.0])
-    costs = [descended(given, each)[0] for each in (A, flat)]
+    costs = [best_surface(given, [each])[0] for each in (A, flat)]
     assert costs[1] == pytest.approx(costs[0], rel=0.02)
+
+
+def test_begins_that_come_to_the_same_minimum_go_on_as_one():
+    base, _ = level()
+    given = Problem.of(base, base.normals(base.prior)[0], base.photographs.active)
+    A = np.eye(3)
+    near = A + 0.05 * np.random.default_rng(1).normal(size=(3, 3))
+    fits = [descended(given, each / np.cbrt(np.linalg.det(each))) for each in (A, near)]
+    assert np.abs(A - near).max() > 0.01
+    assert without_repeats(fits) == fits[:1]
+    mirrored = fits[0][0], np.diag([-1.0, -1.0, 1.0]) @ fits[0][1]
+    assert without_repeats([*fits, mirrored]) == [fits[0], mirrored]
+    alone, together = (best_surface(given, each) for each in ([A], [A, near]))
+    assert together[0] == alone[0]
 
 
 def test_pixels_that_no_photograph_determines_may_be_the_most():
