@@ -11,7 +11,7 @@ import numpy as np
 
 from rakelight.capture import validate
 from rakelight.capture.defaults import on_depth_grid
-from rakelight.capture.far_depth import far_values, mark_far
+from rakelight.capture.far_depth import has_far, mark_far
 from rakelight.capture.lights import checked_lights
 from rakelight.errors import CaptureError, check_is
 from rakelight.geometry.distortion import STEEPEST_RAY
@@ -112,7 +112,7 @@ def checked_capture(capture: Capture) -> Capture:
     factor = check_sensor(capture)
     depth_m = capture.depth_m
     holes = np.where(np.isfinite(depth_m), 0, validate.HOLES.index("not finite")).astype(np.uint8)
-    far = far_values(depth_m) is not None
+    far = has_far(depth_m)
     if far:
         capture = replace(capture, depth_m=depth_m.copy())
         mark_far(capture.depth_m, holes)

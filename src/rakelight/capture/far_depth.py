@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight.capture.validate import HOLES, PLAUSIBLE_M
-from rakelight.model import Array, Floats, Mask
+from rakelight.model import Array, Floats
 
 # Values that are exactly the largest one, from which on it is no distance but what a sensor or
 # program writes for "too far": of noisy distances few are the same.
@@ -17,33 +17,36 @@ FAR = 2.0
 _SAMPLE = 100_000
 
 
-def far_values(depth_m: Floats) -> tuple[Mask, str] | None:
-    """(K, h, w) values that can be no distance, and the kind of hole that they are; None without.
+def least_far_value(known_m: Floats) -> tuple[float, str] | None:
+    """The least of the values that can be no distance, and their kind of hole; None without any.
 
-    depth_m : (K, h, w) metres, NaN = no measurement
+    known_m : (V,) the measured values of a capture, metres
 
-    The farthest alone: without them others may be too far.
+    Of the farthest alone: without them others may be too far.
 
-    >>> depth_m = np.full((1, 8, 8), 0.6)
-    >>> far_values(depth_m)
-    >>> depth_m[0, 0] = 65.535
-    >>> far, why = far_values(depth_m)
-    >>> far.sum(), why
-    (np.int64(8), 'beyond 20 m')
+    >>> known_m = np.full(64, 0.6)
+    >>> least_far_value(known_m)
+    >>> known_m[:8] = 65.535
+    >>> least_far_value(known_m)
+    (65.535, 'beyond 20 m')
     """
-    known = depth_m[np.isfinite(depth_m)]
-    largest = known.max(initial=0)
-    others = known[known < largest]
+    largest = float(known_m.max(initial=0))
+    others = known_m[known_m < largest]
     if not others.size:
         return None
     middle = float(np.median(others[:: 1 + others.size // _SAMPLE]))
     if middle > PLAUSIBLE_M[1]:
         return None
     if largest > PLAUSIBLE_M[1]:
-        return depth_m > PLAUSIBLE_M[1], f"beyond {PLAUSIBLE_M[1]:g} m"
-    if largest > FAR * middle and known.size - others.size >= MANY:
-        return depth_m == largest, "at one far value"
+        return float(known_m[known_m > PLAUSIBLE_M[1]].min()), f"beyond {PLAUSIBLE_M[1]:g} m"
+    if largest > FAR * middle and known_m.size - others.size >= MANY:
+        return largest, "at one far value"
     return None
+
+
+def has_far(depth_m: Floats) -> bool:
+    """Whether depth (K, h, w), metres, NaN = no measurement, has values that can be no distance."""
+    return least_far_value(depth_m[np.isfinite(depth_m)]) is not None
 
 
 def mark_far(depth_m: Floats, holes: Array) -> None:
@@ -63,6 +66,9 @@ def mark_far(depth_m: Floats, holes: Array) -> None:
     >>> [int((holes == HOLES.index(f"beyond {PLAUSIBLE_M[1]:g} m")).sum()), np.nanmax(depth_m)]
     [8, np.float32(10.0)]
     """
-    while (found := far_values(depth_m)) is not None:
-        far, why = found
+    known_m = depth_m[np.isfinite(depth_m)]
+    while (found := least_far_value(known_m)) is not None:
+        least, why = found
+        far = depth_m >= least
         depth_m[far], holes[far] = np.nan, HOLES.index(why)
+        known_m = known_m[known_m < least]
