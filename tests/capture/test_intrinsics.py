@@ -257,9 +257,127 @@ def test_fisheye_is_told_from_the_others():
     assert parse_intrinsics(text.encode()).distortion.model == "kannala-brandt"
 
 
+CALIBRATION_SAMPLE = """\
+%YAML:1.0
+---
+image_width: 320
+image_height: 240
+flags: 0
+fisheye_model: 1
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 225., 0., 160., 0., 226., 120., 0., 0., 1. ]
+distortion_coefficients: !!opencv-matrix
+   rows: 4
+   cols: 1
+   dt: d
+   data: [ 1.0e-01, 0.02, 0.03, 0. ]
+"""
+CALIBRATION_SAMPLE_XML = """\
+<?xml version="1.0"?>
+<opencv_storage>
+<image_width>320</image_width>
+<image_height>240</image_height>
+<fisheye_model>1</fisheye_model>
+<camera_matrix type_id="opencv-matrix">
+  <rows>3</rows>
+  <cols>3</cols>
+  <dt>d</dt>
+  <data>225. 0. 160. 0. 226. 120. 0. 0. 1.</data></camera_matrix>
+<distortion_coefficients type_id="opencv-matrix">
+  <rows>4</rows>
+  <cols>1</cols>
+  <dt>d</dt>
+  <data>1.0e-01 0.02 0.03 0.</data></distortion_coefficients>
+</opencv_storage>
+"""
+INSTANT_NGP = {
+    "fl_x": 225, "fl_y": 226, "cx": 160.5, "cy": 120.5, "w": 320, "h": 240, "k1": 0.1, "k2": 0.02,
+    "k3": 0.03, "k4": 0.0, "p1": 0.0, "p2": 0.0, "is_fisheye": True, "frames": [],
+}  # fmt: skip
+COEFFICIENTS = [0.1, 0.02, 0.03, 0.0]
+FISHEYE = {"K": ROWS, **SIZE, "D": COEFFICIENTS}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        CALIBRATION_SAMPLE,
+        CALIBRATION_SAMPLE_XML,
+        *map(json.dumps, (
+            INSTANT_NGP, {**FISHEYE, "fisheye": True}, {"fisheye": FISHEYE},
+            {**FISHEYE, "fisheye": True, "camera_model": "pinhole"},
+            {**FIGURES, **SIZE,
+             "distortion": {"model": "fisheye", "k1": 0.1, "k2": 0.02, "k3": 0.03}},
+            {**FISHEYE, "distortion": "equidistant"},
+        )),
+    ],
+)  # fmt: skip
+def test_a_file_that_says_fisheye(text):
+    lens = Distortion("kannala-brandt", COEFFICIENTS)
+    assert parse_intrinsics(text.encode()) == replace(PINHOLE, distortion=lens)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        CALIBRATION_SAMPLE.replace("model: 1", "model: 0"),
+        CALIBRATION_SAMPLE_XML.replace("model>1", "model>0"),
+        json.dumps({**FISHEYE, "fisheye": False}),
+    ],
+)
+def test_a_file_that_says_no_fisheye(text):
+    found = parse_intrinsics(text.encode())
+    assert found == replace(PINHOLE, distortion=lens(*COEFFICIENTS))
+
+
+@pytest.mark.parametrize(
+    ("distortion", "read"),
+    [
+        ("0.1 0.2 0 0 0", lens(0.1, 0.2, 0, 0, 0)),
+        ("[0.1, 0.2, 0, 0]", lens(0.1, 0.2, 0, 0)),
+        ("0 0 0 0", None), ("none", None), ("", None), (None, None), (0, None), ([], None),
+        ({}, None), ({"rows": 1, "cols": 4, "data": [0, 0, 0, 0]}, None),
+    ],
+)  # fmt: skip
+def test_distortion_in_a_text(distortion, read):
+    text = json.dumps({**FIGURES, "distortion": distortion})
+    assert parse_intrinsics(text.encode()) == replace(NO_SIZE, distortion=read)
+
+
+def test_a_vector_in_xml():
+    text = CALIBRATION_SAMPLE_XML.partition("<fisheye")[0] + (
+        "<K>225. 0. 160. 0. 226. 120. 0. 0. 1.</K>\n<D>\n  1.0e-01 0.02\n  0. 0. 0.</D>\n"
+    )
+    read = replace(PINHOLE, distortion=lens(0.1, 0.02, 0, 0, 0))
+    assert parse_intrinsics(text.encode()) == read
+
+
+def test_a_distance_is_no_distortion():
+    text = json.dumps({**FIGURES, "dist": 0.6, "d": "600"})
+    assert parse_intrinsics(text.encode()) == NO_SIZE
+
+
+@pytest.mark.parametrize(
+    "distortion",
+    [
+        "k1 = 0.1", {"radial": [0.1, 0.2], "tangential": [0, 0]}, [[0.1, 0.2], [0.3]],
+        ["0.1", "a"], {"data": "0.1 0 0 0"}, [float("nan")] * 4,
+    ],
+)  # fmt: skip
+def test_distortion_that_is_not_understood(distortion):
+    text = json.dumps({**FIGURES, "distortion": distortion})
+    with pytest.raises(CaptureError, match=r"a\.json: the distortion is not understood"):
+        parse_intrinsics(text.encode(), "a.json")
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
+        (json.dumps({**FISHEYE, "fisheye": 1, "distortion_model": "plumb_bob"}), "and fisheye"),
+        (json.dumps({**FISHEYE, "fisheye": 1, "D": [0.1, 0, 0, 0, 0.1]}), "kannala-brandt"),
         (json.dumps({**FIGURES, "model": "inverse_brown_conrady", "coeffs": [0.1, 0, 0, 0, 0]}),
          "this model of distortion is not read"),
         (json.dumps({"cam0": FIGURES, "cam1": {**FIGURES, "fy": 227}}), "several camera matrices"),

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections import ChainMap
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,11 @@ _MATRIX_KEYS = (
     "cameramatrix", "intrinsicmatrix", "intrinsics", "k", "camk", "mtx", "cameramatrix1",
 )  # fmt: skip
 _DISTORTION_KEYS = re.compile(r"dist(ortion)?(coef\w*|param\w*)?|d|coeffs")
+_OTHERS_TOO = ("d", "dist", "coeffs")  # of these: one number alone under them is something else
+_NOT_ZERO = re.compile(r"[1-9]|\b(?:nan|inf)\b", re.IGNORECASE)
 _MODEL_KEYS = ("distortionmodel", "distmodel", "cameramodel", "cameratype", "model")
+# Whether the model is the fisheye's: OpenCV's calibration sample, instant-ngp.
+_FISHEYE_KEYS = ("fisheyemodel", "isfisheye", "usefisheye", "fisheye")
 _WIDTH_KEYS, _HEIGHT_KEYS = ("imagewidth", "width", "w"), ("imageheight", "height", "h")
 _SIZE_KEYS = ("resolution", "imagesize", "size")
 # Pixels, and coefficients of a lens, by which one camera differs in two files.
@@ -355,6 +359,8 @@ def _tables(content: Any, nested: int = 0, skipped: str = _DEPTH) -> Iterator[Ta
         yield _sided(table, _COLOR)
         if nested < _NESTED:
             for key, value in table.items():
+                if isinstance(value, dict) and _KANNALA_BRANDT.fullmatch(key):
+                    value = {"model": key, **value}
                 if not (skipped and re.search(skipped, key)):
                     yield from _tables(value, nested + 1, skipped)
 
@@ -389,11 +395,12 @@ def _of_table(table: Table, source: str) -> Camera | None:
         if K is None:
             return None
         prefix = "camera1?" if "camerafx" in table or "camera1fx" in table else ""
-        coefficients = [v for k, v in table.items() if _DISTORTION_KEYS.fullmatch(k)]
-        tables = (_named(each) for each in coefficients if isinstance(each, dict))
+        coefficients = {k: v for k, v in table.items() if _DISTORTION_KEYS.fullmatch(k)}
+        tables = (_named(each) for each in coefficients.values() if isinstance(each, dict))
+        whole = ChainMap(table, *tables)
         scalars = {
             re.sub(f"^{prefix}", "", key): value
-            for key, value in ChainMap(table, *tables).items()
+            for key, value in whole.items()
             if _number(value) is not None
         }
         sizes = tuple(
@@ -404,9 +411,9 @@ def _of_table(table: Table, source: str) -> Camera | None:
         both = next((each for each in pairs if each is not None and each.size == 2), None)
         if not all(sizes) and both is not None:
             sizes = float(both[0]), float(both[1])
-        model = next((table[key] for key in _MODEL_KEYS if isinstance(table.get(key), str)), "")
+        model = _model(whole)
         fisheye = bool(_KANNALA_BRANDT.fullmatch(plain_key(model)))
-        lists = (numbers_of(each) for each in coefficients)
+        lists = (_coefficients(key, value, source) for key, value in coefficients.items())
         distortion: Any = next((each for each in lists if each is not None), None)
         if distortion is None:
             order = _FISHEYE_ORDER if fisheye else _OPENCV_ORDER
@@ -421,6 +428,53 @@ def _of_table(table: Table, source: str) -> Camera | None:
             remedy="calibrate with one of these",
         )
     return _made(K, (sizes[0], sizes[1]), distortion, source, fisheye)
+
+
+def _model(table: Mapping[str, Any]) -> str:
+    """The name of the model of distortion that a table states, or says to be the fisheye's."""
+    model = next((table[key] for key in _MODEL_KEYS if isinstance(table.get(key), str)), "")
+    word = table.get("distortion")
+    if not model and isinstance(word, str) and not _words(word):
+        model = word
+    flags = (str(table.get(key, "")).strip().lower() for key in _FISHEYE_KEYS)
+    if not any(flag == "true" or _number(flag) for flag in flags):
+        return model
+    if plain_key(model) in ("", "pinhole", "perspective"):
+        return "fisheye"
+    return model if _KANNALA_BRANDT.fullmatch(plain_key(model)) else f"{model}, and fisheye"
+
+
+def _words(text: str) -> list[str]:
+    """The numbers of a text such as "0.1 -0.2, 0"; none where there is anything else in it."""
+    words = re.sub(r"[\s,;\[\]()]+", " ", text).split()
+    return words if all(re.fullmatch(NUMBER, word) for word in words) else []
+
+
+def _coefficients(key: str, value: Any, source: str) -> Floats | None:
+    """What stands under a name of distortion as a list; None where it states none.
+
+    Raises CaptureError where it states numbers in a way that is not read.
+    """
+    if key in _OTHERS_TOO and _number(value) is not None:
+        return None
+    if isinstance(value, str):
+        listed = _words(value) or value
+    else:
+        listed = value if _number(value) is None else [value]
+    numbers = numbers_of(listed, source, key)
+    by_name = isinstance(value, dict) and any(name in _named(value) for name in _OPENCV_ORDER)
+    if numbers is not None or by_name or key in _OTHERS_TOO:
+        return numbers
+    stated = str(list(value.values()) if isinstance(value, dict) else value)
+    if _NOT_ZERO.search(stated) and not _KANNALA_BRANDT.fullmatch(plain_key(value)):
+        raise CaptureError(
+            "the distortion is not understood",
+            source=source,
+            seen=f"{key} {stated[:60]}",
+            needed="OpenCV's coefficients: a list of numbers, or k1, k2, p1, p2, k3 by name",
+            remedy="write it so, or take it out where the lens does not distort",
+        )
+    return None
 
 
 def _matrix(table: Table, source: str) -> Floats | None:

@@ -163,17 +163,21 @@ def _pairs(text: str) -> Table:
 
 
 def _xml(text: str) -> Any:
-    """The matrices and numbers of cv::FileStorage's XML."""
+    """The matrices, numbers and lists of numbers of cv::FileStorage's XML."""
     matrix = re.compile(
         r"<(\w{1,60}) type_id=\"opencv-matrix\">\s*<rows>(\d{1,3})</rows>\s*"
         r"<cols>(\d{1,3})</cols>\s*<dt>\w{1,3}</dt>\s*<data>([^<]*)</data>"
     )
-    scalars = re.findall(rf"<(\w{{1,60}})>\s*({NUMBER})\s*</", text)
+    numbers = {
+        name: words[0] if len(words) == 1 else words
+        for name, body in re.findall(r"<(\w{1,60})>([-+.0-9eE\s]{1,1000})</", text)
+        if (words := body.split()) and all(re.fullmatch(NUMBER, word) for word in words)
+    }
     matrices = {
         m[1]: {"rows": int(m[2]), "cols": int(m[3]), "data": re.findall(NUMBER, m[4])}
         for m in matrix.finditer(text)
     }
-    return {**dict(scalars), **matrices}
+    return numbers | matrices
 
 
 def _agisoft(text: str, source: str) -> Table:
