@@ -32,7 +32,7 @@ MILLIMETRES = 1000.0
 # instant-ngp.
 _STATED = re.compile(
     r"\b\w{0,20}?depth_?(?:map_?|unit_?)?(?:scale|factor|units?)(?:_?factor)?[\"']?"
-    r"[ \t]{0,20}[:=][ \t]{0,20}([0-9]{0,9}\.?[0-9]{1,12}(?:e[-+]?[0-9]{1,2})?)",
+    r"[ \t]{0,20}[:=][ \t]{0,20}[\"']?([0-9]{0,20}\.?[0-9]{1,20}(?:e[-+]?[0-9]{1,2})?)",
     re.IGNORECASE,
 )
 _LARGEST_HALF = 65504.0

@@ -376,6 +376,39 @@ def test_open3d_states_the_unit_of_the_depth_and_the_rate(tmp_path):
     assert np.allclose(recording.color.times_s, np.arange(COUNT) / 15)
 
 
+@pytest.mark.parametrize(
+    ("stated", "per_metre"),
+    [
+        (1000, 1000), (0.001, 1000), ("5000", 5000), (0.00025, 4000), (0.0001, 10_000),
+        (9.999999747378752e-05, 10_000),  # of 32 bits
+    ],
+)  # fmt: skip
+def test_open3d_depth_scale_of_either_kind(tmp_path, stated, per_metre):
+    one = frames()[:1], grown(depth_maps())[:1]
+    path = write_open3d(tmp_path / "scan", *one, per_metre=per_metre, depth_scale=stated)
+    recording, _ = open3d_recorder.recording(path)
+    assert not recording.findings
+    measured = np.isfinite(one[1])
+    np.testing.assert_allclose(depth_of(recording)[measured], one[1][measured], atol=6e-4)
+
+
+def test_open3d_depth_scale_that_is_not_stated(tmp_path):
+    path = write_open3d(tmp_path / "scan", frames()[:1], grown(depth_maps())[:1])
+    (note,) = open3d_recorder.recording(path)[0].findings
+    assert note.code == "depth-unit-assumed"
+    assert "1000 depth values per metre assumed, which are the recorders'" in note.message
+    (path / "depth_scale.txt").write_text("1000")
+    assert not open3d_recorder.recording(path)[0].findings
+
+
+@pytest.mark.parametrize("stated", [0, -1000, "millimetres", True, [1000], 35])
+def test_open3d_depth_scale_that_is_none_is_refused(tmp_path, stated):
+    one = frames()[:1], grown(depth_maps())[:1]
+    path = write_open3d(tmp_path / "scan", *one, depth_scale=stated)
+    with pytest.raises(CaptureError, match=r"(not understood|no possible scale).*depth_scale\.txt"):
+        open3d_recorder.recording(path)
+
+
 def test_open3d_intrinsics_of_another_size_are_refused(tmp_path):
     path = write_open3d(tmp_path / "scan", frames()[:2], grown(depth_maps())[:2], CAMERA.scaled(2))
     with pytest.raises(CaptureError, match=r"another image \(seen 240x180, needed 120x90\)"):

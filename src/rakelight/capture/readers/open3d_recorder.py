@@ -12,7 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from rakelight.capture.loose_depth import SCALE
 from rakelight.capture.readers.base import Reader
+from rakelight.capture.readers.beside import values_per_metre
 from rakelight.capture.readers.depth_place import recording_of_one_view
 from rakelight.capture.readers.image_files import (
     color_stream,
@@ -46,7 +48,16 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
     name = next(name for name in INTRINSICS if (path / name).is_file())
     facts = json_table(read_within(path, name, MAX_TEXT_BYTES), f"{path}/{name}")
     fps = number_in(facts.get("fps"), 1, 1000) or _FPS
-    per_metre = number_in(facts.get("depth_scale"), 10, 1e7) or _PER_METRE
+    first_depth = next(iter(depth_names.values()))
+    per_metre, assumed = values_per_metre(path, first_depth, _PER_METRE, "the recorders'")
+    if assumed and facts.get("depth_scale") is not None:
+        raise CaptureError(
+            "depth_scale is not understood",
+            source=f"{path}/{name}",
+            seen=str(facts["depth_scale"])[:40],
+            needed="depth values per metre, or metres per value",
+            remedy=f"correct it, or write the depth values per metre into {SCALE}",
+        )
     color = color_stream(path, names, np.array(list(color_names)) / fps)
     times_s = np.array(list(depth_names)) / fps
     depth = depth_stream(path, list(depth_names.values()), times_s, per_metre)
@@ -58,7 +69,7 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
         depth,
         depth_source=f"{path}/depth",
         names=names,
-        findings=compressed_finding(names),
+        findings=(*assumed, *compressed_finding(names)),
     )
     return made, None
 

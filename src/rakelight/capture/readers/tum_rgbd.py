@@ -19,15 +19,13 @@ import numpy as np
 
 from rakelight.capture import validate
 from rakelight.capture.intrinsics import SUFFIXES, named_intrinsics, parse_intrinsics
-from rakelight.capture.loose_depth import SCALE, depth_scale, stated_scale
 from rakelight.capture.readers.base import Reader
+from rakelight.capture.readers.beside import values_per_metre
 from rakelight.capture.readers.depth_place import recording_of_one_view
 from rakelight.capture.readers.image_files import (
     color_stream,
     compressed_finding,
     depth_stream,
-    depth_values,
-    inside,
     read_within,
 )
 from rakelight.capture.readers.numbers import json_table
@@ -42,12 +40,6 @@ COLOR, DEPTH = "rgb.txt", "depth.txt"
 _AND_DEPTH = ", and the same of depth"
 PAIRS = ("associations.txt", "associated.txt", "association.txt", "associate.txt")
 _PER_METRE = 5000.0
-_ASSUMED = Finding(
-    "note",
-    "depth-unit-assumed",
-    f"{_PER_METRE:.0f} depth values per metre assumed, which are the benchmark's",
-    f"where they are others, as the median depth shows, write the number into {SCALE}",
-)
 _TABLES = ("camera_intrinsic.json", "intrinsic.json")
 # The benchmark's recommended intrinsics, of 640x480: fx, fy, cx, cy.
 _DEFAULT, _DEFAULT_SHAPE = (525.0, 525.0, 319.5, 239.5), (480, 640)
@@ -64,11 +56,9 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
     color_times, names = _listed(path, of_color, depth=False)
     depth_times, depth_names = _listed(path, of_depth, depth=True)
     color = color_stream(path, names, color_times)
-    per_metre = _per_metre(path, depth_names[0])
-    depth = depth_stream(path, depth_names, depth_times, per_metre or _PER_METRE)
+    per_metre, assumed = values_per_metre(path, depth_names[0], _PER_METRE, "the benchmark's")
+    depth = depth_stream(path, depth_names, depth_times, per_metre)
     camera, findings = _camera(path, color.shape)
-    if per_metre is None:
-        findings = (*findings, _ASSUMED)
     made = recording_of_one_view(
         path,
         camera,
@@ -76,7 +66,7 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
         depth,
         depth_source=f"{path}/{of_depth}",
         names=names,
-        findings=(*findings, *compressed_finding(names)),
+        findings=(*findings, *assumed, *compressed_finding(names)),
     )
     return made, None
 
@@ -140,20 +130,6 @@ def _listed(path: Path, name: str, depth: bool) -> tuple[Floats, list[str]]:
 
 def _is_there(path: Path) -> bool:
     return os.path.isfile(path)  # noqa: PTH113 - False for impossible names, where Path raises
-
-
-def _per_metre(path: Path, name: str) -> float | None:
-    """Depth values per metre, as depth_scale.txt or another file says; None where none does.
-
-    name : of a depth map
-    """
-    if (path / SCALE).is_file():
-        return depth_scale(inside(path, SCALE))
-    texts = [read_within(path, file.name, MAX_TEXT_BYTES) for file in _texts(path)]
-    values = depth_values(path, name)
-    if values.dtype != np.uint16:  # no depth map, which is said where it is read
-        return None
-    return stated_scale(texts, values, f"{path}/{name}")
 
 
 def _camera(path: Path, shape: tuple[int, int]) -> tuple[Camera, tuple[Finding, ...]]:
