@@ -72,9 +72,11 @@ def heic_of(light, quality=-1):
     return heic(np.rint(255 * srgb(light)).astype(np.uint8), quality)
 
 
-def exr(path, compression=OpenEXR.ZIP_COMPRESSION, **channels):
-    """Write an EXR of named channels."""
+def exr(path, compression=OpenEXR.ZIP_COMPRESSION, windows=None, **channels):
+    """Write an EXR of named channels.  windows : (left, top, right, bottom) of data and display"""
     header = {"compression": compression, "type": OpenEXR.scanlineimage}
+    for name, box in zip(("dataWindow", "displayWindow"), windows or (), strict=False):
+        header[name] = (np.array(box[:2], np.int32), np.array(box[2:], np.int32))
     OpenEXR.File(header, {n: np.ascontiguousarray(c) for n, c in channels.items()}).write(str(path))
 
 

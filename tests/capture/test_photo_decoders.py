@@ -81,6 +81,35 @@ def test_exr_color_and_depth(decoder, tmp_path):
     assert np.array_equal(arrays["depth"], depth)
 
 
+@pytest.mark.parametrize(
+    ("left", "top", "at"),
+    [(0, 0, (0, 0)), (4, 2, (0, 0)), (4, 2, (7, -9)), (-4, -2, (0, 0)), (8, -6, (3, 3)),
+     (30, 0, (0, 0)), (0, -30, (0, 0))],
+)  # fmt: skip
+def test_exr_whose_data_are_a_part_of_the_picture_or_more(decoder, tmp_path, left, top, at):
+    """Programs cut off what is empty, or render beyond the edges; `at` is the picture's corner."""
+    width, height, (x, y) = 16, 10, at
+    data_window = x + left, y + top, x + left + 11, y + top + 7
+    depth = 1 + patches(2)[..., 0].astype(np.float32)
+    windows = data_window, (x, y, x + width - 1, y + height - 1)
+    exr(tmp_path / "a.exr", RGB=np.dstack([depth] * 3), Z=depth, windows=windows)
+    data = (tmp_path / "a.exr").read_bytes()
+    header = read_exr_header(data)
+    assert (header.width, header.height) == (width, height)
+    wide = np.pad(depth, 40)  # the picture with a border of 40
+    want = wide[40 - top : 40 - top + height, 40 - left : 40 - left + width]
+    arrays = decoder.decode("exr", data, "a.exr").arrays
+    np.testing.assert_array_equal(arrays["depth"], want)
+    np.testing.assert_array_equal(arrays["color"], np.dstack([want] * 3))
+
+
+def test_exr_of_a_picture_that_is_too_large(tmp_path):
+    windows = (0, 0, 11, 7), (0, 0, 99_999, 99_999)
+    exr(tmp_path / "a.exr", Z=patches(2)[..., 0].astype(np.float32), windows=windows)
+    with pytest.raises(CaptureError, match="too large"):
+        read_exr_header((tmp_path / "a.exr").read_bytes())
+
+
 def test_pfm_and_npy():
     depth = np.arange(6, dtype=np.float32).reshape(2, 3)
     assert np.array_equal(decode_pfm(pfm(depth)), depth)

@@ -25,12 +25,16 @@ _DEPTH = re.compile(r"(?:.*\.)?(?:Z|depth(?:\.[VYZ])?)", re.IGNORECASE)
 class ExrHeader:
     """Size in pixels and the channels of an OpenEXR file.
 
+    width, height : of the picture, which is the display window
+    stored : (left, top, width, height) of the pixels that the file has, the data window, in the
+        picture; it may be smaller (programs cut off what is empty) or larger
     color : names of red, green and blue (three times the same for grey); () where there are none
     depth : name of the depth, "" where there is none
     """
 
     width: int
     height: int
+    stored: tuple[int, int, int, int]
     color: tuple[str, ...]
     depth: str
 
@@ -55,16 +59,24 @@ def read_exr_header(data: bytes, source: str = "") -> ExrHeader:
                 remedy="export one plain image",
             )
         attributes = _attributes(data)
-        left, top, right, bottom = struct.unpack("<4i", attributes.get("dataWindow", b"")[:16])
+        picture, stored = (_window(attributes, name) for name in ("displayWindow", "dataWindow"))
         names = _channel_names(attributes.get("channels", b""))
     except (struct.error, ValueError, IndexError) as error:
         raise damaged(source, "no size or no channels") from error
-    check_size(right - left + 1, bottom - top + 1, source)
+    for _, _, width, height in (picture, stored):
+        check_size(width, height, source)
     depth = sorted((name for name in names if _DEPTH.fullmatch(name)), key=len)
     color = _color(names)
     if len(names) == 1 and not color:  # such as R alone, as Record3D exports depth
         depth = list(names)
-    return ExrHeader(right - left + 1, bottom - top + 1, color, depth[0] if depth else "")
+    place = (stored[0] - picture[0], stored[1] - picture[1], *stored[2:])
+    return ExrHeader(*picture[2:], place, color, depth[0] if depth else "")
+
+
+def _window(attributes: dict[str, bytes], name: str) -> tuple[int, int, int, int]:
+    """(left, top, width, height) of a box, whose right and bottom belong to it."""
+    left, top, right, bottom = struct.unpack("<4i", attributes.get(name, b"")[:16])
+    return left, top, right - left + 1, bottom - top + 1
 
 
 def _attributes(data: bytes) -> dict[str, bytes]:
@@ -106,18 +118,19 @@ def _color(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def decode(data: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
-    """`color` (H, W, 3) and `depth` (H, W), float32, those that there are.
+    """`color` (H, W, 3) and `depth` (H, W), float32, those that there are; 0 where none is stored.
 
     To be called in `decoder_child` only.
     """
     import OpenEXR
 
     header = read_exr_header(data)
+    left, top, width, height = header.stored
     channels = OpenEXR.File(io.BytesIO(data), separate_channels=True, num_threads=0).channels()
 
     def pixels(name: str) -> Array:
         values = np.asarray(channels[name].pixels)
-        if values.dtype.kind != "f" or values.shape != (header.height, header.width):
+        if values.dtype.kind != "f" or values.shape != (height, width):
             raise CaptureError(
                 "this kind of EXR is not read",
                 seen=f"channel {name}: {values.shape} {values.dtype}",
@@ -125,7 +138,14 @@ def decode(data: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
                 remedy="export one plain image",
             )
         with np.errstate(invalid="ignore"):  # of NaN with unusual bits
-            return values.astype(np.float32)
+            values = values.astype(np.float32)
+        if header.stored == (0, 0, header.width, header.height):
+            return values
+        picture = np.zeros((header.height, header.width), np.float32)
+        seen = values[max(-top, 0) :, max(-left, 0) :]
+        shown = picture[max(top, 0) :, max(left, 0) :][: len(seen), : seen.shape[1]]
+        shown[...] = seen[: len(shown), : shown.shape[1]]
+        return picture
 
     arrays = {}
     if header.color:
