@@ -546,6 +546,47 @@ def test_a_cut_out_is_a_mask_where_it_is_not_transparent(folder, colour):
     np.testing.assert_array_equal(load_capture(folder).mask, capture.mask)
 
 
+def transparent(values, bits=8, colour=0, key=b"\0\0", palette=b""):
+    """A PNG of (H, W) values; key : what its tRNS holds."""
+    dtype = ">u2" if bits == 16 else np.uint8
+    rows = [row.astype(dtype) for row in np.repeat(values[..., None], 3 if colour == 2 else 1, -1)]
+    packed = [np.packbits(row) if bits == 1 else row for row in rows]
+    extra = (png_chunk(b"PLTE", palette) if palette else b"") + png_chunk(b"tRNS", key)
+    return png(WIDTH, HEIGHT, bits, colour, [row.tobytes() for row in packed], extra)
+
+
+WHITE_TWICE = bytes([255] * 6)
+
+
+@pytest.mark.parametrize(
+    "file",
+    [
+        lambda mask: transparent(mask, colour=3, key=b"\0", palette=WHITE_TWICE),
+        lambda mask: transparent(mask, colour=3, key=b"\0\x80", palette=WHITE_TWICE),
+        lambda mask: transparent(mask, 1, colour=3, key=b"\0", palette=WHITE_TWICE),
+        lambda mask: transparent(np.where(mask, 100, 255), key=b"\0\xff"),
+        lambda mask: transparent(~mask, bits=1, key=b"\0\1"),
+        lambda mask: transparent(np.where(mask, 511, 255), bits=16, key=b"\0\xff"),
+        lambda mask: transparent(np.where(mask, 100, 255), colour=2, key=b"\0\xff" * 3),
+        lambda mask: transparent(np.where(mask, 511, 65535), 16, colour=2, key=b"\xff" * 6),
+    ],
+    ids=["palette", "half", "bits of a palette", "grey", "bits", "grey 16", "colour", "colour 16"],
+)
+def test_a_cut_out_by_colours_that_are_transparent(folder, file):
+    mask = small_capture().mask
+    (folder / "mask.png").write_bytes(file(mask))
+    np.testing.assert_array_equal(load_capture(folder).mask, mask)
+
+
+def test_transparent_colours_that_say_nothing_or_are_damaged(folder):
+    mask = small_capture().mask
+    values = np.where(mask, 255, 0)
+    (folder / "mask.png").write_bytes(transparent(values, key=b"\0\x07"))
+    np.testing.assert_array_equal(load_capture(folder).mask, mask)
+    (folder / "mask.png").write_bytes(transparent(values, key=b"\0"))
+    refusal(folder, "mask.png", "the image is damaged", "no valid transparent colour")
+
+
 @pytest.mark.parametrize("alpha", [0, 255])
 def test_a_mask_that_is_transparent_everywhere_or_nowhere_goes_by_its_colours(folder, alpha):
     mask = small_capture().mask

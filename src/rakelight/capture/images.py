@@ -1,7 +1,8 @@
 """Image bytes to arrays and back, without the surprises of the decoders.
 
 Channels are red, green, blue (, alpha); integer samples keep their 8 or 16 bit; palettes are
-expanded; EXIF orientation, colour profiles and the transparent colour of a PNG are ignored.
+expanded; EXIF orientation, colour profiles and the transparent colours of a PNG are ignored, of
+which `decode_opacity` tells.
 CMYK, TIFF with alpha, and anything but PNG, TIFF and JPEG is refused, and so is every file whose
 pixels cannot be read to the last.
 """
@@ -17,7 +18,7 @@ import cv2
 import numpy as np
 
 from rakelight.capture.headers import Header, damaged, read_header
-from rakelight.capture.png import plain_png
+from rakelight.capture.png import opacity_as_palette, plain_png, transparent_colour
 from rakelight.capture.tiff import decode_tiff
 from rakelight.errors import InputError, MachineError
 from rakelight.model import Array
@@ -62,6 +63,31 @@ def decode_image(data: bytes, source: str = "") -> Array:
     if pixels.shape != header.shape or pixels.dtype != header.dtype:
         raise damaged(source, f"{header}, decoded as {pixels.shape} {pixels.dtype}")
     return pixels
+
+
+def decode_opacity(data: bytes, source: str = "") -> Array | None:
+    """(H, W) how opaque each pixel of a PNG is, 0 = not at all; None where the file does not say.
+
+    By its alpha channel, or by the colours that it says to be transparent.  The parameters and the
+    errors are those of `decode_image`.
+
+    >>> decode_opacity(encode_png(np.full((1, 2, 4), 7, np.uint8))).tolist()
+    [[7, 7]]
+    """
+    header = read_header(data, source)
+    if header.channels in (2, 4):
+        return decode_image(data, source)[..., -1]
+    if header.format != "PNG":
+        return None
+    opacities = opacity_as_palette(data, source)
+    if opacities is not None:
+        return decode_image(opacities, source)[..., 0]
+    colour = transparent_colour(data, source)
+    if colour is None:
+        return None
+    pixels = decode_image(data, source).reshape(header.height, header.width, -1)
+    transparent = (pixels == np.array(colour, pixels.dtype)).all(axis=2)
+    return np.where(transparent, np.uint8(0), np.uint8(255))
 
 
 def _decode_jpeg(data: bytes, header: Header, source: str) -> Array:

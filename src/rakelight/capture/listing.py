@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from rakelight.capture.headers import Header, read_header
-from rakelight.capture.images import as_rgb, decode_image
+from rakelight.capture.images import as_rgb, decode_image, decode_opacity
 from rakelight.capture.tone_curve import read_photograph_header
 from rakelight.capture.validate import check_mask_size, check_same_kind, soft_mask_findings
 from rakelight.errors import CaptureError, InputError, listed, printable
@@ -260,12 +260,12 @@ def read_mask(
             needed=" or ".join(formats),
             remedy="export it as PNG",
         )
-    pixels = decode_image(data, source)
-    if header.channels in (2, 4):
-        opaque = pixels[..., -1] != 0
+    opacity = decode_opacity(data, source)
+    if opacity is not None:
+        opaque = opacity != 0
         if opaque.any() and not opaque.all():
-            return opaque, soft_mask_findings(pixels[..., -1], opaque, source)
-    colours = as_rgb(pixels)
+            return opaque, soft_mask_findings(opacity, opaque, source)
+    colours = as_rgb(decode_image(data, source))
     red, green, blue = np.moveaxis(colours != 0, 2, 0)
     mask = np.asarray(red | green | blue)
     return mask, soft_mask_findings(colours.max(axis=2), mask, source)
