@@ -429,4 +429,4 @@ def test_what_is_no_such_file(text):
 
 def test_names_that_say_so():
     assert all(map(named_intrinsics, ("K", "camera_info", "calibration_matrix", "Intrinsic-1")))
-    assert not any(map(named_intrinsics, ("kinect", "poses", "lights")))
+    assert not any(map(named_intrinsics, ("kinect", "poses", "lights", "CameraTrajectory")))

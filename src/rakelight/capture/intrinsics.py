@@ -75,11 +75,15 @@ _POSE = re.compile(r"(?:to|2)(?:depth|infra|colou?r|rgb)")  # in names of what i
 def named_intrinsics(stem: str) -> bool:
     """Whether a file's name, without ending, says that it holds intrinsics.
 
-    >>> [named_intrinsics(stem) for stem in ("K", "color_intrinsics", "calib-2", "poses")]
+    Where a camera stood is no intrinsics of it.
+
+    >>> [named_intrinsics(stem) for stem in ("K", "color_intrinsics", "calib-2", "camera_poses")]
     [True, True, True, False]
     """
     name = stem.lower()
-    return name == "k" or any(word in name for word in ("intrinsic", "calib", "camera"))
+    if name == "k" or "intrinsic" in name:
+        return True
+    return re.search("calib|camera", name) is not None and not re.search("pose|trajector", name)
 
 
 def names_depth(stem: str) -> bool:

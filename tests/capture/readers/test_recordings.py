@@ -569,6 +569,48 @@ def test_tum_without_intrinsics_takes_the_benchmarks_with_a_warning(tmp_path):
         tum.recording(path)
 
 
+TRAJECTORY = "1305031102.17 0.1 0.2 0.3 0 0 0 1\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "lines"),
+    [("CameraTrajectory.txt", 1), ("camera_poses.txt", 24), ("camera_path.txt", 24)],
+)
+def test_tum_trajectories_are_no_intrinsics(tmp_path, name, lines):
+    path = write_tum(tmp_path / "scan", frames()[:1], grown(depth_maps())[:1])
+    (path / name).write_text(lines * TRAJECTORY)
+    assert tum.recording(path)[0].camera == CAMERA
+    (path / "intrinsics.txt").unlink()
+    with pytest.raises(CaptureError, match=r"the intrinsics of the colour camera are not known"):
+        tum.recording(path)
+
+
+def test_tum_files_that_are_not_understood_are_named(tmp_path):
+    large = np.zeros((1, 480, 640, 3), np.uint8), np.ones((1, 480, 640), np.float32)
+    path = write_tum(tmp_path / "scan", *large, intrinsics="")
+    (path / "my_camera.txt").write_text("a Kinect")
+    (warning, _) = tum.recording(path)[0].findings
+    assert warning.message.endswith("assumed; none were found in my_camera.txt")
+    (path / "my_camera.txt").rename(path / "camera.txt")
+    with pytest.raises(CaptureError, match=r"camera\.txt: no intrinsics in it \(seen a Kinect"):
+        tum.recording(path)
+
+
+@pytest.mark.parametrize("name", ["calibration.txt", "camera_intrinsic.json"])
+def test_tum_intrinsics_that_contradict_each_other_are_refused(tmp_path, name):
+    path = write_tum(tmp_path / "scan", frames()[:1], grown(depth_maps())[:1])
+    facts = {"width": CAMERA.width, "height": CAMERA.height}
+    for wrong in (0.0, 1.0):
+        matrix = CAMERA.matrix + wrong * np.diag([1, 1, 0])
+        facts["intrinsic_matrix"] = matrix.T.ravel().tolist()
+        numbers = " ".join(map(str, matrix.ravel()))
+        (path / name).write_text(numbers if name.endswith("txt") else json.dumps(facts))
+        if not wrong:
+            assert tum.recording(path)[0].camera == CAMERA
+    with pytest.raises(CaptureError, match=rf"several files with intrinsics.*{name}, intrinsics"):
+        tum.recording(path)
+
+
 @pytest.mark.parametrize(
     "name",
     ["../secret.png", "/etc/passwd", "rgb/../../secret.png", "link/secret.png", "..\\secret.png"],

@@ -11,14 +11,7 @@ from rakelight.capture.config import CONFIG
 from rakelight.capture.decoder_process import DecoderProcess
 from rakelight.capture.exif import ROUGHNESS, camera_of
 from rakelight.capture.from_arrays import capture_from_arrays
-from rakelight.capture.intrinsics import (
-    alike,
-    may_state,
-    named_intrinsics,
-    names_depth,
-    parse_intrinsics,
-    small_texts,
-)
+from rakelight.capture.intrinsics import may_state, named_intrinsics, names_depth, small_texts
 from rakelight.capture.listing import check_numbers, read_mask, unread_finding
 from rakelight.capture.loose_confidence import without_unsure
 from rakelight.capture.loose_depth import depth_noted, read_loose_depth
@@ -30,6 +23,7 @@ from rakelight.capture.loose_files import (
 )
 from rakelight.capture.loose_photographs import Photos, read_loose_photographs
 from rakelight.capture.readers.base import Reader, Reading, Wanted
+from rakelight.capture.readers.stated_camera import FORMATS, MATRIX, stated_camera
 from rakelight.capture.readers.stated_depth_camera import stated_depth_camera
 from rakelight.errors import CaptureError, MachineError, listed, named_in, printable
 from rakelight.model import Camera, Encoding, Finding, Floats, GivenLights, Mask, RigidTransform
@@ -42,11 +36,6 @@ _SAME_PROPORTIONS = 0.01
 _MAYBE_DEPTH = ("PNG", "TIFF", "exr", "pfm", "npy")
 
 EXIF_FOCAL = "intrinsics-from-exif"
-
-# Names, without ending, of files that hold intrinsics or are a mistake.
-_SURELY_INTRINSICS = ("intrinsics", "intrinsic", "calibration", "calib", "camera", "cameras", "k")
-_FORMATS = "OpenCV, ROS or Kalibr YAML, Open3D JSON, COLMAP cameras.txt, or a 3 x 3 matrix"
-_MATRIX = "fx 0 cx / 0 fy cy / 0 0 1 (pixels, three lines)"
 
 
 def sniff(path: Path) -> bool:
@@ -135,25 +124,26 @@ def _camera(folder: Path, files: LooseFiles, photos: Photos) -> tuple[Camera, tu
     """The camera of the photographs as they are returned, by a file or by EXIF."""
     height, width = photos.pixels.shape[1:3]
     full_width, full_height = photos.full
-    stated = _stated(folder, files, photos.full)
+    texts = small_texts(path for path in files.texts if not names_depth(path.stem))
+    stated = stated_camera(folder, texts, photos.full)
     if stated is not None:
-        text, camera = stated
+        name, camera = stated
         if not camera.width:
             camera = replace(camera, width=full_width, height=full_height)
         shape = (full_height, full_width)
         if camera.shape == (height, width):
             shape = (height, width)
-        validate.check_camera(camera, shape, f"{folder}/{text}", "intrinsics")
+        validate.check_camera(camera, shape, f"{folder}/{name}", "intrinsics")
         return camera.resized(width, height), ()
     found = camera_of(photos.exif, full_width, full_height)
     if found is None:
-        texts = [path.name for path in files.texts]
+        names = [path.name for path in files.texts]
         raise CaptureError(
             "no intrinsics: no file with them, and EXIF does not say the focal length",
             source=str(folder),
-            seen=f"none in {listed(texts)}" if texts else "",
-            needed=_FORMATS,
-            remedy=f"write {_MATRIX} into intrinsics.txt",
+            seen=f"none in {listed(names)}" if names else "",
+            needed=FORMATS,
+            remedy=f"write {MATRIX} into intrinsics.txt",
         )
     camera, why = found
     message = (
@@ -165,40 +155,6 @@ def _camera(folder: Path, files: LooseFiles, photos: Photos) -> tuple[Camera, tu
         message += f"; no intrinsics were found in {listed(misread)}"
     remedy = "calibrate the camera and put its intrinsics beside the photographs"
     return camera.resized(width, height), (Finding("warning", EXIF_FOCAL, message, remedy),)
-
-
-def _stated(folder: Path, files: LooseFiles, full: tuple[int, int]) -> tuple[str, Camera] | None:
-    """The intrinsics of the photographs that a file in the folder states, and its name.
-
-    full : (width, height) of the photographs
-    """
-    found: dict[str, Camera] = {}
-    texts = [path for path in files.texts if not names_depth(path.stem)]
-    for path, data in small_texts(texts).items():
-        name = path.relative_to(folder).as_posix()
-        source = f"{folder}/{name}"
-        camera = parse_intrinsics(data, source, named_intrinsics(path.stem), full)
-        if camera is not None:
-            found[name] = camera
-        elif path.stem.lower() in _SURELY_INTRINSICS:  # EXIF, or another file, is not what is meant
-            raise CaptureError(
-                "no intrinsics in it",
-                source=source,
-                seen=" ".join(data.decode("latin-1").split())[:60] or "nothing",
-                needed=_FORMATS,
-                remedy=f"write {_MATRIX}",
-            )
-    sized = {name: camera for name, camera in found.items() if camera.width}
-    sizes = {camera.shape for camera in sized.values()}
-    if len(sizes) > 1 or (found and not alike(found.values())):
-        raise CaptureError(
-            "several files with intrinsics",
-            source=str(folder),
-            seen=", ".join(found),
-            needed="those of the camera that took the photographs",
-            remedy="keep one of them",
-        )
-    return next(iter((sized or found).items()), None)
 
 
 def _depth_place(

@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from rakelight.capture import validate
-from rakelight.capture.intrinsics import SUFFIXES, named_intrinsics, parse_intrinsics
+from rakelight.capture.intrinsics import named_intrinsics, names_depth
 from rakelight.capture.readers.base import Reader
-from rakelight.capture.readers.beside import values_per_metre
+from rakelight.capture.readers.beside import texts_beside, values_per_metre
 from rakelight.capture.readers.depth_place import recording_of_one_view
 from rakelight.capture.readers.image_files import (
     color_stream,
@@ -28,19 +28,17 @@ from rakelight.capture.readers.image_files import (
     depth_stream,
     read_within,
 )
-from rakelight.capture.readers.numbers import json_table
-from rakelight.capture.readers.open3d_recorder import open3d_camera
+from rakelight.capture.readers.stated_camera import stated_camera
 from rakelight.capture.readers.tracking import Poses, reading_by
 from rakelight.capture.recording import Recording
-from rakelight.errors import CaptureError
-from rakelight.files import MAX_TEXT_BYTES, clear_errors
+from rakelight.errors import CaptureError, listed
+from rakelight.files import MAX_TEXT_BYTES
 from rakelight.model import Camera, Finding, Floats
 
 COLOR, DEPTH = "rgb.txt", "depth.txt"
 _AND_DEPTH = ", and the same of depth"
 PAIRS = ("associations.txt", "associated.txt", "association.txt", "associate.txt")
 _PER_METRE = 5000.0
-_TABLES = ("camera_intrinsic.json", "intrinsic.json")
 # The benchmark's recommended intrinsics, of 640x480: fx, fy, cx, cy.
 _DEFAULT, _DEFAULT_SHAPE = (525.0, 525.0, 319.5, 239.5), (480, 640)
 
@@ -134,54 +132,35 @@ def _is_there(path: Path) -> bool:
 
 def _camera(path: Path, shape: tuple[int, int]) -> tuple[Camera, tuple[Finding, ...]]:
     """From a file beside the lists, else the benchmark's recommended one, with a warning."""
-    for name in _TABLES:
-        if (path / name).is_file():
-            source = f"{path}/{name}"
-            facts = json_table(read_within(path, name, MAX_TEXT_BYTES), source)
-            return open3d_camera(facts, shape, source), ()
-    for file in _texts(path):
-        if named_intrinsics(file.stem) and "depth" not in file.stem.lower():
-            return _camera_of(path, file.name, shape), ()
+    texts = {
+        file: data
+        for file, data in texts_beside(path).items()
+        if named_intrinsics(file.stem) and not names_depth(file.stem)
+    }
+    stated = stated_camera(path, texts, shape[::-1])
+    if stated is not None:
+        name, camera = stated
+        if not camera.width:
+            camera = replace(camera, width=shape[1], height=shape[0])
+        validate.check_camera(camera, shape, f"{path}/{name}", "intrinsics")
+        return camera, ()
+    misread = f"; none were found in {listed([file.name for file in texts])}" if texts else ""
     if shape != _DEFAULT_SHAPE:
         raise CaptureError(
             "the intrinsics of the colour camera are not known",
             source=str(path),
-            seen=f"frames of {shape[1]}x{shape[0]}, no intrinsics.txt",
+            seen=f"frames of {shape[1]}x{shape[0]}, no intrinsics.txt{misread}",
             needed="intrinsics.txt with fx fy cx cy",
             remedy="write one, in pixels of these frames",
         )
     finding = Finding(
         "warning",
         "default-intrinsics",
-        "the folder does not say its intrinsics: fx = fy = 525, cx = 319.5, cy = 239.5 assumed",
+        "the folder does not say its intrinsics: fx = fy = 525, cx = 319.5, cy = 239.5 assumed"
+        + misread,
         "write intrinsics.txt with fx fy cx cy",
     )
     return Camera(640, 480, *_DEFAULT), (finding,)
-
-
-def _texts(path: Path) -> list[Path]:
-    """The texts beside the lists."""
-    with clear_errors(str(path), "cannot be read"):
-        files = sorted(path.iterdir())
-    return [file for file in files if file.suffix.lower() in SUFFIXES and file.is_file()]
-
-
-def _camera_of(path: Path, name: str, shape: tuple[int, int]) -> Camera:
-    """Of fx fy cx cy [k1 k2 p1 p2 [k3]], a 3x3 matrix, or another program's file."""
-    source = f"{path}/{name}"
-    data = read_within(path, name, MAX_TEXT_BYTES)
-    camera = parse_intrinsics(data, source, named=True)
-    if camera is None:
-        seen = " ".join(data.decode("utf-8", "replace").split())
-        raise CaptureError(
-            "no intrinsics", source=source, seen=seen[:80] or "nothing",
-            needed="fx fy cx cy, or the nine numbers of a matrix",
-            remedy="write fx fy cx cy, in pixels of the frames",
-        )  # fmt: skip
-    if not camera.width:
-        camera = replace(camera, width=shape[1], height=shape[0])
-    validate.check_camera(camera, shape, source, "intrinsics")
-    return camera
 
 
 READER = Reader(
