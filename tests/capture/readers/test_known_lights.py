@@ -166,6 +166,26 @@ def test_a_mat_file_is_read(tmp_path, compressed, unit):
     assert ("millimetres" in unit_note.message) == (unit == 1000)
 
 
+@pytest.mark.parametrize("kind", ["float64", "float32"])
+def test_8_bit_photographs_in_floating_point(tmp_path, kind):
+    """What double(imread(...)) returns: as if they had been saved as uint8."""
+    eight = np.moveaxis(SMALL.photographs >> 8, 0, -1).astype(np.uint8)
+    expected = load_capture(mat(tmp_path / "uint8.mat", I=eight))
+    assert (expected.encoding, expected.photographs.dtype) == ("srgb", np.uint8)
+    capture = load_capture(mat(tmp_path / f"{kind}.mat", I=eight.astype(kind)))
+    assert (capture.encoding, capture.findings) == ("srgb", expected.findings)
+    np.testing.assert_array_equal(capture.photographs, expected.photographs)
+
+
+@pytest.mark.parametrize("most", [1.02, 4, 254.5])
+def test_photographs_brighter_than_white_are_refused(tmp_path, most):
+    images = np.moveaxis(SMALL.photographs / 65535, 0, -1)
+    images[3, 4] = most
+    path = mat(tmp_path / "a.mat", I=images)
+    with pytest.raises(CaptureError, match=rf"beyond 0 to 1 \(seen .* to {most:g}"):
+        load_capture(path)
+
+
 @pytest.mark.parametrize(
     "kind", ["float64", "float32", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64"]
 )

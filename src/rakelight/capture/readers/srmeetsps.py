@@ -65,13 +65,14 @@ def read(path: Path, wanted: Wanted) -> Reading:
 
 
 def _photographs(images: Array, chosen: tuple[int, ...] | None) -> Array:
-    """(N, H, W, 3) of I (H, W, 3[, N]); numbers from 0 to 255 in floating point become 8 bit."""
+    """(N, H, W, 3) of I (H, W, 3[, N]); uint8 where they are whole numbers up to 255."""
     stack = np.moveaxis(images if images.ndim == 4 else images[..., None], -1, 0)
     if chosen is not None:
         check_numbers(chosen, len(stack), "I")
         stack = stack[list(chosen)]
-    if stack.dtype.kind == "f" and np.isfinite(stack).all() and 1 < stack.max() <= 255:
-        return np.asarray(stack / stack.dtype.type(255))
+    if stack.dtype.kind == "f" and stack.min() >= 0 and 1 < stack.max() <= 255:
+        whole = stack.astype(np.uint8)
+        return whole if np.array_equal(whole, stack) else stack
     return stack
 
 
