@@ -36,6 +36,7 @@ from rakelight.methods.multi_light.light_model import FREE, LightModel
 from rakelight.model import Floats
 from rakelight.photometry.images import LightParameters, Linearization, Surface
 from rakelight.solve import DepthSystem, assemble
+from rakelight.solve.levenberg_marquardt import LEAST
 from rakelight.solve.robust import cauchy_scales
 from rakelight.solve.stencil import Laplacian
 
@@ -72,9 +73,9 @@ class Fit:
     model: LightModel = FREE
     equal_intensity_weight: float = 0.0
     laplacian_weight: float = 0.0
-    depth_damping: float = 1e-3
-    joint_damping: float = 1e-3
-    lights_damping: float = 1e-2
+    depth_damping: float = LEAST
+    joint_damping: float = LEAST
+    lights_damping: float = LEAST
 
 
 def first_fit(
