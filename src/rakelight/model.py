@@ -505,7 +505,7 @@ class Capture:
             from 0 to 1, which is kept with 16 bits
         depth : (h, w) or (K, h, w) floating point, metres along the optical axis; 0, negative,
             NaN, infinity, values beyond 20 m and a far one that many pixels share are no
-            measurement.  Several maps are averaged robustly
+            measurement.  Several maps, repeats of one view, are averaged robustly
         camera : the colour camera
         mask : (H, W) bool or numbers, non-zero = object; None cuts out the object nearest to the
             camera, and a finding says so

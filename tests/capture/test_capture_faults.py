@@ -268,6 +268,59 @@ def test_depth_maps_of_different_kinds(folder):
     refusal(folder, "depth", "000.png 16x12x1 uint16; 001.png 8x6x1 uint16")
 
 
+def add_depth(folder, *maps_m):
+    """More depth maps, after the two that are there."""
+    for k, depth_m in enumerate(maps_m, start=2):
+        values = np.rint(1000 * np.nan_to_num(depth_m)).astype(np.uint16)
+        (folder / "depth" / f"{k:03d}.png").write_bytes(encode_png(values))
+
+
+def test_a_depth_map_that_contradicts_the_others_is_named(folder):
+    depth_m = small_capture().depth_m[0]
+    infrared = np.random.default_rng(1).uniform(0.2, 2.0, depth_m.shape)
+    for wrong in (2 * depth_m, infrared):
+        add_depth(folder, wrong, depth_m)
+        refusal(folder, "depth", "contradict each other", " m in 002.png, 0.599 m in the others")
+    add_depth(folder, 2 * depth_m, 2 * depth_m)
+    line = refusal(folder, "depth", "0.599 m in 000.png", "1.2 m in 003.png")
+    assert "the others" not in line
+
+
+def test_of_two_depth_maps_that_contradict_each_other_none_is_blamed(folder):
+    (folder / "depth" / "001.png").unlink()
+    add_depth(folder, 5 * small_capture().depth_m[0])
+    line = refusal(folder, "depth", "median 0.599 m in 000.png, 2.99 m in 002.png")
+    assert line.endswith("remove what is in another unit, of another view, or no depth")
+
+
+TURNS = {
+    "turned by 180 degrees": (slice(None, None, -1), slice(None, None, -1)),
+    "mirrored left to right": (slice(None), slice(None, None, -1)),
+    "mirrored top to bottom": (slice(None, None, -1), slice(None)),
+}
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("count", [2, 3])
+def test_a_depth_map_that_lies_differently_is_named(tmp_path, turn, count):
+    rows, columns = np.mgrid[:12, :16]
+    slanted = (0.55 + 0.003 * rows + 0.005 * columns).astype(np.float32)
+    folder = build(tmp_path / "c", depth_m=np.stack([slanted] * count))
+    values = np.rint(1000 * slanted[TURNS[turn]]).astype(np.uint16)
+    (folder / "depth" / "001.png").write_bytes(encode_png(values))
+    against = "the others" if count > 2 else "000.png"
+    refusal(folder, "depth", f"001.png {turn} against {against}")
+
+
+def test_depth_maps_differ_by_noise_drift_holes_and_flying_pixels(folder):
+    depth_m = small_capture().depth_m[0]
+    noisy = depth_m * np.random.default_rng(1).normal(1.0, 0.04, depth_m.shape)
+    torn = np.where(np.arange(16) % 3 == 0, np.nan, depth_m)
+    torn[:, ::4] = 3.0
+    add_depth(folder, noisy, 1.03 * depth_m, torn, np.full_like(depth_m, np.nan))
+    assert len(load_capture(folder).depth_m) == 6
+
+
 # --- 7, 9, 10: geometry ---
 
 

@@ -270,6 +270,14 @@ BAD = {
     "sizes": ({"depth": DEPTH[:, :, 1:]}, "sizes do not fit.*give the depth camera"),
     "wide": ({"depth": DEPTH[:, 1:-2]}, "seen depth 16x9, colour 32x24, needed .* to half a pixel"),
     "finer": ({"depth": DEPTH.repeat(3, 1).repeat(3, 2)}, "seen depth 48x36.*no larger"),
+    "of two units": (
+        {"depth": np.stack([DEPTH[0], 2 * DEPTH[1]])},
+        "contradict each other .seen median 0.599 m in map 0, 1.2 m in map 1",
+    ),
+    "of two units, no mask": (
+        {"depth": np.stack([DEPTH[0], 2 * DEPTH[1]]), "mask": None},
+        "contradict each other",
+    ),
     "far": ({"depth": np.full_like(DEPTH, 1e9)}, "depth that none can be .seen 1e.09"),
     # mask
     "empty mask": ({"mask": np.zeros_like(MASK)}, "the mask is empty"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from math import isfinite
 from numbers import Integral, Real
@@ -98,8 +99,8 @@ def checked_capture(capture: Capture) -> Capture:
     """As `checked_arrays`; and what the capture says is plausible, as `load_capture` has it.
 
     Depth that is too far to be a distance is NaN in it.  Raises CaptureError for an empty mask,
-    depth that is not positive or hardly measured on the object, an implausible unit, depth camera
-    or noise.
+    depth that is not positive, hardly measured on the object or of several scenes, an implausible
+    unit, depth camera or noise.
 
     >>> camera = Camera(8, 6, 10.0, 10.0, 3.5, 2.5)
     >>> checked_capture(Capture(np.zeros((3, 6, 8, 3), np.uint8), np.full((1, 6, 8), 600.0),
@@ -141,13 +142,16 @@ def check_sensor(capture: Capture) -> float | None:
     return None
 
 
-def check_object(capture: Capture, factor: float | None, holes: Array) -> tuple[Finding, ...]:
+def check_object(
+    capture: Capture, factor: float | None, holes: Array, depth_names: Sequence[str] = ()
+) -> tuple[Finding, ...]:
     """What a person should know of the mask and the depth on it.
 
     factor : of `check_sensor`; holes : (K, h, w) indices into validate.HOLES
+    depth_names : of the maps, for messages
 
-    Raises CaptureError for an empty mask, depth that is not positive, hardly measured on the object
-    or in another unit.
+    Raises CaptureError for an empty mask, depth that is not positive, hardly measured on the
+    object, in another unit, or that contradicts itself.
     """
     depth_m, mask = capture.depth_m, capture.mask
     findings = validate.check_mask(mask, "mask")
@@ -161,7 +165,7 @@ def check_object(capture: Capture, factor: float | None, holes: Array) -> tuple[
             remedy="depth[~(depth > 0)] = np.nan",
         )
     on_object = on_depth_grid(mask, factor, depth_m.shape[1:])
-    return findings + validate.check_depth(depth_m, holes, on_object, "depth_m", None)
+    return findings + validate.check_depth(depth_m, holes, on_object, "depth_m", None, depth_names)
 
 
 def checked_truth(truth: Truth, shape: tuple[int, int]) -> None:

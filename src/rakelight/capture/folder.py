@@ -92,15 +92,15 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
     rgb, depth, lights, light_order = _list_all(root, table, photographs)
     validate.check_camera(camera, rgb.shape, root.shown(CONFIG), "intrinsics")
     depth_camera, depth_to_color = depth_geometry(table, depth.shape, root.shown(CONFIG))
-    factor = None
-    if depth_camera is None:
-        factor = validate.depth_factor(depth.shape, rgb.shape, depth.source)
+    own_view = depth_camera is None
+    factor = validate.depth_factor(depth.shape, rgb.shape, depth.source) if own_view else None
     depth_noise = _depth_noise(root, table)
 
     images = read_photographs(rgb)
     names = tuple(map(printable, rgb.names))
     validate.check_not_twice(images, names, rgb.source)
-    depth_m, holes = read_depth(depth, table.depth_scale)
+    scale = table.depth_scale
+    depth_m, holes = read_depth(depth, scale)
     encoding, assumed = chosen_encoding(
         table.encoding or stated_encoding(rgb.by_name, rgb.source),
         f"{8 * images.dtype.itemsize}-bit",
@@ -139,7 +139,7 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
             *file_findings(rgb),
             *file_findings(depth),
             *mask_findings,
-            *validate.check_depth(depth_m, holes, on_object, depth.source, table.depth_scale),
+            *validate.check_depth(depth_m, holes, on_object, depth.source, scale, depth.names),
             *validate.check_exposure(images, mask, names, rgb.source),
         ),
     )

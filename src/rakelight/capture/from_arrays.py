@@ -59,8 +59,11 @@ def capture_from_arrays(
     ambient: Array | None = None,
     flat: Array | None = None,
     lights: GivenLights | None = None,
+    depth_names: Sequence[str] = (),
 ) -> Capture:
     """What `Capture.from_arrays` says; its docstring has the parameters and the errors.
+
+    depth_names : of the depth maps, for messages
 
     >>> capture_from_arrays(np.zeros((4, 6, 3)), np.full((4, 6), 600), Camera(6, 4, 9, 9, 2.5, 1.5))
     Traceback (most recent call last):
@@ -102,7 +105,7 @@ def capture_from_arrays(
         else:
             marked = _mask(mask, camera.shape)
         capture = replace(capture, mask=marked)
-        object_findings = check_object(capture, factor, holes)
+        object_findings = check_object(capture, factor, holes, depth_names)
         off_centre = validate.principal_point_finding(camera)
         exposed = validate.check_exposure(pixels, capture.mask, shown, "photographs")
     findings = (*assumed, *off_centre, *found, *object_findings, *exposed)

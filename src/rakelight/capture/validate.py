@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from rakelight.capture.headers import Header
+from rakelight.capture.one_scene import check_one_scene
 from rakelight.errors import CaptureError
 from rakelight.geometry.distortion import fold_px
 from rakelight.model import (
@@ -514,14 +515,16 @@ def check_depth(
     on_object: Mask | None,
     source: str,
     depth_scale: float | None,
+    names: Sequence[str] = (),
 ) -> tuple[Finding, ...]:
-    """Enough of the object is measured, at a plausible distance.
+    """Enough of the object is measured, alike in all maps, at a plausible distance.
 
     depth_m : (K, h, w) metres, NaN = no measurement
     holes : (K, h, w) uint8, indices into HOLES
     on_object : (h, w) True where a depth pixel sees the object; None where that is not known yet,
         because the depth is another camera's
     depth_scale : of capture.toml, None when the files hold metres
+    names : of the maps, numbers from 0 when empty
     """
     everywhere = np.ones(depth_m.shape[1:], bool)
     looked_at = everywhere if on_object is None else on_object
@@ -539,6 +542,7 @@ def check_depth(
             needed=f"at least {LEAST_MEASURED:.0%}",
             remedy="check that depth and mask belong together and the object is in range",
         )
+    check_one_scene(depth_m, looked_at, source, names)
     median_m = float(np.median(on_maps[np.isfinite(on_maps)]))
     if not PLAUSIBLE_M[0] <= median_m <= PLAUSIBLE_M[1]:
         raise CaptureError(

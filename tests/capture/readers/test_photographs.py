@@ -356,6 +356,15 @@ def test_grey_beside_colour_is_another_camera(tmp_path):
     refusal(tmp_path, "images of different kinds", "32x24x1 uint8")
 
 
+@pytest.mark.parametrize(("depth", "other"), [("d.png", "ir.png"), ("depth.png", "depth_raw.png")])
+def test_an_image_beside_the_depth_that_is_none_of_it_is_named(tmp_path, depth, other):
+    made = fill(tmp_path, depth=False)
+    values = np.rint(1000 * np.nan_to_num(made.depth_m[0])).astype(np.uint16)
+    (tmp_path / depth).write_bytes(encode_png(values))
+    (tmp_path / other).write_bytes(encode_png(5 * values))
+    refusal(tmp_path, "contradict each other", f"0.598 m in {depth}, 2.99 m in {other}")
+
+
 @pytest.mark.parametrize("name", ["K.npy", "calib/intrinsics.NPY"])
 def test_a_matrix_as_an_array(tmp_path, name):
     made = fill(tmp_path, texts=False)

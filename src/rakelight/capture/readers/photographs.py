@@ -99,6 +99,7 @@ def reading_of(
             ambient=photos.ambient,
             flat=photos.flat,
             lights=lights,
+            depth_names=tuple(printable(file.name) for file in files.depth),
         )
     findings = (
         *camera_findings,
