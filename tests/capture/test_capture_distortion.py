@@ -77,6 +77,26 @@ REFUSED = [
         "'intrinsics.distortion' folds inside the image .seen 5 pixels from the principal point, "
         "needed beyond the corners, 21 pixels",
     ),
+    *(
+        (
+            f'distortion = {{ model = "{model}", k = [{k}, 0, 0, 0] }}',
+            "'intrinsics.distortion' is that of no lens .seen the corners .* times as far out",
+        )
+        for model, k in (
+            ("brown-conrady", 5.0),
+            ("brown-conrady", 1000.0),
+            ("brown-conrady", 1e308),
+            ("kannala-brandt", 1e308),
+        )
+    ),
+    (
+        f'distortion = {{ model = "brown-conrady", k = [{", ".join(["1e308"] * 8)}] }}',
+        "'intrinsics.distortion' folds inside the image .seen 0 pixels",
+    ),
+    (
+        'distortion = { model = "kannala-brandt", k = [0, 0, 0, -1e308] }',
+        "'intrinsics.distortion' folds inside the image",
+    ),
 ]
 
 

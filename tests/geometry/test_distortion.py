@@ -4,10 +4,13 @@ import cv2
 import numpy as np
 import pytest
 
+from rakelight.capture.validate import MOST_STRETCHED
 from rakelight.errors import InputError
 from rakelight.geometry.camera import back_project, pixel_rays
 from rakelight.geometry.distortion import (
     _evaluated,
+    corner_px,
+    corner_stretch,
     distort,
     fold_px,
     to_pixels,
@@ -54,6 +57,16 @@ def test_there_and_back_over_the_whole_image(name):
     # It is no identity.
     assert np.abs(camera.fx * x + camera.cx - u).max() > 1.0
     assert fold_px(camera) is None
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_corners_are_as_far_out_as_the_lens_shows_them(name):
+    camera = lens_camera(name)
+    u, v = corner_px(camera)
+    x, y = to_rays(camera.cx - u, camera.cy - v, camera)  # all principal points lie right and up
+    across, along = u / camera.fx, v / camera.fy
+    assert abs(corner_stretch(camera) - np.hypot(across, along) / np.hypot(x, y)) < 0.01
+    assert corner_stretch(camera) < MOST_STRETCHED - 0.2
 
 
 @pytest.mark.parametrize("name", LENSES)

@@ -12,7 +12,7 @@ import numpy as np
 from rakelight.capture.headers import Header
 from rakelight.capture.one_scene import check_one_scene
 from rakelight.errors import CaptureError
-from rakelight.geometry.distortion import fold_px
+from rakelight.geometry.distortion import corner_px, corner_stretch, fold_px
 from rakelight.model import (
     BLACK,
     SATURATED,
@@ -36,6 +36,9 @@ LONGEST_BASELINE_M = 1.0
 # Principal point's distance from the middle over the image's side: lenses have up to 0.06,
 # intrinsics of half the size 0.25.
 FARTHEST_OFF_CENTRE = 0.15
+# How many times as far out as without it a lens shows the image's corners: pincushion distortion
+# takes them out by 15 % at most, barrel distortion, fisheyes' too, takes them in.
+MOST_STRETCHED = 1.4
 # Of a mask: how much of the object a soft edge takes (that of one pixel takes 3 % of an object 80
 # pixels wide), and the levels of grey that it has, more than labels.
 _SOFT_SHARE, _SOFT_LEVELS = 0.05, 8
@@ -115,7 +118,9 @@ def check_camera(camera: Camera, shape: tuple[int, int], source: str, table: str
 
 
 def check_distortion(camera: Camera, source: str, name: str) -> None:
-    """The lens model, which messages call `name`, does not fold inside the image.
+    """The lens model, which messages call `name`, is one that a lens can have.
+
+    It does not fold inside the image, nor stretch it like no lens.
 
     >>> from rakelight.model import Distortion
     >>> lens = Distortion("brown-conrady", (-0.5, 0.0, 0.0, 0.0))
@@ -124,20 +129,28 @@ def check_distortion(camera: Camera, source: str, name: str) -> None:
     rakelight.errors.CaptureError: camera: distortion folds inside the image (seen 109 pixels from
     the principal point, needed beyond the corners, 251 pixels from it). Fix: ...
     """
+    remedy = (
+        "calibrate with fewer coefficients, or with points as far as the corners; look for "
+        "exchanged coefficients and signs"
+    )
+    stretch = corner_stretch(camera)
+    if stretch > MOST_STRETCHED:
+        raise CaptureError(
+            f"{name} is that of no lens",
+            source=source,
+            seen=f"the corners {stretch:.3g} times as far out as without it",
+            needed=f"at most {MOST_STRETCHED:g} times",
+            remedy=remedy,
+        )
     folds_px = fold_px(camera)
     if folds_px is None:
         return
-    across, along = (
-        max(centre, side - centre)
-        for side, centre in ((camera.width, camera.cx), (camera.height, camera.cy))
-    )
     raise CaptureError(
         f"{name} folds inside the image",
         source=source,
         seen=f"{folds_px:.0f} pixels from the principal point",
-        needed=f"beyond the corners, {np.hypot(across, along):.0f} pixels from it",
-        remedy="calibrate with fewer coefficients, or with points as far as the corners; look for "
-        "exchanged coefficients and signs",
+        needed=f"beyond the corners, {np.hypot(*corner_px(camera)):.0f} pixels from it",
+        remedy=remedy,
     )
 
 

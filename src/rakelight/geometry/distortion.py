@@ -115,6 +115,34 @@ def to_pixels(x: Floats, y: Floats, camera: Camera) -> tuple[Floats, Floats]:
     return camera.fx * x + camera.cx, camera.fy * y + camera.cy
 
 
+def corner_px(camera: Camera) -> tuple[float, float]:
+    """How far the image's farthest corner is from the principal point, pixels across and along.
+
+    >>> corner_px(Camera(8, 6, 20.0, 20.0, 4.0, 2.0))
+    (4.0, 4.0)
+    """
+    return max(camera.cx, camera.width - camera.cx), max(camera.cy, camera.height - camera.cy)
+
+
+def corner_stretch(camera: Camera) -> float:
+    """How many times as far out a lens shows the farthest corner as an image without distortion.
+
+    By the radial terms; where the lens model folds before the corner, at the fold, 1 if it does so
+    at once.  Below 1 for the barrel distortion of wide lenses.
+
+    >>> lens = Distortion("brown-conrady", [1.0, 0.0, 0.0, 0.0])
+    >>> round(corner_stretch(Camera(400, 300, 400.0, 400.0, 200.0, 150.0, lens)), 2)
+    1.25
+    """
+    if camera.distortion is None:
+        return 1.0
+    across, along = corner_px(camera)
+    reach = _Range.of(camera.distortion)
+    shown = min(float(np.hypot(across / camera.fx, along / camera.fy)), float(reach.distorted[-1]))
+    without = float(np.interp(shown, reach.distorted, reach.radii))
+    return shown / without if without > 0 else 1.0
+
+
 def fold_px(camera: Camera) -> float | None:
     """How far from the principal point, pixels, the lens model folds inside the image, or None.
 
@@ -156,7 +184,8 @@ class _Evaluated:
 
     @property
     def determinant(self) -> Floats:
-        return np.asarray(self.xx * self.yy - self.xy * self.yx)
+        with np.errstate(all="ignore"):
+            return np.asarray(self.xx * self.yy - self.xy * self.yx)
 
     def solved(self, a: Floats, b: Floats) -> tuple[Floats, Floats]:
         """The step that changes the distorted points by a and b."""
@@ -250,18 +279,23 @@ class _Range:
         fold = np.inf
         if distortion.model == "kannala-brandt":
             theta = np.linspace(np.arctan(STEEPEST_RAY), np.pi, 1000)
-            shown = theta * np.polyval([*distortion.coefficients[::-1], 1.0], theta**2)
-            if (np.diff(shown) <= 0).any():
-                fold = float(shown[int(np.argmax(np.diff(shown) <= 0))])
+            with np.errstate(all="ignore"):
+                shown = theta * np.polyval([*distortion.coefficients[::-1], 1.0], theta**2)
+                folded = np.diff(shown) <= 0
+            if folded.any():
+                fold = float(shown[int(np.argmax(folded))])
         return cls(radii, distorted, fold)
 
 
 def _along(radii: Floats, distortion: Distortion) -> tuple[Floats, Floats]:
-    """Distorted radii, and whether the model is still sound there: it increases, without a pole."""
+    """Distorted radii, and whether the model is still sound there: it increases, without a pole.
+
+    At the first of the radii it is.
+    """
     with np.errstate(all="ignore"):
         f, slope = _radial(radii**2, distortion)
         distorted = f * radii
-        sound = (f + 2 * slope * radii**2 > 0) & (f > 0)
-    sound &= np.isfinite(distorted)
-    sound[1:] &= np.diff(distorted) > 0
+        sound = (f + 2 * slope * radii**2 > 0) & (f > 0) & np.isfinite(distorted)
+        sound[1:] &= np.diff(distorted) > 0
+    sound[0] = True  # also of coefficients that overflow
     return distorted, np.logical_and.accumulate(sound)
