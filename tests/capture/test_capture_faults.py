@@ -482,6 +482,11 @@ def test_transform_and_depth_camera_belong_together(tmp_path):
     [
         ((1.4, 1.0, 2.0), ("depth_noise.sigma_m' is implausible", "1.4 m", "not millimetres")),
         ((0.0, 1.0, 2.0), ("depth_noise.sigma_m' is not positive",)),
+        ((1e-300, 1.0, 2.0), ("depth_noise.sigma_m' is implausible", "1e-06 to 0.2 of at_m")),
+        ((1e-7, 1.0, 2.0), ("depth_noise.sigma_m' is implausible", "in metres")),
+        ((0.2, 1e300, 2.0), ("depth_noise.at_m' is implausible", "0.05 to 20 m")),
+        ((1.4, 1000.0, 2.0), ("depth_noise.at_m' is implausible", "1000 m", "in metres")),
+        ((1e-4, 0.01, 2.0), ("depth_noise.at_m' is implausible", "in metres")),
         ((np.nan, 1.0, 2.0), ("depth_noise.sigma_m' is not a number",)),
         ((0.001, -1.0, 2.0), ("depth_noise.at_m' is not positive", "metres")),
         ((0.001, 1.0, np.inf), ("depth_noise.growth' is not a number", "power of the depth")),

@@ -44,7 +44,9 @@ MOST_STRETCHED = 1.4
 _SOFT_SHARE, _SOFT_LEVELS = 0.05, 8
 # Largest values of sensors whose values were not stretched to 16 bit, and how often it is seen.
 _WHITE_LEVELS, _LEAST_WHITE = {1023: 10, 4095: 12, 16383: 14}, 3
-NOISIEST = 0.2  # standard deviation over depth
+# Standard deviation over depth: of the finest scanners, which are said to be right to a micrometre
+# at a metre, and of depth that says nothing of a shape.
+QUIETEST, NOISIEST = 1e-6, 0.2
 STEEPEST_GROWTH = 4.0
 # Why a depth value is none, in the order of the codes that the reader gives.
 HOLES = (
@@ -295,7 +297,7 @@ def check_noise(noise: SensorNoise, source: str) -> None:
     >>> check_noise(SensorNoise(sigma_m=1.4), "capture.toml")
     Traceback (most recent call last):
     rakelight.errors.CaptureError: capture.toml: key 'depth_noise.sigma_m' is implausible
-    (seen 1.4 m at 1 m, needed above 0, at most 0.2 of at_m). Fix: ...
+    (seen 1.4 m at 1 m, needed 1e-06 to 0.2 of at_m). Fix: give it in metres, not millimetres
     """
     for key, least in (("sigma_m", 0.0), ("at_m", 0.0), ("growth", -np.inf)):
         value = getattr(noise, key)
@@ -308,13 +310,24 @@ def check_noise(noise: SensorNoise, source: str) -> None:
                 needed="metres" if key != "growth" else "a power of the depth, 2 for most sensors",
                 remedy="take it from the sensor's data sheet, or leave the table away",
             )
-    if noise.sigma_m > NOISIEST * noise.at_m:
+    if not PLAUSIBLE_M[0] <= noise.at_m <= PLAUSIBLE_M[1]:
+        raise CaptureError(
+            "key 'depth_noise.at_m' is implausible",
+            source=source,
+            seen=f"{noise.at_m:g} m",
+            needed=f"{PLAUSIBLE_M[0]:g} to {PLAUSIBLE_M[1]:g} m",
+            remedy="give it in metres, and sigma_m too",
+        )
+    share = noise.sigma_m / noise.at_m
+    if not QUIETEST <= share <= NOISIEST:
         raise CaptureError(
             "key 'depth_noise.sigma_m' is implausible",
             source=source,
             seen=f"{noise.sigma_m:g} m at {noise.at_m:g} m",
-            needed=f"above 0, at most {NOISIEST:g} of at_m",
-            remedy="give it in metres, not millimetres",
+            needed=f"{QUIETEST:g} to {NOISIEST:g} of at_m",
+            remedy="give it in metres, not millimetres"
+            if share > NOISIEST
+            else "give it in metres, or leave the table away",
         )
     if not 0 <= noise.growth <= STEEPEST_GROWTH:
         raise CaptureError(
