@@ -504,8 +504,8 @@ class Capture:
         photographs : (N, H, W, 3) or (H, W, 3), red green blue: uint8, uint16, or floating point
             from 0 to 1, which is kept with 16 bits
         depth : (h, w) or (K, h, w) floating point, metres along the optical axis; 0, negative,
-            NaN, infinity, values beyond 20 m and a far one that many pixels share are no
-            measurement.  Several maps, repeats of one view, are averaged robustly
+            NaN, infinity, values below 0.1 mm, beyond 20 m and a far one that many pixels share are
+            no measurement.  Several maps, repeats of one view, are averaged robustly
         camera : the colour camera
         mask : (H, W) bool or numbers, non-zero = object; None cuts out the object nearest to the
             camera, and a finding says so

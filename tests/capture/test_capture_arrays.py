@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from rakelight.capture import write_capture
+from rakelight.capture.arrays import checked_capture
 from rakelight.errors import CaptureError, InputError, RakelightError
 from rakelight.model import Camera, RigidTransform, SensorNoise, Truth
 from rakelight.pipeline import refine
@@ -55,7 +56,7 @@ BAD = {
         ({"depth_m": np.full_like(GOOD.depth_m, np.nan)}, "almost no depth"),
         ({"depth_m": np.full_like(GOOD.depth_m, 600)}, "unit looks wrong"),
         ({"depth_m": np.zeros_like(GOOD.depth_m)}, "depth that none can be .seen 0 and"),
-        ({"depth_m": -GOOD.depth_m}, "seen -"),
+        ({"depth_m": -GOOD.depth_m}, r"seen -.*depth_m\[~\(\(depth_m >= 0\.0001\)"),
         ({"depth_m": np.full_like(GOOD.depth_m, np.inf)}, "seen inf"),
         ({"depth_m": GOOD.depth_m[:, :, 1:]}, "sizes do not fit"),
         ({"depth_m": GOOD.depth_m[:, :, 1:], "depth_camera": SIDE}, "depth camera"),
@@ -125,6 +126,15 @@ def test_what_is_no_capture(capture, tmp_path):
         with pytest.raises(InputError, match=r"this is no Capture .*Fix: load one with"):
             function(capture)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_depth_that_is_too_near_is_no_measurement():
+    depth_m = GOOD.depth_m.copy()
+    depth_m[:, :3] = 1e-6
+    expected = np.where(depth_m < 1e-4, np.nan, depth_m)
+    checked = checked_capture(replace(GOOD, depth_m=depth_m))
+    np.testing.assert_array_equal(checked.depth_m, expected)
+    assert depth_m[0, 0, 0] == np.float32(1e-6)  # the caller's stays
 
 
 def test_arrays_of_other_layouts_are_as_good():

@@ -222,6 +222,22 @@ def test_invalid_depth_is_a_hole_and_counted(folder):
     assert message.endswith("(values: 1 zero, 2 negative, 2 not finite)")
 
 
+@pytest.mark.parametrize("nothing", [1e-5, np.finfo(np.float32).eps, 1e-40])
+def test_what_is_too_near_for_any_sensor_is_a_hole(folder, nothing):
+    depth_m = np.full((12, 16), 0.6, np.float32)
+    depth_m[:7] = nothing  # also most of it
+    set_depth(folder, depth_m)
+    edit_config(folder, "depth_scale = 1000.0\n", "")
+    capture = load_capture(folder)
+    assert np.isnan(capture.depth_m[0, :7]).all()
+    assert (capture.depth_m[0, 7:] == depth_m[7:]).all()
+    (missing,) = [f.message for f in capture.findings if f.code == "depth-missing"]
+    assert "nearer than 0.0001 m" in missing
+    assert np.array_equal(load_depth(folder), capture.depth_m, equal_nan=True)
+    set_depth(folder, np.full((12, 16), 5e-5, np.float32))
+    refusal(folder, "depth", "the depth unit looks wrong", "median depth 5e-05 m")
+
+
 def test_the_largest_integer_is_no_measurement(folder):
     values = np.full((12, 16), 600, np.uint16)
     values[5, 5] = 65535

@@ -12,8 +12,8 @@ import numpy as np
 
 from rakelight.capture import validate
 from rakelight.capture.defaults import on_depth_grid
-from rakelight.capture.far_depth import has_far, mark_far
 from rakelight.capture.lights import checked_lights
+from rakelight.capture.no_distance import has_no_distances, mark_no_distances
 from rakelight.errors import CaptureError, check_is
 from rakelight.geometry.distortion import STEEPEST_RAY
 from rakelight.model import (
@@ -29,8 +29,6 @@ from rakelight.model import (
     Truth,
 )
 
-# Depth that any sensor could mean, metres; the least still has an inverse square.
-POSSIBLE_M = (1e-4, 1e6)
 MAKE_A_CAMERA = "rakelight.Camera.from_matrix(K, (height, width)) makes one"
 
 
@@ -98,9 +96,9 @@ def checked_arrays(capture: Capture) -> Capture:
 def checked_capture(capture: Capture) -> Capture:
     """As `checked_arrays`; and what the capture says is plausible, as `load_capture` has it.
 
-    Depth that is too far to be a distance is NaN in it.  Raises CaptureError for an empty mask,
-    depth that is not positive, hardly measured on the object or of several scenes, an implausible
-    unit, depth camera or noise.
+    Depth that is too near or too far to be a distance is NaN in it.  Raises CaptureError for an
+    empty mask, depth that is not positive, hardly measured on the object or of several scenes, an
+    implausible unit, depth camera or noise.
 
     >>> camera = Camera(8, 6, 10.0, 10.0, 3.5, 2.5)
     >>> checked_capture(Capture(np.zeros((3, 6, 8, 3), np.uint8), np.full((1, 6, 8), 600.0),
@@ -113,12 +111,12 @@ def checked_capture(capture: Capture) -> Capture:
     factor = check_sensor(capture)
     depth_m = capture.depth_m
     holes = np.where(np.isfinite(depth_m), 0, validate.HOLES.index("not finite")).astype(np.uint8)
-    far = has_far(depth_m)
-    if far:
+    marked = has_no_distances(depth_m)
+    if marked:
         capture = replace(capture, depth_m=depth_m.copy())
-        mark_far(capture.depth_m, holes)
+        mark_no_distances(capture.depth_m, holes)
     found = check_object(capture, factor, holes)
-    if not far:  # whoever made the capture has said the rest
+    if not marked:  # whoever made the capture has said the rest
         return capture
     missing = tuple(each for each in found if each.code == "depth-missing")
     return replace(capture, findings=(*capture.findings, *missing))
@@ -155,14 +153,16 @@ def check_object(
     """
     depth_m, mask = capture.depth_m, capture.mask
     findings = validate.check_mask(mask, "mask")
-    impossible = ~(np.isnan(depth_m) | ((depth_m >= POSSIBLE_M[0]) & (depth_m <= POSSIBLE_M[1])))
+    least_m, most_m = validate.POSSIBLE_M
+    impossible = ~(np.isnan(depth_m) | ((depth_m >= least_m) & (depth_m <= most_m)))
     if impossible.any():
         raise CaptureError(
             "depth that none can be",
             source="depth_m",
             seen=f"{depth_m[impossible][0]:g} and {np.count_nonzero(impossible) - 1} more",
-            needed=f"{POSSIBLE_M[0]:g} to {POSSIBLE_M[1]:g} m, or NaN for no measurement",
-            remedy="depth[~(depth > 0)] = np.nan",
+            needed=f"{least_m:g} to {most_m:g} m, or NaN for no measurement",
+            remedy="give metres, NaN for what is no distance: "
+            f"depth_m[~((depth_m >= {least_m:g}) & (depth_m <= {most_m:g}))] = np.nan",
         )
     on_object = on_depth_grid(mask, factor, depth_m.shape[1:])
     return findings + validate.check_depth(depth_m, holes, on_object, "depth_m", None, depth_names)

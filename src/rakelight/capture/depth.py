@@ -2,7 +2,7 @@
 
 One channel of PNG or TIFF.  16-bit integers need `depth_scale`; float is metres and admits no
 other `depth_scale` than 1.  Zero, negative, NaN, infinity, the largest integer (a sensor's "too
-far") and what rakelight.capture.far_depth finds are no measurement.
+far") and what rakelight.capture.no_distance finds are no measurement.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ import numpy as np
 
 from rakelight.capture import validate
 from rakelight.capture.config import CONFIG, CaptureTable
-from rakelight.capture.far_depth import mark_far
 from rakelight.capture.headers import Header
 from rakelight.capture.listing import Images, Root, allocate
+from rakelight.capture.no_distance import mark_no_distances
 from rakelight.errors import CaptureError
 from rakelight.files import in_threads
 from rakelight.model import Array, Camera, Floats, RigidTransform
@@ -157,7 +157,7 @@ def read_depth(depth: Images, depth_scale: float | None) -> tuple[Floats, Array]
         depth_m[index] = np.where(holes[index] > 0, np.float32(np.nan), metres)
 
     in_threads(read, range(len(depth.names)))
-    mark_far(depth_m, holes)
+    mark_no_distances(depth_m, holes)
     return depth_m, holes
 
 

@@ -23,8 +23,8 @@ from rakelight.capture.arrays import (
     require_plain,
 )
 from rakelight.capture.defaults import chosen_encoding, chosen_lighting, object_mask
-from rakelight.capture.far_depth import mark_far
 from rakelight.capture.listing import allocate
+from rakelight.capture.no_distance import mark_no_distances
 from rakelight.errors import CaptureError, InputError, check_is
 from rakelight.model import (
     Array,
@@ -263,7 +263,7 @@ def _depth(depth: Any) -> tuple[Floats, Array]:
     _refuse_negative(depth_m)
     depth_m[holes > 0] = np.nan
     holes = holes.astype(np.uint8)
-    mark_far(depth_m, holes)
+    mark_no_distances(depth_m, holes)
     return depth_m, holes
 
 

@@ -48,10 +48,12 @@ _WHITE_LEVELS, _LEAST_WHITE = {1023: 10, 4095: 12, 16383: 14}, 3
 # at a metre, and of depth that says nothing of a shape.
 QUIETEST, NOISIEST = 1e-6, 0.2
 STEEPEST_GROWTH = 4.0
+# Depth that any sensor could mean, metres; the least still has an inverse square.
+POSSIBLE_M = (1e-4, 1e6)
 # Why a depth value is none, in the order of the codes that the reader gives.
 HOLES = (
     "measured", "zero", "negative", "at the largest value", "not finite",
-    f"beyond {PLAUSIBLE_M[1]:g} m", "at one far value",
+    f"beyond {PLAUSIBLE_M[1]:g} m", "at one far value", f"nearer than {POSSIBLE_M[0]:g} m",
 )  # fmt: skip
 
 

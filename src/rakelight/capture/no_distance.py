@@ -1,10 +1,10 @@
-"""Depth values that say "too far" or "nothing" instead of a distance."""
+"""Depth values that say "too far", "too near" or "nothing" instead of a distance."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from rakelight.capture.validate import HOLES, PLAUSIBLE_M
+from rakelight.capture.validate import HOLES, PLAUSIBLE_M, POSSIBLE_M
 from rakelight.model import Array, Floats
 
 # Values that are exactly the largest one, from which on it is no distance but what a sensor or
@@ -17,20 +17,24 @@ FAR = 2.0
 _SAMPLE = 100_000
 
 
-def least_far_value(known_m: Floats) -> tuple[float, str] | None:
-    """The least of the values that can be no distance, and their kind of hole; None without any.
+def no_distances(known_m: Floats) -> tuple[float, float, str] | None:
+    """The least and the largest of the values that can be no distance, and the kind of hole.
 
     known_m : (V,) the measured values of a capture, metres
 
-    Of the farthest alone: without them others may be too far.
+    Those of one kind, and the farthest alone: without them others may be too far.  None without
+    any.
 
     >>> known_m = np.full(64, 0.6)
-    >>> least_far_value(known_m)
+    >>> no_distances(known_m)
     >>> known_m[:8] = 65.535
-    >>> least_far_value(known_m)
-    (65.535, 'beyond 20 m')
+    >>> no_distances(known_m)
+    (65.535, 65.535, 'beyond 20 m')
     """
+    least = float(known_m.min(initial=np.inf, where=known_m > 0))
     largest = float(known_m.max(initial=0))
+    if least < POSSIBLE_M[0] <= largest:
+        return least, float(np.nextafter(POSSIBLE_M[0], 0)), f"nearer than {POSSIBLE_M[0]:g} m"
     others = known_m[known_m < largest]
     if not others.size:
         return None
@@ -38,23 +42,26 @@ def least_far_value(known_m: Floats) -> tuple[float, str] | None:
     if middle > PLAUSIBLE_M[1]:
         return None
     if largest > PLAUSIBLE_M[1]:
-        return float(known_m[known_m > PLAUSIBLE_M[1]].min()), f"beyond {PLAUSIBLE_M[1]:g} m"
+        beyond = known_m[known_m > PLAUSIBLE_M[1]]
+        return float(beyond.min()), largest, f"beyond {PLAUSIBLE_M[1]:g} m"
     if largest > FAR * middle and known_m.size - others.size >= MANY:
-        return largest, "at one far value"
+        return largest, largest, "at one far value"
     return None
 
 
-def has_far(depth_m: Floats) -> bool:
+def has_no_distances(depth_m: Floats) -> bool:
     """Whether depth (K, h, w), metres, NaN = no measurement, has values that can be no distance."""
-    return least_far_value(depth_m[np.isfinite(depth_m)]) is not None
+    return no_distances(depth_m[np.isfinite(depth_m)]) is not None
 
 
-def mark_far(depth_m: Floats, holes: Array) -> None:
+def mark_no_distances(depth_m: Floats, holes: Array) -> None:
     """Make holes, in place, of values that can be no distance.
 
     depth_m : (K, h, w) metres, NaN = no measurement; holes : (K, h, w) indices into
     rakelight.capture.validate.HOLES
 
+    Values nearer than 0.1 mm, which programs write for nothing: 1e-6, the smallest step of floats.
+    Where all are they are not metres, and stay.
     Values beyond 20 m, and those that many pixels share where they are the largest and more than
     twice the median: 16-bit "too far" divided by 1000 is 65.535 m.  Where the median of the others
     is beyond 20 m the values are not metres, and all stay.
@@ -62,13 +69,13 @@ def mark_far(depth_m: Floats, holes: Array) -> None:
     >>> depth_m = np.full((1, 8, 8), 0.6, np.float32)
     >>> depth_m[0, 0], depth_m[0, 1, :4] = 65.535, 10.0
     >>> holes = np.zeros(depth_m.shape, np.uint8)
-    >>> mark_far(depth_m, holes)
+    >>> mark_no_distances(depth_m, holes)
     >>> [int((holes == HOLES.index(f"beyond {PLAUSIBLE_M[1]:g} m")).sum()), np.nanmax(depth_m)]
     [8, np.float32(10.0)]
     """
     known_m = depth_m[np.isfinite(depth_m)]
-    while (found := least_far_value(known_m)) is not None:
-        least, why = found
-        far = depth_m >= least
-        depth_m[far], holes[far] = np.nan, HOLES.index(why)
-        known_m = known_m[known_m < least]
+    while (found := no_distances(known_m)) is not None:
+        least, largest, why = found
+        these = (depth_m >= least) & (depth_m <= largest)
+        depth_m[these], holes[these] = np.nan, HOLES.index(why)
+        known_m = known_m[(known_m < least) | (known_m > largest)]
