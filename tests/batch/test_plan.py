@@ -45,6 +45,11 @@ def test_an_empty_list_is_refused(tmp_path, text):
         make_jobs([f"{tmp_path}/all.txt"])
 
 
+def test_an_empty_name_is_not_the_working_directory(tmp_path):
+    with pytest.raises(InputError, match="CAPTURE: the name is empty"):
+        make_jobs([str(tmp_path), ""])
+
+
 def test_a_capture_is_done_once_however_it_is_named(tmp_path, monkeypatch):
     (tmp_path / "coin").mkdir()
     (tmp_path / "link").symlink_to(tmp_path / "coin")

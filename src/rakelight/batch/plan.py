@@ -98,7 +98,17 @@ def _last_name(source: str) -> str:
 
 
 def _sources(text: str) -> Iterator[str]:
-    """The captures that one argument names: absolute paths without links, and URLs."""
+    """The captures that one argument names: absolute paths without links, and URLs.
+
+    Raises InputError for an empty one: that would be the working directory.
+    """
+    if not text:
+        raise InputError(
+            "the name is empty",
+            source="CAPTURE",
+            needed="a path, a pattern, a list or a URL",
+            remedy="look whether a variable that was to hold it is empty",
+        )
     if is_url(text):
         yield from matching_urls(text) if glob.has_magic(unquote(urlsplit(text).path)) else (text,)
     elif text.endswith(LIST_SUFFIX) and os.path.isfile(text):  # noqa: PTH113
