@@ -6,6 +6,7 @@ import pytest
 
 from rakelight.capture import load_capture
 from rakelight.capture.images import decode_image, encode_jpeg, encode_png, encode_tiff
+from rakelight.model import Capture
 from tests.capture.capture_builder import build, codes, small_capture
 from tests.capture.readers.test_photographs import fill
 
@@ -44,12 +45,33 @@ def test_a_soft_mask_is_told_of(tmp_path, values, soft):
     assert ("mask-soft" in [finding.code for finding in capture.findings]) == soft
 
 
-def test_a_mask_in_floating_point_is_no_soft_one(tmp_path):
+@pytest.mark.parametrize(("values", "soft"), [(BLURRED, True), (WHITE, False)])
+def test_a_soft_mask_in_floating_point_is_told_of_as_well(tmp_path, values, soft):
     fill(tmp_path)
-    (tmp_path / "mask.tiff").write_bytes(encode_tiff(BLURRED.astype(np.float32) / 255))
+    (tmp_path / "mask.tiff").write_bytes(encode_tiff(values.astype(np.float32) / 255))
     capture = load_capture(tmp_path)
-    assert np.array_equal(capture.mask, BLURRED > 0)
-    assert "mask-soft" not in [finding.code for finding in capture.findings]
+    assert np.array_equal(capture.mask, values > 0)
+    assert ("mask-soft" in [finding.code for finding in capture.findings]) == soft
+
+
+@pytest.mark.parametrize(
+    ("mask", "soft"),
+    [
+        (BLURRED, True),
+        (BLURRED / 255, True),
+        (BLURRED.astype(int), True),
+        (WHITE, False),
+        (MASK, False),
+        (MASK * 0.5, False),
+        (np.where(MASK, 1 + np.arange(MASK.size).reshape(MASK.shape) % 4, 0), False),
+        (BLURRED // 8, False),
+    ],
+    ids=["8 bit", "0 to 1", "int64", "sharp", "bool", "one half", "labels", "dark"],
+)
+def test_a_soft_mask_among_arrays_is_told_of(mask, soft):
+    given = small_capture()
+    capture = Capture.from_arrays(given.photographs, given.depth_m, given.camera, mask=mask)
+    assert ("mask-soft" in [finding.code for finding in capture.findings]) == soft
 
 
 @pytest.mark.parametrize("bits", [10, 12, 14, 15, 16])

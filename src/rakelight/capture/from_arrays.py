@@ -104,6 +104,7 @@ def capture_from_arrays(
             marked, found = object_mask(capture, "depth", remedy)
         else:
             marked = _mask(mask, camera.shape)
+            found = validate.soft_mask_findings(np.asarray(mask), marked, "mask")
         capture = replace(capture, mask=marked)
         object_findings = check_object(capture, factor, holes, depth_names)
         off_centre = validate.principal_point_finding(camera)

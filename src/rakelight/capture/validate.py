@@ -483,7 +483,8 @@ def check_mask(mask: Mask, source: str) -> tuple[Finding, ...]:
 def soft_mask_findings(values: Array, mask: Mask, source: str) -> tuple[Finding, ...]:
     """A warning where much of the object is of a mask's weak values: a soft edge, JPEG's noise.
 
-    values : (H, W) as stored, looked at where they are integers of 8 or 16 bit
+    values : (H, W) as stored; white is the largest of 8 or 16 bit, of other types the largest there
+        is
     mask : (H, W) True where they are not zero
     Labels, which have few values, are no soft edge.
 
@@ -491,12 +492,13 @@ def soft_mask_findings(values: Array, mask: Mask, source: str) -> tuple[Finding,
     >>> soft_mask_findings(edge, edge > 0, "mask.png")[0].code
     'mask-soft'
     """
-    if values.dtype not in (np.uint8, np.uint16):
+    if values.dtype == bool:
         return ()
-    top = int(values.max(initial=0))
+    top = float(values.max(initial=0))
+    white = np.iinfo(values.dtype).max if values.dtype in (np.uint8, np.uint16) else top
     weak = mask & (values < top / 2)
     share = weak.sum() / max(int(mask.sum()), 1)
-    if 2 * top < np.iinfo(values.dtype).max or share < _SOFT_SHARE:
+    if 2 * top < white or share < _SOFT_SHARE:
         return ()
     if len(np.unique(values[weak])) < _SOFT_LEVELS:
         return ()
