@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from math import inf
+from numbers import Real
 from pathlib import Path
 from threading import Event, Thread
 
@@ -32,12 +33,20 @@ def limit_memory(most: float) -> None:
 def limited_memory(limit: float | None) -> Iterator[None]:
     """What runs inside keeps to `limit` bytes for the whole process, beside what the system says.
 
-    None for no limit beside those that hold already.
+    None for no limit beside those that hold already.  Raises InputError for what is no limit.
 
     >>> with limited_memory(1e6):
     ...     available_memory()
     0.0
     """
+    if limit is not None and not (isinstance(limit, Real) and limit > 0):
+        raise InputError(
+            "not a limit of memory",
+            source="memory",
+            seen=str(limit)[:80],
+            needed="bytes, above 0",
+            remedy="4e9 for 4 GB, or leave it away",
+        )
     token = _limit.set(_limit.get() if limit is None else limit)
     try:
         yield

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from numbers import Integral
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 from rakelight.capture.readers import Wanted, find_reader
+from rakelight.errors import InputError
 from rakelight.memory import limited_memory
 from rakelight.model import Capture
 
@@ -38,7 +41,7 @@ def load_capture(
     CaptureError
         something is missing, damaged or contradicts itself; says which file and what to do
     InputError
-        there are not so many photographs
+        there are not so many photographs, or `photographs` or `memory` is no such thing
     MissingExtraError
         a library that this kind of source needs is not installed; says what installs it
     MachineError
@@ -51,6 +54,27 @@ def load_capture(
     rakelight.errors.CaptureError: no/such/folder: no such folder or file (needed ...
     """
     path = Path(os.fsdecode(source))
-    wanted = Wanted(None if photographs is None else tuple(photographs))
+    wanted = Wanted(None if photographs is None else _numbers(photographs))
     with limited_memory(memory):
         return find_reader(path).read(path, wanted).capture
+
+
+def _numbers(photographs: Any) -> tuple[int, ...]:
+    """The numbers of photographs, in their order; raises InputError for anything else.
+
+    >>> _numbers(range(2))
+    (0, 1)
+    >>> _numbers([True, False])
+    Traceback (most recent call last):
+    rakelight.errors.InputError: photographs: these are no numbers of photographs (seen [True, ...
+    """
+    numbers = tuple(photographs) if isinstance(photographs, Iterable) else (None,)
+    if not all(isinstance(each, Integral) and not isinstance(each, bool) for each in numbers):
+        raise InputError(
+            "these are no numbers of photographs",
+            source="photographs",
+            seen=str(photographs)[:80],
+            needed="whole numbers from 0",
+            remedy="[0, 2, 5] for the first, the third and the sixth",
+        )
+    return tuple(map(int, numbers))

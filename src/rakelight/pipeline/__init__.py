@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import asdict, replace
-from numbers import Real
 from time import perf_counter
 from typing import Any
 
@@ -81,8 +80,6 @@ def refine(
     if not callable(progress):
         raise InputError("progress is no function", seen=type(progress).__name__)
     chosen, options = _chosen(capture, method, options)
-    if memory is not None and not (isinstance(memory, Real) and memory > 0):
-        raise InputError("not a limit of memory", seen=str(memory), needed="bytes, above 0")
     with solving(capture), limited_memory(memory):
         result = _refined(capture, chosen, scale, options, progress)
     if not is_finite(result):

@@ -68,6 +68,24 @@ def test_photographs_depth_and_a_matrix(tmp_path, name):
         load_capture(tmp_path, photographs=[4])
 
 
+@pytest.mark.parametrize(
+    "photographs", [5, [True, False], [0.0, 1.0], "012", [None], np.array([True, False]), [np.nan]]
+)
+def test_what_is_no_number_of_a_photograph_is_refused(tmp_path, photographs):
+    fill(tmp_path)
+    with pytest.raises(InputError, match="photographs: these are no numbers of photographs"):
+        load_capture(tmp_path, photographs=photographs)
+    for numbers in (np.array([2, 0]), (np.int64(2), 0), iter([2, 0])):
+        assert load_capture(tmp_path, photographs=numbers).names == ("img11.png", "img9.png")
+
+
+@pytest.mark.parametrize("memory", ["4GB", 0, -1.0, np.nan])
+def test_what_is_no_limit_of_memory_is_refused(tmp_path, memory):
+    fill(tmp_path)
+    with pytest.raises(InputError, match=r"memory: not a limit of memory .*needed bytes, above 0"):
+        load_capture(tmp_path, memory=memory)
+
+
 def as_16_bit(depth_m):
     return np.nan_to_num(1000 * depth_m).astype(np.uint16)
 
