@@ -133,6 +133,7 @@ def test_distortion_does_not_change_with_the_image():
         ("kannala-brandt", (0, 0, 0, 0, 0), "seen 5, needed 4"),
         ("brown-conrady", (0, 0, np.nan, 0), "finite"),
         ("brown-conrady", (0, 0, "1", 0), "finite"),
+        ("brown-conrady", (0, 10**400, 0, 0), "finite"),
         ("brown-conrady", 3.0, "seen 1, needed"),
         ("brown-conrady", None, "finite"),
     ],

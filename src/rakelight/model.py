@@ -7,6 +7,7 @@ that face the camera (n_z < 0); pixel (u, v) = (column, row) with pixel centres 
 
 from __future__ import annotations
 
+import sys
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -35,6 +36,16 @@ BLACK = 0.004
 
 # Where a distant lamp stands among near ones, metres from the object.
 FARTHEST_M = 1e6
+
+
+def finite_number(value: object) -> bool:
+    """Whether it is a number that a float holds: no NaN, no bool, no integer of 400 digits.
+
+    >>> finite_number(3), finite_number(float("nan")), finite_number(10**400)
+    (True, False, False)
+    """
+    number = isinstance(value, Real) and not isinstance(value, bool)
+    return number and bool(abs(value) <= sys.float_info.max)  # type: ignore[arg-type]
 
 
 # How many coefficients a lens model has.
@@ -80,9 +91,7 @@ class Distortion:
             )
         given = self.coefficients
         numbers = tuple(given) if isinstance(given, (tuple, list, np.ndarray)) else (given,)
-        if not all(isinstance(k, Real) and not isinstance(k, bool) for k in numbers) or (
-            not np.isfinite(np.array(numbers, np.float64)).all()
-        ):
+        if not all(map(finite_number, numbers)):
             raise InputError(
                 "the coefficients of lens distortion are not finite numbers",
                 source="distortion",

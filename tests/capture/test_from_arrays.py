@@ -1,5 +1,6 @@
 """Capture.from_arrays: the same capture as from a folder, and what is said of bad arrays."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -172,6 +173,13 @@ def test_masks_of_any_number(mask):
     np.testing.assert_array_equal(made(mask=mask).mask, MASK)
 
 
+def test_a_matrix_is_a_depth_map():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PendingDeprecationWarning)
+        matrix = np.matrix(DEPTH[0])
+    np.testing.assert_array_equal(made(depth=matrix).depth_m, DEPTH[:1])
+
+
 def test_the_capture_has_copies():
     given = [np.array(array) for array in (PHOTOGRAPHS, DEPTH, MASK)]
     for array in given:
@@ -297,6 +305,8 @@ BAD = {
         "camera: the principal point lies outside the image .seen cx = 6",
     ),
     "camera NaN": ({"camera": replace(CAMERA, cx=np.nan)}, "cx is not a number"),
+    "camera beyond floats": ({"camera": replace(CAMERA, fx=10**400)}, "fx is not a number"),
+    "encoding array": ({"encoding": np.array(["linear", "srgb"])}, "an unknown encoding"),
     "encoding": ({"encoding": "gamma"}, "unknown encoding.*linear, srgb"),
     "lighting": ({"lighting": "lamp"}, "unknown lighting.*moving-lamp, rgb-leds, ambient"),
     "names": ({"names": ["a"]}, "none or 4"),
@@ -305,6 +315,13 @@ BAD = {
     "depth camera size": ({"depth_camera": SIDE.scaled(2)}, "the capture's depth camera"),
     "pose alone": ({"depth_to_color": POSE}, "without depth_camera"),
     "pose": ({"depth_camera": SIDE, "depth_to_color": np.eye(4)}, "no RigidTransform"),
+    "pose in float16": (
+        {
+            "depth_camera": SIDE,
+            "depth_to_color": RigidTransform(np.eye(3, dtype=np.float16), np.zeros(3)),
+        },
+        r"seen ndarray \(3, 3\) float16, needed a numpy\.ndarray \(3, 3\), float64",
+    ),
     "pose scaled": (
         {"depth_camera": SIDE, "depth_to_color": RigidTransform(2 * np.eye(3), np.zeros(3))},
         "not a rotation",

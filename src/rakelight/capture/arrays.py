@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
-from math import isfinite
 from numbers import Integral, Real
 from typing import Any, get_args
 
@@ -27,6 +26,7 @@ from rakelight.model import (
     RigidTransform,
     SensorNoise,
     Truth,
+    finite_number,
 )
 
 MAKE_A_CAMERA = "rakelight.Camera.from_matrix(K, (height, width)) makes one"
@@ -240,7 +240,7 @@ def _check_numbers(value: Any, source: str) -> None:
             continue
         number = getattr(value, field.name)
         kind = Integral if field.name in ("width", "height") else Real
-        if not isinstance(number, kind) or isinstance(number, bool) or not isfinite(number):
+        if not isinstance(number, kind) or not finite_number(number):
             raise CaptureError(
                 f"{field.name} is not a number",
                 source=source,
@@ -307,13 +307,16 @@ def _check_depth_camera(capture: Capture) -> None:
             )
         for name, shape in (("rotation", (3, 3)), ("translation_m", (3,))):
             array = getattr(pose, name)
-            numbers = isinstance(array, np.ndarray) and array.dtype.kind in "fiu"
+            numbers = isinstance(array, np.ndarray) and (
+                array.dtype in (np.float32, np.float64) or array.dtype.kind in "iu"
+            )
             if not numbers or array.shape != shape or not np.isfinite(array).all():
+                seen = [str(getattr(array, key, "")) for key in ("shape", "dtype")]
                 raise CaptureError(
                     f"{name} is not an array of finite numbers",
                     source="depth_to_color",
-                    seen=f"{type(array).__name__} {getattr(array, 'shape', '')}",
-                    needed=f"a numpy.ndarray {shape}",
+                    seen=" ".join([type(array).__name__, *seen]),
+                    needed=f"a numpy.ndarray {shape}, float64",
                     remedy="X_color = rotation @ X_depth + translation_m, metres",
                 )
     if noise is not None:
@@ -321,15 +324,8 @@ def _check_depth_camera(capture: Capture) -> None:
 
 
 def _check_words(capture: Capture, photographs: int) -> None:
-    for name, known in (("encoding", get_args(Encoding)), ("lighting", get_args(Lighting))):
-        if not isinstance(value := getattr(capture, name), str) or value not in known:
-            raise CaptureError(
-                f"an unknown {name}",
-                source=name,
-                seen=str(value)[:80],
-                needed=", ".join(known),
-                remedy=f'{name}="{known[0]}", say',
-            )
+    validate.check_word("encoding", capture.encoding, get_args(Encoding))
+    validate.check_word("lighting", capture.lighting, get_args(Lighting))
     for name, values, kind, count in (
         ("names", capture.names, str, photographs),
         ("findings", capture.findings, Finding, None),

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 import numpy as np
 
+from rakelight.capture.validate import check_word
 from rakelight.errors import CaptureError
 from rakelight.model import Capture, Encoding, Finding, Lighting, Mask
 from rakelight.prepare.sensor import SensorGrid
@@ -16,9 +19,13 @@ def chosen_encoding(
 
     kind : of their values: "8-bit" counts as sRGB, everything else as linear; remedy : for the note
 
+    Raises CaptureError for an unknown encoding.
+
     >>> chosen_encoding(None, "8-bit", "")[0], chosen_encoding(None, "16-bit", "")[0]
     ('srgb', 'linear')
     """
+    if given is not None:
+        check_word("encoding", given, get_args(Encoding))
     if given == "linear" and kind == "8-bit":
         message = "8-bit photographs are said to be linear; those of cameras and phones are srgb"
         remedy = "say srgb, unless these values are proportional to light"

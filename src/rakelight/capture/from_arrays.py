@@ -247,6 +247,7 @@ def _depth(depth: Any) -> tuple[Floats, Array]:
             needed="metres as float32 or float64",
             remedy="depth.astype(np.float32); float16 holds steps of half a millimetre at best",
         )
+    depth = np.asarray(depth)  # a matrix has two axes always
     maps = depth[None] if depth.ndim == 2 else depth
     if maps.ndim != 3 or 0 in maps.shape or (depth.ndim == 3 and depth.shape[-1] in (1, 3)):
         one = depth.ndim in (3, 4) and depth.shape[-1] == 1

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -55,6 +56,18 @@ HOLES = (
     "measured", "zero", "negative", "at the largest value", "not finite",
     f"beyond {PLAUSIBLE_M[1]:g} m", "at one far value", f"nearer than {POSSIBLE_M[0]:g} m",
 )  # fmt: skip
+
+
+def check_word(name: str, value: Any, known: Sequence[str]) -> None:
+    """Raise CaptureError unless the argument `name` is one of the known words."""
+    if not isinstance(value, str) or value not in known:
+        raise CaptureError(
+            f"an unknown {name}",
+            source=name,
+            seen=str(value)[:80],
+            needed=", ".join(known),
+            remedy=f'{name}="{known[0]}", say',
+        )
 
 
 def check_same_kind(headers: Mapping[str, Header], source: str) -> None:
