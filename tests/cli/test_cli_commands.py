@@ -396,6 +396,7 @@ def test_eval_refuses_what_does_not_belong_together(run, refused, capture, resul
     assert (ran.code, ran.out) == (2, "")
     assert ran.err.startswith("error: ")
     assert ran.err.count("\n") == 1
+    assert "made from another capture" in ran.err
     assert "(36, 48)" in ran.err
     assert "(72, 96)" in ran.err
     assert contents(tmp_path) == before

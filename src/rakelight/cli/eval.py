@@ -57,18 +57,18 @@ def command(
         refuse_input_as_output(result, maps, "result")
         require_free(maps, manifest=_MAPS, overwrite=overwrite)
     loaded, reference = load_result(result), load_truth(truth)
-    after = evaluate_maps(loaded.depth, loaded.normals, reference)
-    before = evaluate_depth(loaded.prepared_depth, loaded.camera, reference)
     made_from, source = loaded.capture.get("depth_checksum"), loaded.source
     # Results of earlier versions have none.
     if made_from is not None and made_from != checksum(load_depth(truth)):
         raise InputError(
             "this result was made from another capture",
             source=str(result),
-            seen=f"the depth maps of {source or 'another'}",
-            needed=f"those of {truth}",
+            seen=f"the depth maps of {source or 'another'}, size {loaded.depth.shape}",
+            needed=f"those of {truth}, size {reference.depth.shape}",
             remedy="name the capture that was refined, or refine this one again",
         )
+    after = evaluate_maps(loaded.depth, loaded.normals, reference)
+    before = evaluate_depth(loaded.prepared_depth, loaded.camera, reference)
     if maps is not None:
         kept = _write_maps(loaded.depth, loaded.normals, reference, maps, overwrite)
         if not quiet:
