@@ -62,6 +62,10 @@ def test_no_folder_or_a_file(tmp_path):
 def test_missing_parts(folder):
     shutil.rmtree(folder / "depth")
     refusal(folder, "", "no folder depth", "depth/000.png")
+    (folder / "depth").write_bytes(b"x")
+    line = refusal(folder, "depth", "not a folder", "seen a file", "depth/000.png")
+    assert line.endswith("put it into a folder depth, or move it away")
+    (folder / "depth").unlink()
     (folder / "depth").mkdir()
     refusal(folder, "depth", "no depth maps", "an empty folder")
     (folder / "depth" / "000.exr").write_bytes(b"v/1\x01")

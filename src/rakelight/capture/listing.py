@@ -131,8 +131,16 @@ def list_images(root: Root, name: str, what: str) -> Images:
 
 
 def _no_folder(root: Root, name: str, what: str) -> CaptureError:
-    """The error for a folder that is not there, which may have another name."""
+    """The error for a folder that is not there, which may have another name or be a file."""
     names = root.names()
+    if name in names:
+        return CaptureError(
+            "not a folder",
+            source=root.shown(name),
+            seen="a file",
+            needed=f"the {what} as {name}/000.png, {name}/001.png, …",
+            remedy=f"put it into a folder {name}, or move it away",
+        )
     capital = next((each for each in names if each.lower() == name), None)
     return CaptureError(
         f"no folder {name} in it",
