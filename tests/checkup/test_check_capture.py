@@ -10,8 +10,11 @@ import numpy as np
 import pytest
 
 from rakelight import check_capture, load_capture, refine
+from rakelight.check.depth_quality import depth_findings
+from rakelight.check.measured import Measured
 from rakelight.errors import CaptureError
 from rakelight.geometry.grid import area_mean
+from rakelight.model import RigidTransform
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 from tests.check.moved_captures import still_scene, with_depth_moved, with_photographs_moved
 from tests.check.wrong_captures import disparity, one_lamp, sound, with_background, with_photograph
@@ -198,6 +201,14 @@ def test_depth_of_another_place_is_not_usable():
     report = check_capture(with_depth_moved(still_scene(), 10, 0))
     assert report.findings[0].code == "depth-shifted"
     assert report.verdict == "not usable"
+
+
+def test_depth_beside_the_object_is_told_what_put_it_there(head):
+    h, w = head.depth_m.shape[1:]
+    beside = RigidTransform(np.eye(3), np.array([0.9, 0.0, 0.0]))
+    capture = replace(head, depth_camera=head.camera.resized(w, h), depth_to_color=beside)
+    with pytest.raises(CaptureError, match=r"seen \d+ depth pixels.*depth_to_color: they put the"):
+        depth_findings(Measured(capture))
 
 
 def test_mirrored_depth(head):

@@ -258,7 +258,7 @@ def test_a_mask_thinner_than_the_scales_pixels_is_refused():
 def test_no_depth_on_the_object(mask, count):
     depth = np.full((count, 24, 32), np.nan, np.float32)
     depth[:, 0, 0] = 0.8  # beside the object
-    with pytest.raises(CaptureError, match="no depth on the object"):
+    with pytest.raises(CaptureError, match=r"no depth on the object .seen 1 depth.*mask belong"):
         prepare(make_capture(2, mask=mask, depth_m=depth))
 
 

@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rakelight.check.measured import Measured
-from rakelight.errors import CaptureError
 from rakelight.geometry.grid import bounding_window
 from rakelight.model import Capture, Finding
 from rakelight.prepare.holes import hole_findings, within_reach
-from rakelight.prepare.sensor import SensorGrid, sensed
+from rakelight.prepare.sensor import SensorGrid, no_depth, sensed
 
 # Most depth maps that are looked at: their noise is right to a fifth.
 MOST_MAPS = 6
@@ -47,7 +46,7 @@ def depth_findings(measured: Measured) -> tuple[Finding, ...]:
     """What to say of the depth on the object; raises CaptureError where it has none."""
     found, holes = measured(depth_quality)
     if found is None:
-        raise CaptureError("no depth on the object", source=measured.capture.source)
+        raise no_depth(measured.capture)
     return (*_unit(found), *_many_holes(found), *holes)
 
 

@@ -32,7 +32,14 @@ from rakelight.prepare.denoise import bilateral
 from rakelight.prepare.holes import hole_findings, thin_finding, unseen, within_reach
 from rakelight.prepare.inpaint import inpaint
 from rakelight.prepare.linear import srgb, to_linear, usable
-from rakelight.prepare.sensor import SensorDepth, SensorGrid, check_sizes, sensed, sensor_shape
+from rakelight.prepare.sensor import (
+    SensorDepth,
+    SensorGrid,
+    check_sizes,
+    no_depth,
+    sensed,
+    sensor_shape,
+)
 from rakelight.prepare.surfaces import beside_the_object
 from rakelight.prepare.upsample import upsample
 from rakelight.scratch import release
@@ -221,7 +228,7 @@ def shrunk_view(capture: Capture, shrink: int) -> PreparedView:
         average, sensor_mask, grid.covered(mask), camera.resized(*grid.sensor[::-1])
     )
     if not measured.any():
-        raise CaptureError("no depth on the object", source=capture.source)
+        raise no_depth(capture)
     carried = within_reach(measured, sensor_mask)
     seen = mask & grid.nearest_upsample(carried)
     seen &= ~unseen(photographs, seen & ~grid.nearest_upsample(measured), round(grid.factor))

@@ -50,6 +50,29 @@ class SensorDepth:
         return at_centres(image, (self.row_edges, self.column_edges), shape)
 
 
+def no_depth(capture: Capture) -> CaptureError:
+    """The error for a capture whose depth lies beside its object, or has holes there.
+
+    >>> camera = Camera(2, 2, 2.0, 2.0, 0.5, 0.5)
+    >>> beside = np.array([[[np.nan, np.nan], [0.6, 0.6]]])
+    >>> raise no_depth(Capture(np.zeros((1, 2, 2, 3), np.uint8), beside, np.eye(2) > 0, camera))
+    Traceback (most recent call last):
+    rakelight.errors.CaptureError: no depth on the object (seen 2 depth pixels measured, none of
+    them on it, needed depth where the mask marks the object). Fix: check that depth and mask ...
+    """
+    count = int(np.isfinite(capture.depth_m).any(axis=0).sum())
+    remedy = "check that depth and mask belong together"
+    if capture.depth_camera is not None:
+        remedy += ", and depth_intrinsics and depth_to_color: they put the depth beside the object"
+    return CaptureError(
+        "no depth on the object",
+        source=capture.source,
+        seen=f"{count} depth pixels measured, none of them on it",
+        needed="depth where the mask marks the object",
+        remedy=remedy,
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class SensorGrid:
     """A sensor's pixels (hs, ws) over the same view as an image's (h, w).
