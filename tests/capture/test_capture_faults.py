@@ -9,6 +9,7 @@ import pytest
 
 from rakelight.capture import load_capture, load_depth, write_capture
 from rakelight.capture.images import encode_png, encode_tiff
+from rakelight.capture.one_scene import check_one_scene
 from rakelight.errors import CaptureError
 from rakelight.model import Camera, RigidTransform, SensorNoise
 from tests.capture.capture_builder import (
@@ -330,6 +331,11 @@ def test_a_depth_map_that_lies_differently_is_named(tmp_path, turn, count):
     (folder / "depth" / "001.png").write_bytes(encode_png(values))
     against = "the others" if count > 2 else "000.png"
     refusal(folder, "depth", f"001.png {turn} against {against}")
+
+
+def test_noise_on_few_pixels_is_no_turned_depth_map():
+    depth_m = np.random.default_rng(1).normal(0.6, 0.01, (6, 8))
+    check_one_scene(np.stack([depth_m, depth_m[::-1]]), np.ones((6, 8), bool), "depth")
 
 
 def test_depth_maps_differ_by_noise_drift_holes_and_flying_pixels(folder):
