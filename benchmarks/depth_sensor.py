@@ -18,10 +18,11 @@ from rakelight import load_capture
 from rakelight.geometry.grid import area_mean
 from rakelight.prepare.average import scatter
 from rakelight.prepare.flying import flying
-from rakelight.prepare.mask import cut_out
+from rakelight.prepare.mask import cut_out, nearest_object
 from rakelight.prepare.register import register, sensor_grid
 from tests.prepare.ray_traced import COLOUR, POSE, depth_of
 from tests.prepare.test_prepare_flying import CAMERA, SIGMA, wrong_by
+from tests.prepare.test_prepare_mask import flat_on_a_table
 from tests.prepare.test_prepare_register import DEPTH, jumps
 
 
@@ -46,6 +47,20 @@ def registration() -> None:
         off_mm = 1000 * np.abs(found - truth)[seen]
         figures = ", ".join(f"{np.quantile(off_mm, q):.3g}" for q in (0.5, 0.99, 1))
         print(f"registered at 1/{factor}: error median, 99 %, worst {figures} mm")
+
+
+def flat_objects() -> None:
+    """Of flat objects on a table, how much is found, by their width."""
+    for height_mm in (6, 8, 9, 10, 12, 15, 20):
+        overlaps = []
+        for wide_px in (40, 60, 80, 100, 120, 140):
+            margin = (160 - wide_px) // 2
+            beside = slice(margin, 160 - margin)
+            *sensed, truth = flat_on_a_table(slice(18, 102), beside, height_mm / 1000)
+            found = nearest_object(*sensed)
+            mask = np.ones_like(truth) if found is None else found.mask
+            overlaps.append((mask & truth).sum() / (mask | truth).sum())
+        print(f"flat, {height_mm} mm high: IoU " + ", ".join(f"{x:.2f}" for x in overlaps))
 
 
 def real_captures(folder: Path) -> None:
@@ -73,4 +88,5 @@ def real_captures(folder: Path) -> None:
 if __name__ == "__main__":
     flying_pixels()
     registration()
+    flat_objects()
     real_captures(Path(sys.argv[1] if len(sys.argv) > 1 else "../shared/captures"))

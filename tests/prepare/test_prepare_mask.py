@@ -12,7 +12,7 @@ from rakelight.errors import CaptureError
 from rakelight.geometry.camera import pixel_rays
 from rakelight.model import Camera, Capture, RigidTransform, SensorNoise
 from rakelight.prepare import prepare
-from rakelight.prepare.mask import cut_out
+from rakelight.prepare.mask import cut_out, nearest_object
 from rakelight.synthetic.implicit import Solid, seen_from, trace
 
 REAL = Path(__file__).parents[3] / "shared" / "captures"
@@ -201,6 +201,34 @@ def test_a_box_stands_out():
     mask, finding = cut(capture)
     assert overlap(mask, truth) > 0.98
     assert finding.severity == "note"
+
+
+def flat_on_a_table(rows, columns, height_m):
+    """A depth map, its noise and camera, and where an object with a flat top is."""
+    sensor = COLOUR.resized(160, 120)
+    truth = np.zeros(sensor.shape, bool)
+    truth[rows, columns] = True
+    depth = np.where(truth, 0.8 - height_m, 0.8)
+    sigma = SensorNoise().at(depth)
+    depth += sigma * np.random.default_rng(0).normal(size=depth.shape)
+    return depth, sigma, sensor, truth
+
+
+@pytest.mark.parametrize("height_m", [0.01, 0.0125])
+def test_a_flat_object_that_fills_half_of_the_image(height_m):
+    # A plane between its top and the table is within 5 mm and three deviations of both.
+    *sensed, truth = flat_on_a_table(slice(18, 102), slice(20, 140), height_m)
+    found = nearest_object(*sensed)
+    assert overlap(found.mask, truth) > 0.95
+    assert found.reasons == ()
+
+
+def test_a_flat_object_as_high_as_a_thing_at_the_frame():
+    depth, *sensed, truth = flat_on_a_table(slice(30, 90), slice(40, 120), 0.02)
+    depth[:16, :16] -= 0.02
+    found = nearest_object(depth, *sensed)
+    assert overlap(found.mask, truth) > 0.95
+    assert found.reasons == ()
 
 
 def test_holes_in_the_depth_are_the_objects_holes_in_the_object_are_not():

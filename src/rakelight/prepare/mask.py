@@ -23,8 +23,11 @@ REMEDY = (
 FRAME = 0.04
 # Of tables and walls: least fraction of the depth, least fraction of the frame, flatness in metres.
 PLANE_SHARE, PLANE_FRAME, FLAT_M = 0.08, 0.04, 0.005
-# Most planes; random trials for each (RANSAC), and points in the sample.
+# Most planes; random trials for each (MSAC), and points in the sample.
 PLANES, TRIALS, SAMPLE = 4, 300, 3000
+# Where a plane's squared distances are truncated, over what still lies on it: below sqrt(1/2) no
+# plane between a table and the top of an object, that far apart, fits better than the two.
+TRUNCATED = 0.5
 # Least fraction of the image's pixels of an object; exponent of nearness against size.
 SMALLEST, NEARNESS = 0.002, 6
 # Largest gap, pixels, between parts of one object; largest jump between them, over the object's
@@ -128,7 +131,8 @@ def nearest_object(depth_m: Floats, sigma_m: Floats, camera: Camera) -> Found | 
 def behind_planes(depth_m: Floats, sigma_m: Floats, camera: Camera, frame: Mask) -> Mask:
     """Which measurements (h, w) lie on, or behind, planes that reach the frame: tables, walls.
 
-    Inverse depth is linear in the image on a plane; planes are found by RANSAC.
+    Inverse depth is linear in the image on a plane; planes are found by MSAC (Torr & Zisserman
+    2000).
     """
     x, y = np.broadcast_arrays(*pixel_rays(camera))
     measured = np.isfinite(depth_m)
@@ -138,7 +142,6 @@ def behind_planes(depth_m: Floats, sigma_m: Floats, camera: Camera, frame: Mask)
     inverse = 1 / depth_m[measured]
     # What a deviation in depth is in inverse depth.
     allowed = (3 * sigma_m[measured] + FLAT_M) * inverse**2
-    at_frame = frame[measured]
     random = np.random.default_rng(0)
     left = np.ones(len(rows), dtype=bool)
     behind = np.zeros(len(rows), dtype=bool)
@@ -153,28 +156,48 @@ def behind_planes(depth_m: Floats, sigma_m: Floats, camera: Camera, frame: Mask)
         if on.sum() < PLANE_SHARE * len(rows):
             break
         left &= ~on
-        if (on & at_frame).sum() >= PLANE_FRAME * np.count_nonzero(frame):
+        if _reaches(_image(on, measured), frame):
             behind |= height <= allowed
             left &= ~behind
+    return _image(behind, measured)
+
+
+def _image(values: Mask, measured: Mask) -> Mask:
+    """Values of the measurements as an image (h, w), False where there is none."""
     image = np.zeros(measured.shape, dtype=bool)
-    image[measured] = behind
+    image[measured] = values
     return image
+
+
+def _reaches(plane: Mask, frame: Mask) -> bool:
+    """Whether the largest connected part of a plane's measurements (h, w) reaches the frame.
+
+    What lies at the frame as high as the top of an object makes no table of that.
+    """
+    from scipy.ndimage import label
+
+    parts, _ = label(plane)
+    largest = plane & (parts == np.argmax(np.bincount(parts[plane])))
+    return bool((largest & frame).sum() >= PLANE_FRAME * np.count_nonzero(frame))
 
 
 def _largest_plane(
     rows: Floats, inverse: Floats, allowed: Floats, random: np.random.Generator
 ) -> Floats | None:
-    """(3,) the plane that most of the points lie on."""
+    """(3,) the plane with the least sum of truncated squared distances (MSAC).
+
+    A count of the points within a distance would be largest for a plane tilted between two others.
+    """
     few = random.choice(len(rows), min(SAMPLE, len(rows)), replace=False)
     corners = random.choice(few, (TRIALS, 3))
     sound = np.abs(np.linalg.det(rows[corners])) > 1e-6
     if not sound.any():
         return None
     planes = np.linalg.solve(rows[corners[sound]], inverse[corners[sound]][..., None])[..., 0]
-    on = np.abs(planes @ rows[few].T - inverse[few]) <= allowed[few]
-    plane = planes[np.argmax(on.sum(axis=1))]
+    off = np.abs(planes @ rows[few].T - inverse[few]) / (TRUNCATED * allowed[few])
+    plane = planes[np.argmin(np.minimum(off**2, 1).sum(axis=1))]
     for _ in range(2):
-        on = np.abs(rows @ plane - inverse) <= allowed
+        on = np.abs(rows @ plane - inverse) <= TRUNCATED * allowed
         plane = np.linalg.lstsq(rows[on] / allowed[on, None], inverse[on] / allowed[on])[0]
     return np.asarray(plane)
 
