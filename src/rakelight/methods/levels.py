@@ -125,6 +125,11 @@ class Level:
         """(h, w, 3) points of the viewing rays at depth 1 metre."""
         return back_project(np.ones(self.mask.shape), self.camera)
 
+    @property
+    def radius_m(self) -> float:
+        """The object's radius about its middle, metres."""
+        return float(np.linalg.norm(self.points[self.mask], axis=-1).max())
+
     @cached_property
     def inner(self) -> Mask:
         """(h, w) the pixels that are linked to all four neighbours."""

@@ -18,6 +18,7 @@ def given():
     shape = CAMERA.shape
     light = np.concatenate([rng.normal(size=(3, 3)) - [0, 0, 2], np.full((3, 1), 0.1)], axis=1)
     usable = rng.random((*shape, 3)) < 0.8
+    light = light + 0.1 * rng.normal(size=(*shape, 3, 4))
     ratios = Ratios(rng.random((*shape, 3)), usable, NOISE, 0.1 + rng.random((*shape, 3)), light)
     normals = rng.normal(size=(*shape, 3)) - [0, 0, 2]
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
@@ -27,12 +28,12 @@ def given():
 def equations(ratios, normals):
     """q (h, w, 3) and variance (h, w) of every pair, NaN where a channel says nothing."""
     image, rho, light = ratios.image, ratios.albedo, ratios.light
-    shade = normals @ light[:, :3].T
-    says = ratios.usable & (shade > 0.05 * np.linalg.norm(light[:, :3], axis=1))
+    shade = np.einsum("hwk,hwck->hwc", normals, light[..., :3])
+    says = ratios.usable & (shade > 0.05 * np.linalg.norm(light[..., :3], axis=-1))
     for c, d in ((0, 1), (0, 2), (1, 2)):
-        own, other = (image[..., k] - rho[..., k] * light[k, 3] for k in (c, d))
-        q = (own * rho[..., d])[..., None] * light[d, :3]
-        q -= (other * rho[..., c])[..., None] * light[c, :3]
+        own, other = (image[..., k] - rho[..., k] * light[..., k, 3] for k in (c, d))
+        q = (own * rho[..., d])[..., None] * light[..., d, :3]
+        q -= (other * rho[..., c])[..., None] * light[..., c, :3]
         variance = (rho[..., d] * shade[..., d]) ** 2 + (rho[..., c] * shade[..., c]) ** 2
         variance = np.maximum(variance, 1e-4) * NOISE**2
         yield q, np.where(says[..., c] & says[..., d], variance, np.nan)

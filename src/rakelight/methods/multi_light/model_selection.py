@@ -250,12 +250,7 @@ def variation_of_distances(lights: LightParameters) -> float:
 
 def radius_over_distance(level: Level, lights: LightParameters) -> float:
     """The object's radius over the lights' median distance."""
-    return float(np.median(lights.inverse_distance)) * object_radius(level)
-
-
-def object_radius(level: Level) -> float:
-    """The object's radius about its middle, metres."""
-    return float(np.linalg.norm(level.points[level.mask], axis=-1).max())
+    return float(np.median(lights.inverse_distance)) * level.radius_m
 
 
 def with_near_lights(level: Level, fit: Fit) -> Fit:
@@ -264,7 +259,7 @@ def with_near_lights(level: Level, fit: Fit) -> Fit:
     Descents from infinity fail where fall-off makes most of a flat object's shading.
     """
     inverse_distance = np.full_like(
-        fit.lights.inverse_distance, FIRST_RADIUS_OVER_DISTANCE / object_radius(level)
+        fit.lights.inverse_distance, FIRST_RADIUS_OVER_DISTANCE / level.radius_m
     )
     lights = replace(fit.lights, inverse_distance=inverse_distance)
     distant, near = (replace(fit.model, near=each) for each in (False, True))

@@ -9,9 +9,10 @@ ratio of two channels c, d, which leaves an equation that is linear in the gradi
 
     (I_c - rho_c phi_c) rho_d l_d . m = (I_d - rho_d phi_d) rho_c l_c . m
 
-Beyond the paper: the albedo has a prior of the few colours that most objects have, and the weight
-of an equation depends on its residual around the pixel.  Where albedo is taken for shape or the
-reverse, neighbouring equations contradict each other, and the sensor's depth stays.
+Beyond the paper: lamps may be near (lights.py), the albedo has a prior of the few colours that most
+objects have, and the weight of an equation depends on its residual around the pixel.  Where albedo
+is taken for shape or the reverse, neighbouring equations contradict each other, and the sensor's
+depth stays.
 """
 
 from __future__ import annotations
@@ -36,13 +37,20 @@ from rakelight.methods.base import (
 )
 from rakelight.methods.levels import Level, first_photograph
 from rakelight.methods.rgb_ratio.findings import dark_channels, rgb_findings
+from rakelight.methods.rgb_ratio.lights import (
+    arriving_lights,
+    as_lights,
+    distance_step,
+    lights_step,
+    shading_by,
+)
 from rakelight.methods.rgb_ratio.ratios import Ratios
-from rakelight.model import MAD_TO_SIGMA, Floats, Lights, Mask, Progress, ProgressCallback
+from rakelight.model import MAD_TO_SIGMA, Floats, Mask, Progress, ProgressCallback
 from rakelight.photometry.color_modes import nearest_colors
-from rakelight.photometry.lighting import estimate_light
 from rakelight.photometry.piecewise_albedo import edge_weights, piecewise_smooth
 from rakelight.prepare import Prepared
 from rakelight.solve import Solution, assemble, solve
+from rakelight.solve.robust import NOTABLE
 
 # Least standard deviation of a value (white is 1): with less the ratios' weights would be absurd.
 SMALLEST_NOISE = 1e-2
@@ -58,8 +66,9 @@ DRIFT = 15.0
 SLOPE_WEIGHT = 0.01
 # Least shading and albedo, where both are divided by.
 LEAST_SHADING, LEAST_ALBEDO = 0.02, 0.01
-# Rounds of light and albedo before the first depth step.
-FIRST_ROUNDS = 2
+# Rounds of light and albedo before the first depth step; and of these and the lamps' distance: it
+# stays where the depth moves, which would take up what it is off by.
+FIRST_ROUNDS, DISTANCE_ROUNDS = 2, 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,55 +116,128 @@ class RgbRatio:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """What light, albedo and depth have come to.
+
+    log_depth : (h, w); albedo : (h, w, 3); light : (3, 4) at the object's middle, phi last
+    inverse_distance : of the lamps from there, 1/metre, 0 for distant ones
+    tensor : (h, w, 3) of the last equations of depth; energies : before each round, and at the end
+    moved : by the last round, root mean square, in the sensor's deviations; infinite without one
+    refused : whether the last round found no depth
+    """
+
+    log_depth: Floats
+    albedo: Floats
+    light: Floats
+    inverse_distance: float
+    tensor: Floats
+    energies: tuple[float, ...]
+    moved: float
+    refused: bool
+
+
 def rgb_ratio(prepared: Prepared, options: RgbRatio, progress: ProgressCallback) -> Estimate:
-    """Refine the prepared depth by the RGB ratio model (3.3), from the first photograph."""
-    level = first_photograph(prepared)
-    noise = noise_sigma(level.image, level.mask)
+    """Refine the prepared depth by the RGB ratio model (3.3), from the first photograph.
+
+    Under distant lamps, and under near ones, which are taken where the equations then fit notably
+    better: with paint of many colours their distance is uncertain.
+    """
+    level, mask = first_photograph(prepared), prepared.mask
+    # Two channels make one equation, which nothing can contradict: then the depth is kept.
+    rounds = 0 if dark_channels(level.image[mask]) else options.max_iterations
+    fit = alternated(level, prepared, options, rounds, progress)
+    if rounds and not fit.refused:
+        inverse_distance = found_distance(level, options)
+        if inverse_distance * level.radius_m > NOTABLE:
+            near = alternated(level, prepared, options, rounds, progress, inverse_distance)
+            if near.energies[-1] < (1 - NOTABLE) * fit.energies[-1]:
+                fit = near
+    _, length = level.normals(fit.log_depth)
+    confidence = photometric_confidence(fit.tensor, 1.0, length, prepared.camera, mask)
+    return Estimate(
+        log_depth=fit.log_depth,
+        albedo=np.where(mask[..., None], fit.albedo, 0.0),
+        confidence=np.where(has_gradient(level.links), confidence, 0.0),
+        lights=as_lights(level, fit.light, fit.inverse_distance),
+        energy=fit.energies,
+        converged=rounds == 0 or fit.moved <= options.tolerance,
+        findings=(
+            *((AMBIGUOUS,) if rounds else ()),
+            *first_only(prepared, "rgb-ratio"),
+            *rgb_findings(prepared, level.image[mask], fit.light),
+        ),
+    )
+
+
+def alternated(
+    level: Level, prepared: Prepared, options: RgbRatio, rounds: int, progress: ProgressCallback,
+    inverse_distance: float = 0.0,
+) -> Fit:  # fmt: skip
+    """Light, albedo and depth in turn, so many rounds at most.
+
+    inverse_distance : of the lamps, as in `arriving_lights`
+    """
+    mask, noise = level.mask, noise_sigma(level.image, level.mask)
     depth_weight = options.depth_weight or LEAST_WEIGHT
     most = options.depth_weight or MOST_WEIGHT
-    mask = prepared.mask
     log_depth = level.prior
     albedo: Floats = np.ones((*mask.shape, 3))
     light: Floats = np.tile([0.0, 0.0, -1.0, 0.0], (3, 1))
     tensor: Floats = np.zeros((*mask.shape, 3))
-    moved = np.inf
+    moved, refused = np.inf, False
     energies: list[float] = []
-    # Two channels make one equation, which nothing can contradict: then the depth is kept.
-    rounds = 0 if dark_channels(level.image[mask]) else options.max_iterations
     for done in range(rounds + 1):
-        normals, length = level.normals(log_depth)
+        normals, _ = level.normals(log_depth)
         depth_m = np.exp(log_depth)
         for again in range(1 if done else FIRST_ROUNDS):
-            light = lights_step(level, normals, albedo, light)
             first = done == again == 0
-            albedo, light = albedo_step(level, normals, depth_m, albedo, light, options, first)
-        equations = Ratios(level.image, level.shaded, noise, albedo, light)
+            albedo, light = light_and_albedo(
+                level, normals, depth_m, albedo, light, inverse_distance, options, first
+            )
+        arriving = arriving_lights(level, light, inverse_distance)
+        equations = Ratios(level.image, level.shaded, noise, albedo, arriving)
         energies.append(equations.energy(normals))
         if done == rounds or moved <= options.tolerance:
             break
-        progress(Progress("refine", done + 1, rounds, energies[-1]))
+        stage = "refine, near lamps" if inverse_distance else "refine"
+        progress(Progress(stage, done + 1, rounds, energies[-1]))
         found = weighed_depth(level, equations, depth_weight, most, log_depth, options.laplacian)
+        refused = found is None
         if found is None:
-            break  # refused: the depth stays, and has not come to rest
+            break  # the depth stays, and has not come to rest
         before = log_depth
         log_depth, tensor, depth_weight = found
         step = (log_depth - before) * prepared.depth_m / prepared.sigma_m
         moved = float(np.sqrt(np.mean(step[mask] ** 2)))
-    _, length = level.normals(log_depth)
-    confidence = photometric_confidence(tensor, 1.0, length, prepared.camera, mask)
-    return Estimate(
-        log_depth=log_depth,
-        albedo=np.where(mask[..., None], albedo, 0.0),
-        confidence=np.where(has_gradient(level.links), confidence, 0.0),
-        lights=Lights(light[None, :, :3], light[None, :, 3]),
-        energy=tuple(energies),
-        converged=rounds == 0 or moved <= options.tolerance,
-        findings=(
-            *((AMBIGUOUS,) if rounds else ()),
-            *first_only(prepared, "rgb-ratio"),
-            *rgb_findings(prepared, level.image[mask], light),
-        ),
-    )
+    return Fit(
+        log_depth, albedo, light, inverse_distance, tensor, tuple(energies), moved, refused
+    )  # fmt: skip
+
+
+def found_distance(level: Level, options: RgbRatio) -> float:
+    """The lamps' inverse distance, 1/metre, found with light and albedo by the prepared depth."""
+    depth_m, (normals, _) = np.exp(level.prior), level.normals(level.prior)
+    albedo: Floats = np.ones((*level.mask.shape, 3))
+    light: Floats = np.tile([0.0, 0.0, -1.0, 0.0], (3, 1))
+    found = 0.0
+    for again in range(DISTANCE_ROUNDS):
+        albedo, light = light_and_albedo(
+            level, normals, depth_m, albedo, light, found, options, again == 0
+        )
+        found = distance_step(level, normals, albedo, light, found)
+    return found
+
+
+def light_and_albedo(
+    level: Level, normals: Floats, depth_m: Floats, albedo: Floats, light: Floats,
+    inverse_distance: float, options: RgbRatio, first: bool,
+) -> tuple[Floats, Floats]:  # fmt: skip
+    """Steps 1 and 2: albedo (h, w, 3) and light (3, 4), n fixed."""
+    light = lights_step(level, normals, albedo, light, inverse_distance)
+    shading = shading_by(arriving_lights(level, light, inverse_distance), normals)
+    albedo, gain = albedo_step(level, shading, depth_m, albedo, options, first)
+    return albedo, light * gain[:, None]
 
 
 def noise_sigma(image: Floats, mask: Mask) -> float:
@@ -169,33 +251,18 @@ def noise_sigma(image: Floats, mask: Mask) -> float:
     return max(noise, SMALLEST_NOISE)
 
 
-def lights_step(level: Level, normals: Floats, albedo: Floats, before: Floats) -> Floats:
-    """1. Each channel's light (3, 4), rho and n fixed."""
-    seen = has_gradient(level.links)
-    normals, image, rho = normals[seen], level.image[seen], albedo[seen]
-    weight = level.shaded[seen].astype(np.float64)
-    return np.array(
-        [
-            estimate_light(
-                image[:, c, None], weight[:, c, None], rho[:, c, None], normals, light[:3]
-            )
-            for c, light in enumerate(before)
-        ]
-    )
-
-
 def albedo_step(
-    level: Level, normals: Floats, depth_m: Floats, albedo: Floats, light: Floats,
-    options: RgbRatio, first: bool,
-) -> tuple[Floats, Floats]:  # fmt: skip
-    """2. The albedo (h, w, 3), light and n fixed; scaled so that every 99th percentile is 1.
+    level: Level, shading: Floats, depth_m: Floats, albedo: Floats, options: RgbRatio, first: bool
+) -> tuple[Floats, Floats]:
+    """2. The albedo (h, w, 3), light and n fixed; (3,) what its 99th percentiles were, now 1.
 
+    shading : (h, w, 3) of the light and n
     Edges and colours are those of the albedo before; at first, of the photograph over its shading.
     """
     from scipy.ndimage import gaussian_filter
 
     mask = level.mask
-    shading = np.maximum(np.maximum(normals @ light[:, :3].T, 0) + light[:, 3], LEAST_SHADING)
+    shading = np.maximum(shading, LEAST_SHADING)
     weight = np.where(level.shaded, shading**2, 0.0)
     target = level.image / shading
 
@@ -217,7 +284,7 @@ def albedo_step(
         )
         albedo = smoothed(albedo, target, total)
     gain = np.array([brightest(albedo[mask, c]) for c in range(3)])
-    return albedo / gain, light * gain[:, None]
+    return albedo / gain, gain
 
 
 def weighed_depth(

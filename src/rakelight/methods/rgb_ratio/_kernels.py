@@ -32,12 +32,13 @@ def ratio_squares(first_row, last_row, image, usable, albedo, light, noise, norm
     for row in range(first_row, last_row):
         shade = np.empty(3)
         for column in range(width):
-            seen(light, usable[row, column], normals[row, column], shade)
+            s = light[row, column]
+            seen(s, usable[row, column], normals[row, column], shade)
             rho, I = albedo[row, column], image[row, column]  # noqa: E741
             for pair in range(3):
                 c, d = pair // 2, 2 - (2 - pair) // 2
                 one, other = rho[d] * shade[d], rho[c] * shade[c]
-                q_n = (I[c] - rho[c] * light[c, 3]) * one - (I[d] - rho[d] * light[d, 3]) * other
+                q_n = (I[c] - rho[c] * s[c, 3]) * one - (I[d] - rho[d] * s[d, 3]) * other
                 variance = max(one * one + other * other, DIMMEST) * noise * noise
                 out[row, column, pair] = q_n * q_n / variance
 
@@ -56,11 +57,12 @@ def ratio_terms(
     for row in range(first_row, last_row):
         shade, along_u, along_v = np.empty(3), np.empty(3), np.empty(3)
         for column in range(width):
-            seen(light, usable[row, column], normals[row, column], shade)
+            s = light[row, column]
+            seen(s, usable[row, column], normals[row, column], shade)
             rho, I = albedo[row, column], image[row, column]  # noqa: E741
             for c in range(3):
-                along_u[c] = fx * light[c, 0] - (column - cx) * light[c, 2]
-                along_v[c] = fy * light[c, 1] - (row - cy) * light[c, 2]
+                along_u[c] = fx * s[c, 0] - (column - cx) * s[c, 2]
+                along_v[c] = fy * s[c, 1] - (row - cy) * s[c, 2]
             for pair in range(3):
                 c, d = pair // 2, 2 - (2 - pair) // 2
                 one, other = rho[d] * shade[d], rho[c] * shade[c]
@@ -68,15 +70,15 @@ def ratio_terms(
                 if not np.isfinite(variance):
                     continue
                 variance *= variance_factor[row, column]
-                first = (I[c] - rho[c] * light[c, 3]) * rho[d]
-                second = (I[d] - rho[d] * light[d, 3]) * rho[c]
+                first = (I[c] - rho[c] * s[c, 3]) * rho[d]
+                second = (I[d] - rho[d] * s[d, 3]) * rho[c]
                 q_n = first * shade[d] - second * shade[c]
                 weight = PAIR_SHARE / (variance * length[row, column] ** 2)
                 if cauchy > 0.0:
                     weight /= 1.0 + q_n * q_n / (variance * cauchy * cauchy)
                 j_u = first * along_u[d] - second * along_u[c]
                 j_v = first * along_v[d] - second * along_v[c]
-                q_z = first * light[d, 2] - second * light[c, 2]
+                q_z = first * s[d, 2] - second * s[c, 2]
                 tensor[row, column, 0] += weight * j_u * j_u
                 tensor[row, column, 1] += weight * j_u * j_v
                 tensor[row, column, 2] += weight * j_v * j_v

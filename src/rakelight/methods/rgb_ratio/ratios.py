@@ -27,7 +27,8 @@ class Ratios:
     """The equations of all pairs of channels, red-green, red-blue and green-blue.
 
     image : (h, w, 3) linear light; usable : (h, w, 3) which values depend on a normal
-    noise : of the image's values; albedo : (h, w, 3); light : (3, 4), phi last
+    noise : of the image's values; albedo : (h, w, 3)
+    light : (h, w, 3, 4) that arrives at each pixel, phi last
     """
 
     image: Floats
