@@ -34,6 +34,7 @@ from rakelight.methods import load_method
 from rakelight.model import Capture, silent
 from rakelight.pipeline.guarded import surface
 from rakelight.pipeline.held_back import predict
+from rakelight.pipeline.inside_out import refuse_inverted
 from rakelight.prepare import prepare
 from rakelight.solve.robust import NOTABLE
 from rakelight.synthetic import Draw, draw, render_draw
@@ -102,9 +103,12 @@ WRONG: dict[str, tuple[str, Change]] = {
 
 
 def verdict(check: str, capture: Capture) -> str:
-    """What a check says."""
+    """What a check says, after the photographs were asked about depth inside out."""
+    measured = Measured(capture)
     try:
-        return "warned" if CHECKS[check](Measured(capture)) else "silent"
+        found = CHECKS[check](measured)
+        refuse_inverted(measured, found)
+        return "warned" if found else "silent"
     except RakelightError:
         return "refused"
 

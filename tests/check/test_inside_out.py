@@ -6,17 +6,19 @@ import pytest
 from rakelight.check.evidence import LIKELY, SURELY
 from rakelight.check.inside_out import inside_out, outline_of
 from rakelight.check.measured import Measured
-from rakelight.errors import CaptureError
 from tests.check.wrong_captures import SOLIDS, disparity, flat_depth, sound, with_background
 
 
 @pytest.mark.parametrize("shape", SOLIDS)
-def test_disparity_before_a_background_is_refused_and_depth_is_not(shape):
+def test_disparity_before_a_background_is_suspicious_and_depth_is_not(shape):
     capture = with_background(sound(shape)[0], 0.3)
     assert inside_out(Measured(capture)) == ()
-    with pytest.raises(CaptureError, match="inside out") as error:
-        inside_out(Measured(disparity(capture)))
-    assert "disparity" in error.value.remedy
+    (finding,) = inside_out(Measured(disparity(capture)))
+    assert "what lies beyond is nearer" in finding.message
+    assert "disparity" in finding.remedy
+    outline = outline_of(disparity(capture))
+    assert outline.falls_and_jumps
+    assert outline.deeper_than_wide
 
 
 @pytest.mark.parametrize("shape", SOLIDS)
@@ -46,7 +48,7 @@ def test_a_hollow_before_a_background_is_sound():
     assert inside_out(Measured(with_background(mould, 0.4))) == ()
 
 
-def test_a_hollow_in_a_block_is_never_refused():
+def test_a_hollow_in_a_block_has_no_side_wall():
     # The block's surface begins where the hollow ends: nearer than the border inside, no jump.
     mould = disparity(sound("head")[0])
     depth = mould.depth_m
@@ -55,6 +57,7 @@ def test_a_hollow_in_a_block_is_never_refused():
     outline = outline_of(replace(mould, depth_m=block))
     assert outline.falls > SURELY
     assert outline.nearer > LIKELY
+    assert not outline.falls_and_jumps
     (finding,) = inside_out(Measured(replace(mould, depth_m=block)))
     assert finding.severity == "warning"
 

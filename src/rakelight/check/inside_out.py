@@ -3,9 +3,9 @@
 Photographs do not distinguish relief from its mirror image in depth (the bas-relief ambiguity), but
 the object's surroundings do: an object stands before its background, and a solid one turns away
 from the camera towards its outline.  An object that is a hollow itself turns towards the camera
-there, so without surroundings nothing tells one from inverted depth: that is a warning, never a
-refusal.  Where depth falls towards the outline and what lies beyond is nearer by a jump, it is
-inverted: a hollow's rim is its surroundings, and what stands in a frame is no hollow.
+there, and one with a side wall, a bowl sunk in a table or a niche, has surroundings that are nearer
+by a jump.  So the outline alone raises a suspicion, a warning; what the photographs say of it
+settles that (`pipeline.inside_out`).  What stands in a frame is no hollow.
 
 Both figures are taken from sectors around the object.  Errors of the depth are correlated over much
 of a sector and little between sectors, so these give the variance of their mean; see `evidence`.
@@ -19,7 +19,6 @@ import numpy as np
 
 from rakelight.check.evidence import LIKELY, PRIOR, SURELY, log_likelihood_ratio
 from rakelight.check.measured import Measured
-from rakelight.errors import CaptureError
 from rakelight.geometry.blur import blurred
 from rakelight.model import Array, Capture, Finding, Floats, Mask
 from rakelight.prepare.sensor import SensorGrid, sensed
@@ -43,12 +42,15 @@ LIKELY_WHERE_IT_FALLS = float(np.log(HOLLOW / PRIOR))
 # Where no background decides, the median slope (metres of depth per metre across) has to be as
 # steep as that of solid objects: rims of low relief are less so.
 STEEP = -0.25
+# Depth of a hole over its width beyond which it is taken for inverted depth unless the photographs
+# deny it: a lamp 45 degrees off the camera's axis does not reach its bottom.
+DEEPEST = 1.0
 # Least share of each of the image's sides that a mask of the background takes; where an object
 # stands on one, it has less of it than the background.
 MOST_OF_SIDE = 0.5
 REMEDY = (
     "turn disparity d into depth, focal length * baseline / d; if the object is a hollow, let the "
-    "depth maps go on beyond the mask"
+    "depth maps go on beyond the mask, or hold the lamp nearer"
 )
 
 
@@ -77,31 +79,32 @@ class Outline:
         return log_likelihood_ratio(-self.behind)
 
     @property
-    def jumps_nearer(self) -> float:
-        """Evidence that it is nearer by more than the object's own slope makes up for.
+    def jumps(self) -> Floats:
+        """(K,) how much nearer it is than the object's own slope makes it, in the same units."""
+        return np.minimum(self.slope, 0) - self.behind
 
-        The rim of a hollow is its surroundings, without a jump.
-        """
-        return log_likelihood_ratio(np.minimum(self.slope, 0) - self.behind)
+    @property
+    def falls_and_jumps(self) -> bool:
+        """Whether depth falls and jumps nearer for sure: a recess with a side wall, or inverted."""
+        return min(self.falls, log_likelihood_ratio(self.jumps)) >= SURELY
+
+    @property
+    def deeper_than_wide(self) -> bool:
+        """Whether the jump is larger than the object is wide: hardly a recess that is lit."""
+        return self.falls_and_jumps and BORDER * float(np.nanmedian(self.jumps)) > DEEPEST
 
 
 def inside_out(measured: Measured) -> tuple[Finding, ...]:
-    """A warning where the depth may be inside out.
-
-    Raises CaptureError where the outline and what lies beyond say so beyond doubt.
-    """
-    capture = measured.capture
+    """A warning where the depth may be inside out."""
     outline = measured(outline_of)
     if outline is None or outline.falls < LIKELY:
         return ()
-    if holds_the_frame(capture.mask) and outline.nearer >= LIKELY:
+    if holds_the_frame(measured.capture.mask) and outline.nearer >= LIKELY:
         return ()  # the mask may be inverted; see `inverted_mask`
     seen = f"depth falls towards the outline on {outline.falling:.0%} of it"
     if outline.nearer >= LIKELY_WHERE_IT_FALLS:
-        what = "the depth seems to be inside out: disparity taken for depth?"
+        what = "the object is sunk in what surrounds it, or its depth inside out: disparity?"
         seen += ", and what lies beyond is nearer"
-        if min(outline.falls, outline.jumps_nearer) >= SURELY:
-            raise CaptureError(what, source=capture.source, seen=seen, remedy=REMEDY)
     elif outline.nearer > -LIKELY and np.median(outline.slope) <= STEEP:
         what = "the object is a hollow, or its depth inside out: disparity taken for depth?"
     else:

@@ -26,6 +26,7 @@ from rakelight.errors import CaptureError, InputError
 from rakelight.methods import choose_method, load_method
 from rakelight.model import Capture, Finding
 from rakelight.pipeline import pose_corrected
+from rakelight.pipeline.inside_out import refuse_inverted
 from rakelight.prepare.undistort import undistorted
 
 # Findings beside which no accuracy is foretold: the method's expected errors know nothing of them.
@@ -58,6 +59,8 @@ def check_capture(capture: Capture) -> CheckReport:
         checked = beside.submit(_checked, measured)
         quick = quickly_refined(capture)
         found, refusal = checked.result()
+    if refusal is None:
+        found, refusal = _refused_inverted(measured, found)
     if refusal is None:
         refusal, found = quick.refusal, (*found, *quick.findings)
     findings = ordered((*capture.findings, *found))
@@ -98,6 +101,18 @@ def _checked(measured: Measured) -> tuple[tuple[Finding, ...], InputError | None
             findings.append(refused_finding(code, error))
             refusal = refusal or error
     return tuple(findings), refusal
+
+
+def _refused_inverted(
+    measured: Measured, findings: tuple[Finding, ...]
+) -> tuple[tuple[Finding, ...], InputError | None]:
+    """As of `_checked`, after the photographs were asked about depth inside out."""
+    try:
+        refuse_inverted(measured, findings)
+        return findings, None
+    except CaptureError as error:
+        others = (each for each in findings if each.code != "depth-inside-out")
+        return (refused_finding("depth-inside-out", error), *others), error
 
 
 def _names(capture: Capture) -> tuple[str, ...]:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from rakelight.check.depth_quality import some_maps
 from rakelight.check.next_lights import (
     NextLight,
     low_light_findings,
@@ -24,16 +23,10 @@ from rakelight.methods.base import UNDETERMINED_RAD, Estimate
 from rakelight.methods.multi_light import MultiLight
 from rakelight.model import Capture, Finding, Floats
 from rakelight.pipeline import solving
+from rakelight.pipeline.brief import BRIEF, at_low_resolution
 from rakelight.pipeline.guarded import estimated, surface
 from rakelight.prepare import Prepared, prepare
-from rakelight.prepare.reduced import reduced
 
-# Most pixels of the object, about.  The mitten's expected depth error is 0.49 mm at 9,100 pixels,
-# 0.32 at 37,000, 0.38 at all 149,000; uw-owl takes 1.9 s at 2,800 pixels and 2.6 s at 11,600.
-MOST_PIXELS = 12_000
-# multi-light, ended early: of the mitten it takes 0.8 s instead of 1.9 at the same pixels, and its
-# expected errors, 0.48 mm and 12.6 degrees, are then 30 and 8 % larger.
-BRIEF = MultiLight(coarse_pixels=1000, tolerance=0.05, max_iterations=4)
 # The error that two thirds of the pixels are within, over the median expected one at low
 # resolution: its 10th and 90th percentile on random captures 720 to 789.  Of 790 to 839, which
 # were not looked at before, 41 of 49 errors of depth lie within, and 36 of normals
@@ -76,7 +69,7 @@ def quickly_refined(capture: Capture) -> Quick:
     method = load_method(choose_method(capture))
     options = quick_options(method)
     try:
-        prepared = prepare(reduced(some_maps(capture), MOST_PIXELS))
+        prepared = prepare(at_low_resolution(capture))
         with solving(capture):
             used, estimate = estimated(method, prepared, options)
     except InputError as error:

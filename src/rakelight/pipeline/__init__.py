@@ -39,6 +39,7 @@ from rakelight.model import (
     silent,
 )
 from rakelight.pipeline.guarded import estimated, surface
+from rakelight.pipeline.inside_out import refuse_inverted
 from rakelight.pipeline.lower_resolution import REMEDY
 from rakelight.pipeline.prediction import prediction_errors
 from rakelight.pipeline.saturated_albedo import bounded_albedo
@@ -251,7 +252,7 @@ def _maps(
 def checks_beside(capture: Capture) -> Iterator[list[Finding]]:
     """What the checks of a capture find, once the block has ended, beside which they run.
 
-    Most of the preparation runs on one core.
+    Most of the preparation runs on one core.  The photographs are asked after it, by kernels.
     """
     found: list[Finding] = []
     measured = Measured(capture)
@@ -260,7 +261,9 @@ def checks_beside(capture: Capture) -> Iterator[list[Finding]]:
             lambda: [each for check in checks(in_refine=True) for each in check(measured)]
         )
         yield found
-        found += checked.result()
+        said = checked.result()
+    refuse_inverted(measured, said)
+    found += said
 
 
 def _embedded(prepared: Prepared, sigma: Floats | None) -> Floats | None:
