@@ -4,8 +4,8 @@ Photographs do not distinguish relief from its mirror image in depth (the bas-re
 the object's surroundings do: an object stands before its background, and a solid one turns away
 from the camera towards its outline.  An object that is a hollow itself turns towards the camera
 there, and one with a side wall, a bowl sunk in a table or a niche, has surroundings that are nearer
-by a jump.  So the outline alone raises a suspicion, a warning; what the photographs say of it
-settles that (`pipeline.inside_out`).  What stands in a frame is no hollow.
+by a jump.  So the outline alone gives a warning; whether the depth is refused is for the
+photographs to say (`pipeline.inside_out`).  What stands in a frame is no hollow.
 
 Both figures are taken from sectors around the object.  Errors of the depth are correlated over much
 of a sector and little between sectors, so these give the variance of their mean; see `evidence`.
@@ -91,7 +91,7 @@ class Outline:
     @property
     def deeper_than_wide(self) -> bool:
         """Whether the jump is larger than the object is wide: hardly a recess that is lit."""
-        return self.falls_and_jumps and BORDER * float(np.nanmedian(self.jumps)) > DEEPEST
+        return BORDER * float(np.nanmedian(self.jumps)) > DEEPEST
 
 
 def inside_out(measured: Measured) -> tuple[Finding, ...]:
@@ -103,7 +103,7 @@ def inside_out(measured: Measured) -> tuple[Finding, ...]:
         return ()  # the mask may be inverted; see `inverted_mask`
     seen = f"depth falls towards the outline on {outline.falling:.0%} of it"
     if outline.nearer >= LIKELY_WHERE_IT_FALLS:
-        what = "the object is sunk in what surrounds it, or its depth inside out: disparity?"
+        what = "the object is sunk in its surroundings, or its depth inside out: disparity?"
         seen += ", and what lies beyond is nearer"
     elif outline.nearer > -LIKELY and np.median(outline.slope) <= STEEP:
         what = "the object is a hollow, or its depth inside out: disparity taken for depth?"

@@ -252,7 +252,8 @@ def _maps(
 def checks_beside(capture: Capture) -> Iterator[list[Finding]]:
     """What the checks of a capture find, once the block has ended, beside which they run.
 
-    Most of the preparation runs on one core.  The photographs are asked after it, by kernels.
+    Most of the preparation runs on one core.  Quick refinements that tell whether depth is inside
+    out follow it, since they use all cores; only suspicious captures have them.
     """
     found: list[Finding] = []
     measured = Measured(capture)

@@ -1,5 +1,6 @@
 """The three lamps of rgb-ratio: what they send to each point, and how far away they are."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -12,6 +13,7 @@ from rakelight.methods.rgb_ratio.lights import (
     arriving_lights,
     as_lights,
     distance_step,
+    effective_normals,
     lights_step,
     shading_by,
 )
@@ -51,11 +53,15 @@ def test_what_arrives_is_what_a_result_states(inverse_distance):
     found = shading_by(arriving_lights(base, LIGHT, inverse_distance), normals)[inside]
     np.testing.assert_allclose(found, expected, rtol=1e-9)
     assert (lights.position_m is None) == (inverse_distance == 0)
+    for c, light in enumerate(LIGHT):
+        own = effective_normals(normals[inside], base.points[inside], light, inverse_distance)
+        shading = np.maximum(own @ light[:3], 0) + light[3]
+        np.testing.assert_allclose(shading, expected[:, c], rtol=1e-9)
 
 
 def test_lights_and_their_distance_are_found_together():
     """Of values without errors, lamps at 0.4 m, begun as distant ones."""
-    base = level()
+    base = replace(level())  # with a picture of its own
     normals, _ = base.normals(base.prior)
     albedo = np.ones((*base.mask.shape, 3))
     values = shading_by(arriving_lights(base, LIGHT, 2.5), normals)

@@ -11,13 +11,12 @@ A distance that is given leaves s . n linear in s but for l, which is that of th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from rakelight.geometry.grid import has_gradient
 from rakelight.methods.levels import Level
 from rakelight.model import MAD_TO_SIGMA, Floats, Lights
+from rakelight.photometry.forward import arriving
 from rakelight.photometry.lighting import estimate_light
 from rakelight.solve.robust import CAUCHY, ROUNDS
 
@@ -28,15 +27,13 @@ STEP = 1e-3
 def arriving_lights(level: Level, light: Floats, inverse_distance: float) -> Floats:
     """(h, w, 3, 4) lights that arrive at each pixel, of those (3, 4) at the object's middle.
 
+    Outside the mask the ambient part alone.
     inverse_distance : of the lamps from the middle, 1/metre; 0 for distant ones
     """
-    away = inverse_distance * np.where(level.mask[..., None], level.points, 0.0)
-    there = np.empty((*level.mask.shape, 3, 4))
-    for c, (*vector, ambient) in enumerate(light):
-        toward = direction(vector)
-        falloff = np.linalg.norm(toward - away, axis=-1, keepdims=True) ** -3
-        there[..., c, :3] = falloff * (vector - np.linalg.norm(vector) * away)
-        there[..., c, 3] = ambient
+    there = np.zeros((*level.mask.shape, 3, 4))
+    points_m = level.points[level.mask] + level.middle_m
+    there[level.mask, :, :3] = arriving(as_lights(level, light, inverse_distance), points_m)[0]
+    there[..., 3] = light[:, 3]
     return there
 
 
@@ -50,10 +47,10 @@ def as_lights(level: Level, light: Floats, inverse_distance: float) -> Lights:
     return Lights(vector, ambient, position_m, level.middle_m)
 
 
-def direction(vector: Sequence[float] | Floats) -> Floats:
+def direction(vector: Floats) -> Floats:
     """(3,) unit vector of a light; towards the camera where it is 0."""
     size = float(np.linalg.norm(vector))
-    return np.array(vector) / size if size > 0 else np.array([0.0, 0.0, -1.0])
+    return vector / size if size > 0 else np.array([0.0, 0.0, -1.0])
 
 
 def shading_by(there: Floats, normals: Floats) -> Floats:
