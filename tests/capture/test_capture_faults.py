@@ -310,7 +310,7 @@ def test_a_depth_map_that_contradicts_the_others_is_named(folder):
 def test_of_two_depth_maps_that_contradict_each_other_none_is_blamed(folder):
     (folder / "depth" / "001.png").unlink()
     add_depth(folder, 5 * small_capture().depth_m[0])
-    line = refusal(folder, "depth", "median 0.599 m in 000.png, 2.99 m in 002.png")
+    line = refusal(folder, "depth", "median 0.599 m in 000.png, 3 m in 002.png")
     assert line.endswith("remove what is in another unit, of another view, or no depth")
 
 

@@ -125,6 +125,19 @@ def test_negative_values_for_nothing_may_be_most_of_the_depth(nothing):
     assert np.isnan(capture.depth_m[:, 6:]).all()
 
 
+def test_depth_pixels_that_see_the_objects_rim_are_no_holes_of_it():
+    """They see what lies around it as well, which a sensor may not measure."""
+    mask = np.zeros((HEIGHT, WIDTH), bool)
+    mask[3:15, 5:19] = True
+    depth = DEPTH.copy()
+    whole = mask.reshape(DEPTH_HEIGHT, 2, DEPTH_WIDTH, 2).all(axis=(1, 3))
+    depth[:, ~whole] = np.nan
+    assert "depth-missing" not in codes(made(mask=mask, depth=depth))
+    depth[:, 4, 5] = np.nan
+    (holes,) = [f for f in made(mask=mask, depth=depth).findings if f.code == "depth-missing"]
+    assert holes.message.startswith(f"{1 / whole.sum():.1%} of the object")
+
+
 def test_holes_on_the_object_are_counted_by_reason():
     depth = DEPTH.copy()
     depth[:, 5, 6:10] = 0, 0, -1, np.nan
@@ -139,7 +152,7 @@ def test_sixteen_bit_nothing_divided_by_a_thousand_is_no_measurement():
     capture = made(depth=depth)
     assert np.isnan(capture.depth_m[:, 3:8, 3:6]).all()
     (holes,) = [f for f in capture.findings if f.code == "depth-missing"]
-    assert "28 beyond 20 m" in holes.message
+    assert "18 beyond 20 m" in holes.message
     by_hand = checked_capture(replace(made(), depth_m=depth))
     np.testing.assert_array_equal(by_hand.depth_m, capture.depth_m)
     assert holes in by_hand.findings

@@ -85,7 +85,9 @@ def object_mask(
 
 
 def on_depth_grid(mask: Mask, factor: float | None, shape: tuple[int, int]) -> Mask | None:
-    """(h, w) True where a depth pixel sees the object; None for another camera's depth.
+    """(h, w) True where a depth pixel sees the object alone; None for another camera's depth.
+
+    True where it sees some of the object if none sees it alone.
 
     factor : colour pixels per depth pixel along each side, None for another camera's depth
 
@@ -94,4 +96,4 @@ def on_depth_grid(mask: Mask, factor: float | None, shape: tuple[int, int]) -> M
     >>> on_depth_grid(np.eye(3, dtype=bool), 1.5, (2, 2)).tolist()
     [[True, True], [True, True]]
     """
-    return None if factor is None else SensorGrid(shape, mask.shape).touched(mask)
+    return None if factor is None else SensorGrid(shape, mask.shape).of_object(mask)

@@ -60,9 +60,7 @@ def depth_quality(capture: Capture) -> tuple[DepthQuality | None, tuple[Finding,
     """The depth of a capture on its object, and what to say of its holes; None without depth."""
     depth_m, sigma_m = sensed(some_maps(capture), capture.mask)
     grid = SensorGrid(depth_m.shape, capture.mask.shape)
-    inside = grid.covered(capture.mask)
-    if not inside.any():
-        inside = grid.touched(capture.mask)
+    inside = grid.of_object(capture.mask)
     measured = inside & np.isfinite(depth_m)
     if not measured.any():
         return None, ()

@@ -126,6 +126,17 @@ class SensorGrid:
         """
         return self._area(~mask) <= LEAST_SHARE
 
+    def of_object(self, mask: Mask) -> Mask:
+        """(hs, ws) the sensor pixels that show the object alone; if none does, all that touch it.
+
+        >>> SensorGrid((1, 2), (2, 3)).of_object(np.array([[1, 1, 0], [1, 1, 0]], bool)).tolist()
+        [[True, False]]
+        >>> SensorGrid((1, 1), (2, 3)).of_object(np.array([[1, 1, 0], [1, 1, 0]], bool)).tolist()
+        [[True]]
+        """
+        whole = self.covered(mask)
+        return whole if whole.any() else self.touched(mask)
+
     def _area(self, mask: Mask) -> Floats:
         """(hs, ws) how many of the mask's pixels (h, w) lie in each sensor pixel."""
         rows, columns = (overlaps(self.edges(axis), self.shape[axis]) for axis in (0, 1))
