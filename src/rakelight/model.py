@@ -585,8 +585,20 @@ class Capture:
         return checksum(self.depth_m)
 
     def select(self, photographs: Iterable[int]) -> Capture:
-        """The capture with only these photographs (indices from 0); the depth stays whole."""
-        chosen = list(photographs)
+        """The capture with only these photographs (indices from 0); the depth stays whole.
+
+        Raises InputError for what is no index of a photograph.
+        """
+        chosen, count = list(photographs), len(self.photographs)
+        for index in chosen:
+            whole = isinstance(index, Integral) and not isinstance(index, bool)
+            if not whole or not -count <= index < count:
+                raise InputError(
+                    "no index of a photograph",
+                    source="photographs",
+                    seen=repr(index),
+                    needed=f"a whole number from 0 to {count - 1}",
+                )
         return replace(
             self,
             photographs=self.photographs[chosen],

@@ -372,3 +372,10 @@ def test_each_fault_says_what_is_needed_and_what_to_do(name):
     assert "seen " in line
     assert "needed " in line
     assert ". Fix: " in line
+
+
+@pytest.mark.parametrize("wrong", [99, -5, True, 1.0, "0"])
+def test_what_is_no_photograph_cannot_be_selected(wrong):
+    with pytest.raises(InputError, match=r"photographs: no index of a photograph .*0 to 3"):
+        made().select([0, wrong])
+    assert made().select(np.array([2, -1])).names == made().select([2, 3]).names
