@@ -345,6 +345,16 @@ def test_a_result_of_single_pixels_has_no_mesh_and_says_so(sphere, tmp_path):
         assert [f["code"] for f in summary["findings"]] == ["mask-full", "no-mesh"]
 
 
+def test_a_result_that_was_cut_has_nothing_outside(sphere, tmp_path):
+    tifffile = pytest.importorskip("tifffile")
+    depth = sphere.depth.copy()
+    depth[:, 30:] = np.nan
+    assert np.isfinite(sphere.prepared_depth[:, 30:]).any()
+    write_result(replace(sphere, depth=depth), tmp_path / "out")
+    outside = np.isnan(tifffile.imread(tmp_path / "out" / "depth.tiff"))
+    assert np.isnan(tifffile.imread(tmp_path / "out" / "prepared_depth.tiff")[outside]).all()
+
+
 def test_arrays_of_another_size_are_refused(sphere, tmp_path):
     for name in ("depth", "normals", "albedo", "confidence", "prepared_depth"):
         wrong = replace(sphere, **{name: getattr(sphere, name)[:-1]})

@@ -33,7 +33,6 @@ def only_finite(result: Result) -> Result:
             remedy="see its findings",
         )
     shown = all_finite(result.albedo) & np.isfinite(result.confidence)
-    outside = ~np.isnan(result.depth) & ~inside
     bad = ~np.isnan(result.depth) & ~(inside & shown)
     lights_bad = not (
         np.isfinite(result.lights.vector).all() and np.isfinite(result.lights.ambient).all()
@@ -44,7 +43,7 @@ def only_finite(result: Result) -> Result:
     return replace(
         result,
         depth=np.where(inside, result.depth, np.nan),
-        prepared_depth=np.where(outside, np.nan, result.prepared_depth),
+        prepared_depth=np.where(inside, result.prepared_depth, np.nan),
         normals=np.where(inside[..., None], result.normals, np.nan),
         albedo=np.where((inside & shown)[..., None], result.albedo, 0),
         confidence=np.where(inside & shown, result.confidence, 0),
@@ -73,6 +72,7 @@ def _is_clean(result: Result) -> bool:
             (good == inside).all()
             and (all_finite(result.normals[rows]) == inside).all()
             and np.isnan(result.normals[rows][outside]).all()
+            and np.isnan(result.prepared_depth[rows][outside]).all()
             and np.isfinite(albedo).all()
             and np.isfinite(confidence).all()
             and not albedo[outside].any()
