@@ -160,10 +160,10 @@ def test_arrays_of_other_layouts_are_as_good():
     [
         ({"method": None}, "method None is unknown"),
         ({"method": ["multi-light"]}, "is unknown"),
-        ({"scale": [1]}, "does not have that resolution"),
-        ({"scale": None}, "does not have that resolution"),
-        ({"scale": np.ones(2)}, "does not have that resolution"),
-        ({"scale": "2"}, "does not have that resolution"),
+        ({"scale": [1]}, "scale: no scale"),
+        ({"scale": None}, "scale: no scale"),
+        ({"scale": np.ones(2)}, "scale: no scale"),
+        ({"scale": "2"}, "scale: no scale"),
         ({"progress": 3}, "progress is no function"),
     ],
 )

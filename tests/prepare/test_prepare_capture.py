@@ -56,11 +56,18 @@ def test_output_scale_over_the_depths_resolution(step, scale, shrink):
     assert prepared.full_camera.shape == (48 // shrink, 64 // shrink)
 
 
-@pytest.mark.parametrize("scale", [0, -1, 3, 8, 1.5, "2", None, float("nan")])
+@pytest.mark.parametrize("scale", [0, -1, 3, 8])
 def test_other_scales_are_refused(scale):
     with pytest.raises(InputError, match="resolution") as error:
         prepare(make_capture(4), scale)
     assert error.value.needed == "one of 1, 2, 4"
+
+
+@pytest.mark.parametrize("scale", [1.5, 1.0, "2", True, None, float("nan")])
+def test_a_scale_is_a_whole_number_or_auto(scale):
+    with pytest.raises(InputError, match="scale: no scale") as error:
+        prepare(make_capture(4), scale)
+    assert error.value.needed == 'a whole number, here one of 1, 2, 4, or "auto"'
 
 
 def test_window_holds_the_object_with_a_margin():

@@ -278,13 +278,21 @@ def _shrink(colour: SensorGrid, scale: Scale) -> int:
     if isinstance(scale, str) and scale == "auto":
         return 1
     scales = _scales(colour)
-    if not isinstance(scale, Integral) or scale not in scales:
+    possible = ", ".join(map(str, sorted(scales)))
+    if not isinstance(scale, Integral) or isinstance(scale, bool):
+        raise InputError(
+            "no scale",
+            source="scale",
+            seen=f"{type(scale).__name__} {scale!r}",
+            needed=f'a whole number, here one of {possible}, or "auto"',
+        )
+    if scale not in scales:
         raise InputError(
             "the colour camera does not have that resolution",
             source=f"scale {scale}",
             seen=f"colour {colour.factor:.4g} times the depth's resolution",
-            needed=f"one of {', '.join(map(str, sorted(scales)))}",
-            remedy="leave --scale away for the colour camera's own resolution",
+            needed=f"one of {possible}",
+            remedy="leave the scale away for the colour camera's own resolution",
         )
     return scales[int(scale)]
 
