@@ -472,6 +472,8 @@ def test_demo_replaces_an_earlier_demo_but_nothing_else(run, refused, capture, t
     assert before != [(mine / name).stat().st_ino for name in ("capture", "result")]
     (mine / "capture" / "rakelight-files.json").unlink()  # now it is like somebody's real capture
     refused("demo", "-o", mine, about=mine / "capture", words=("not overwritten",))
+    for name in ("capture", "result"):
+        refused("demo", "-o", mine / name, about=mine / name, words=("no demo is written",))
 
 
 # --- view ---

@@ -12,7 +12,7 @@ from rakelight.cli.eval import score_table
 from rakelight.cli.options import NamedPath, output_options, print_findings
 from rakelight.cli.progress import shown_progress
 from rakelight.cli.refine import outcome
-from rakelight.errors import printable
+from rakelight.errors import OutputExistsError, printable
 from rakelight.model import Progress
 
 
@@ -33,6 +33,7 @@ def command(output: Path, as_json: bool, quiet: bool, debug: bool) -> None:
     steps of 1 mm and holes.
     """
     from rakelight.capture import SYNTHETIC, load_capture, write_capture
+    from rakelight.capture.config import CONFIG
     from rakelight.cli.first_run import compiling_beside
     from rakelight.export import RESULT
     from rakelight.export.mesh_formats import DEFAULT_MESH, mesh_file
@@ -42,6 +43,12 @@ def command(output: Path, as_json: bool, quiet: bool, debug: bool) -> None:
     from rakelight.report import save_result
     from rakelight.synthetic import demo_scene
 
+    if any((output / each).exists() for each in (CONFIG, RESULT.name)):
+        raise OutputExistsError(
+            "this is a capture or a result, into which no demo is written",
+            source=str(output),
+            remedy="choose another folder",
+        )
     folder, result_folder = output / "capture", output / "result"
     require_free(folder, manifest=SYNTHETIC, overwrite=True)  # never somebody's own capture
     require_free(result_folder, manifest=RESULT, overwrite=True)
