@@ -504,3 +504,14 @@ def test_a_damaged_page_says_so_and_shows_its_pictures(open_report, vase, monkey
     report = open_report(vase)
     assert report.state == "failed"
     assert "could not start" in report.page.inner_text("#fallback")
+
+
+def test_a_browser_that_cannot_unpack_the_maps_shows_pictures_and_a_word(open_report):
+    report = open_report(vase_result(0.1)[0])
+    assert report.state == "ready"
+    report.page.add_init_script("delete window.DecompressionStream")
+    report.page.goto(report.address)
+    report.page.wait_for_selector("html:not([data-state=loading])", timeout=30_000)
+    assert report.state == "failed"
+    assert "cannot unpack the maps" in report.page.inner_text("#fallback")
+    assert report.page.is_visible(".pictures img >> nth=0")

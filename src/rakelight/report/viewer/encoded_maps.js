@@ -1,6 +1,8 @@
 // The maps of the page: base64, deflated, each value minus what its left, upper and upper left
 // neighbours predict.  Depth is uint16 (0 = none), normals are octahedral in 12 bits.
 
+class TooOld extends Error {}
+
 async function unpackMap({ name, bits, width, height }) {
   const text = atob(document.getElementById("map-" + name).textContent);
   const packed = new Uint8Array(text.length);

@@ -430,6 +430,7 @@ function fromWhere({ azimuth, elevation }) {
 async function start() {
   const facts = JSON.parse(byId("facts").textContent);
   if (!document.createElement("canvas").getContext("webgl2")) throw new NoWebGL();
+  if (!window.DecompressionStream) throw new TooOld();
   const maps = await unpackMaps(facts);
   byId("viewer").hidden = false;
   new Viewer(facts, maps);
@@ -448,6 +449,9 @@ start().catch((error) => {
   if (error instanceof NoWebGL) {
     fall("nowebgl", "This browser shows no WebGL 2, so the surface cannot be turned and relit "
       + "here. The pictures below show the same; a browser with WebGL 2 shows more.");
+  } else if (error instanceof TooOld) {
+    fall("failed", "This browser cannot unpack the maps of this page, so the surface cannot be "
+      + "turned and relit here. The pictures below show the same; a browser of 2023 or later shows more.");
   } else {
     fall("failed", `The viewer could not start (${error.message}). The pictures below show the result.`);
   }
