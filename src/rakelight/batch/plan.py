@@ -136,7 +136,7 @@ def _paths(text: str, folder: str) -> Iterator[str]:
 
 
 def _listed(path: Path) -> Iterator[str]:
-    """The captures of a list: a line each, relative to the list's own folder; # begins a comment.
+    """The captures of a list: a line each, relative to the list's folder.  # begins a comment line.
 
     Raises InputError for a list that holds nothing.
     """
