@@ -11,17 +11,19 @@ import pytest
 
 from rakelight import CaptureError, MultiLight, load_capture, refine
 from rakelight.geometry.normals import surface_normals
+from rakelight.methods import load_method
 from rakelight.methods.base import require_photographs
 from rakelight.metrics import evaluate_maps
 from rakelight.model import GivenLights, silent
-from rakelight.pipeline.guarded import guarded
+from rakelight.pipeline.guarded import estimated, guarded
 from rakelight.pipeline.held_back import NO_BETTER, Prediction, kept
 from rakelight.prepare import prepare
+from rakelight.prepare.reduced import reduced
 from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
 from tests.check import wrong_captures as wrong
 
-BRIEFLY = MultiLight(max_iterations=3)
-"""Three steps tell an odd photograph and doubtful depth as 40 do, in half the time."""
+BRIEFLY = MultiLight(lights="white", distance="distant", max_iterations=3, coarse_pixels=1000)
+"""A few steps, and no search for the kind of lights, tell an odd photograph and doubtful depth."""
 
 
 def errors(result, truth):
@@ -52,7 +54,7 @@ def warnings(result):
 @pytest.mark.parametrize("method", ["multi-light", "multi-light-alternating"])
 def test_without_information_the_prepared_depth_stays(shape, change, method):
     capture, truth = wrong.sound(shape)
-    result = refine(change(capture), method)
+    result = refine(change(capture), BRIEFLY if method == "multi-light" else method)
     assert "photographs-say-nothing" in warnings(result)
     np.testing.assert_array_equal(result.depth, result.prepared_depth)
     np.testing.assert_allclose(errors(result, truth), prepared_errors(result, truth), rtol=1e-6)
@@ -61,11 +63,11 @@ def test_without_information_the_prepared_depth_stays(shape, change, method):
 
 def test_lights_in_nearly_one_place_keep_the_prepared_depth():
     vase = make_shape("vase")
-    camera = vase.camera.scaled(0.3)
+    camera = vase.camera.scaled(0.2)
     options = SceneOptions(camera=camera, tilt_deg=(1.0, 3.0), depth_noise=wrong.NOISE)
     capture, truth = render_scene(vase, make_albedo("pattern"), options)
     for some in (capture, capture.select([0, 4, 8])):  # of three, none can be held back
-        result = refine(some)
+        result = refine(some, BRIEFLY)
         assert {"one-lamp-position", "photographs-say-nothing"} <= set(warnings(result))
         np.testing.assert_array_equal(result.depth, result.prepared_depth)
     # Lights that are known are no question.
@@ -109,10 +111,10 @@ def mean_confidence(result):
 
 @pytest.mark.parametrize("shape", wrong.SOLIDS)
 def test_confidence_falls_where_the_depth_is_flat(shape):
-    capture, _ = wrong.sound(shape)
-    assert mean_confidence(refine(wrong.flat_depth(capture), BRIEFLY)) < 0.8 * mean_confidence(
-        refined(shape)
-    )
+    flat = wrong.flat_depth(wrong.sound(shape)[0])
+    # From a coarser start a flat vase keeps its depth, whose confidence is 0 anyway.
+    result = refine(flat, replace(BRIEFLY, coarse_pixels=4000))
+    assert mean_confidence(result) < 0.8 * mean_confidence(refined(shape))
 
 
 def test_confidence_falls_with_the_depths_noise():
@@ -177,5 +179,8 @@ def test_a_needed_photograph_of_a_real_capture_stays(name):
     folder = Path(__file__).resolve().parents[3] / "shared" / "captures" / name
     if not folder.is_dir():
         pytest.skip(f"no {folder}")
-    # At the depth's own resolution, a quarter of the time.
-    assert "odd-photographs" not in warnings(refine(load_capture(folder), BRIEFLY, scale=1))
+    # At low resolution, a tenth of the time, the same photograph is predicted badly.
+    prepared = prepare(reduced(load_capture(folder), 4000))
+    used, estimate = estimated(load_method("multi-light"), prepared, BRIEFLY)
+    assert len(used) == len(prepared) == 12
+    assert "odd-photographs" not in {finding.code for finding in estimate.findings}
