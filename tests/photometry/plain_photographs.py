@@ -165,7 +165,10 @@ def freed(derivative, a, w):
 
 @dataclass
 class Plain:
-    """The fields of an Linearization; residuals, and those of one channel of every other pixel."""
+    """The fields of an Linearization; residuals, and those of one channel of every other pixel.
+
+    light_slope, gloss_slope : None where they were not asked for
+    """
 
     albedo: np.ndarray
     energy: float
@@ -174,8 +177,8 @@ class Plain:
     residuals: np.ndarray
     counted: np.ndarray
     mean_abs_residual: np.ndarray
-    light_slope: np.ndarray
-    gloss_slope: np.ndarray
+    light_slope: np.ndarray | None
+    gloss_slope: np.ndarray | None
 
 
 def one_channel(shape):
@@ -184,7 +187,20 @@ def one_channel(shape):
     return (row + column)[..., None] % 6 == 2 * np.arange(3)
 
 
-def linearize(photographs, surface, lights, *, scale=0.0, start=None, lagged=False, project=True):
+def light_slopes(photographs, surface, lights, rho, residual, w):
+    """Half the energy's derivatives with the lights (N, C, 5) and the gloss (3,)."""
+    by_shading, by_highlight = shading_by_light(photographs, surface, lights, near=True)
+    turned = rho * by_shading + by_highlight
+    turned = (w * turned * residual).sum(axis=(1, 2, 3, 4))
+    own = 5 * lights.ambient.size
+    gloss_slope = turned[own:] if lights.gloss.any() else np.zeros(3)
+    return turned[:own].reshape(*lights.ambient.shape, 5), gloss_slope
+
+
+def linearize(
+    photographs, surface, lights, *, scale=0.0, start=None, lagged=False, project=True,
+    with_light_slope=False,
+):  # fmt: skip
     """Albedo, energy and depth terms of one pass: `Photographs.linearize`."""
     scale = np.asarray(scale, dtype=float)
     image, good = decoded(photographs)
@@ -201,10 +217,10 @@ def linearize(photographs, surface, lights, *, scale=0.0, start=None, lagged=Fal
     if project:
         J = freed(J, a, w)
     pairs = ((0, 0), (0, 1), (1, 1))
-    by_shading, by_highlight = shading_by_light(photographs, surface, lights, near=True)
-    turned = rho * by_shading + by_highlight
-    turned = (weights(residual, good, scale) * turned * residual).sum(axis=(1, 2, 3, 4))
-    own = 5 * lights.ambient.size
+    turned = None, None
+    if with_light_slope:
+        own = weights(residual, good, scale)
+        turned = light_slopes(photographs, surface, lights, rho, residual, own)
     return Plain(
         albedo=rho,
         energy=float(loss[good].sum()),
@@ -213,8 +229,8 @@ def linearize(photographs, surface, lights, *, scale=0.0, start=None, lagged=Fal
         residuals=residual[good],
         counted=residual[good & one_channel(photographs.mask.shape)],
         mean_abs_residual=ratio((abs(residual) * good).sum(axis=(0, -1)), good.sum(axis=(0, -1))),
-        light_slope=turned[:own].reshape(*lights.ambient.shape, 5),
-        gloss_slope=turned[own:] if lights.gloss.any() else np.zeros(3),
+        light_slope=turned[0],
+        gloss_slope=turned[1],
     )
 
 
