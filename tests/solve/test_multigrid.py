@@ -123,7 +123,7 @@ def test_every_level_stays_positive_definite(strength, monkeypatch):
         inside = level.stencil[0] > 0
         assert not level.stencil[:, ~inside].any()
         matrix = stencil_matrix(level.stencil.astype(float), inside).toarray()
-        assert np.linalg.eigvalsh(matrix).min() > 0
+        np.linalg.cholesky(matrix)  # raises of any other, and is quicker than eigenvalues
 
 
 def test_single_precision_is_never_below_double():
