@@ -142,19 +142,19 @@ def test_a_sensor_found_to_be_more_precise_counts_by_its_own_variance():
     assert weight(3 * deviations, 1.0, 0.01) == pytest.approx(as_stated, rel=0.01)
 
 
-@pytest.mark.parametrize(("seed", "shape", "most_mm"), [(1857, "coin", 0.1), (1837, "vase", 0.25)])
-def test_a_precise_sensor_keeps_its_shape(seed, shape, most_mm):
+def test_a_precise_sensor_keeps_its_shape():
     """Errors of 0.05 mm, where structured light has 1 mm and more, under shadows and highlights.
 
-    With weights up to ten times that of such a sensor they are 0.45 and 1.07 mm off.
+    With weights up to ten times that of such a sensor it is 0.9 mm off.
     """
     capture, truth = random_capture(
-        seed, shape=shape, depth_factor=1, depth_rms_mm=0.05, depth_white_mm=0.02,
+        1837, size=0.35, shape="vase", depth_factor=1,
+        depth_rms_mm=0.05, depth_white_mm=0.02,
         **dict.fromkeys(("depth_step_mm", "depth_bend_mm", "flying", "hole_fraction"), 0.0),
         **dict.fromkeys(("shift_x", "shift_y"), 0.0), mask_px=0,
     )  # fmt: skip
     result = refine(capture, "multi-light")
-    assert evaluate_maps(result.depth, result.normals, truth).depth.rmse_mm < most_mm
+    assert evaluate_maps(result.depth, result.normals, truth).depth.rmse_mm < 0.25
 
 
 def test_white_noise_is_alike_at_all_scales_and_smooth_errors_are_large_at_coarse_ones():
@@ -190,10 +190,10 @@ def test_the_weight_has_no_bounds():
 def test_noisy_photographs_do_not_hand_the_surface_to_the_sensor():
     cloth = make_shape("cloth")
     options = SceneOptions(
-        camera=cloth.camera.scaled(0.5),
+        camera=cloth.camera.scaled(0.4),
         lamp_distance_m=0.6,
         image_noise=0.03,
-        depth_noise=DepthNoise(rms_mm=3.3, correlation_length_px=14.0),
+        depth_noise=DepthNoise(rms_mm=3.3, correlation_length_px=11.0),
     )
     capture, truth = render_scene(cloth, make_albedo("pattern"), options)
     result = refine(capture, "multi-light")
