@@ -49,27 +49,33 @@ def natural_paint(seed=0):
     def paint(camera, rows):
         import cv2
 
-        rng = np.random.default_rng(seed)
-        row, column = np.mgrid[:SIDE, :SIDE]
-        frequency = np.hypot(*np.meshgrid(np.fft.fftfreq(SIDE), np.fft.fftfreq(SIDE)))
-        frequency[0, 0] = np.inf
-        clouds = rng.normal(size=(4, SIDE, SIDE))
-        clouds = np.fft.ifft2(np.fft.fft2(clouds) / frequency).real
-        clouds /= clouds.std(axis=(1, 2), keepdims=True)
-        leaves = np.zeros((SIDE, SIDE, 3))
-        for _ in range(400):
-            radius = min(8 * rng.random() ** -0.5, 120.0)
-            y, x = rng.uniform(0, SIDE, 2)
-            inside = (row - y) ** 2 + (column - x) ** 2 < radius**2
-            leaves[inside] = 0.35 * rng.normal() + 0.06 * rng.normal(size=3)
-        log = 0.35 * clouds[0][..., None] + 0.12 * np.moveaxis(clouds[1:], 0, -1) + leaves
         side = max(camera.shape)
-        image = cv2.resize(0.3 * np.exp(log), (side, side), interpolation=cv2.INTER_AREA)
+        image = cv2.resize(_texture(seed), (side, side), interpolation=cv2.INTER_AREA)
         top, left = (side - camera.height) // 2, (side - camera.width) // 2
         window = image[top : top + camera.height, left : left + camera.width]
         return np.clip(window, 0.03, 0.95).astype(np.float32)[rows]
 
     return Albedo(f"natural {seed}", paint)
+
+
+@cache
+def _texture(seed):
+    """(SIDE, SIDE, 3) the reflectance of `natural_paint`."""
+    rng = np.random.default_rng(seed)
+    row, column = np.mgrid[:SIDE, :SIDE]
+    frequency = np.hypot(*np.meshgrid(np.fft.fftfreq(SIDE), np.fft.fftfreq(SIDE)))
+    frequency[0, 0] = np.inf
+    clouds = rng.normal(size=(4, SIDE, SIDE))
+    clouds = np.fft.ifft2(np.fft.fft2(clouds) / frequency).real
+    clouds /= clouds.std(axis=(1, 2), keepdims=True)
+    leaves = np.zeros((SIDE, SIDE, 3))
+    for _ in range(400):
+        radius = min(8 * rng.random() ** -0.5, 120.0)
+        y, x = rng.uniform(0, SIDE, 2)
+        inside = (row - y) ** 2 + (column - x) ** 2 < radius**2
+        leaves[inside] = 0.35 * rng.normal() + 0.06 * rng.normal(size=3)
+    log = 0.35 * clouds[0][..., None] + 0.12 * np.moveaxis(clouds[1:], 0, -1) + leaves
+    return 0.3 * np.exp(log)
 
 
 def woven_paint(camera, rows):

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -52,10 +53,24 @@ SIZE = 0.5  # 240 x 180
 
 
 @cache
+def shape_of(name):
+    """The shape of that name, which keeps what it has rendered: only the lights differ."""
+    shape, views = make_shape(name), {}
+
+    def render(camera, rows):
+        key = camera, rows.start, rows.stop
+        if key not in views:
+            views[key] = shape.render(camera, rows)
+        return views[key]
+
+    return replace(shape, render=render)
+
+
+@cache
 def capture_for(name, lighting):
     """The capture of that name under the lights of `lighting`, and its truth."""
     albedo, settings = CAPTURES[name]
-    shape = make_shape(name)
+    shape = shape_of(name)
     options = SceneOptions(camera=shape.camera.scaled(SIZE), lighting=lighting, **settings)
     return render_scene(shape, make_albedo(albedo), options)
 
