@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from rakelight import refine
+from rakelight import MultiLight, refine
 from rakelight.geometry.normals import normal_lengths, squared_normal_derivative
 from rakelight.methods.base import UNDETERMINED_RAD
 from rakelight.methods.levels import finest_level
@@ -22,17 +22,19 @@ from rakelight.methods.multi_light.energy import first_fit
 from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
+from tests.methods.remembered import remembered
+
+HEAD = remembered(make_shape("head"))
 
 
 @cache
 def make_scene(rms_mm=1.0):
-    shape = make_shape("head")
     options = SceneOptions(
-        camera=shape.camera.scaled(0.25),
+        camera=HEAD.camera.scaled(0.25),
         photographs=8,
         depth_noise=DepthNoise(rms_mm=rms_mm, correlation_length_px=4.0, growth=0.0),
     )
-    return render_scene(shape, make_albedo("simple"), options)
+    return render_scene(HEAD, make_albedo("simple"), options)
 
 
 @cache
@@ -124,7 +126,7 @@ def test_each_part_of_the_depths_error_counts():
 
 def test_expected_errors_of_a_result_are_about_its_errors():
     capture, truth = make_scene()
-    result = refine(capture, "multi-light")
+    result = refine(capture, MultiLight(distance="distant"))
     inside = truth.mask & result.mask
     angle_deg = np.degrees(np.arccos(np.clip(np.sum(result.normals * truth.normals, -1), -1, 1)))
     for error, sigma in (
@@ -143,7 +145,7 @@ def test_a_worse_sensor_makes_the_depth_less_certain():
     sigmas, errors = [], []
     for rms_mm in (0.5, 6.0):
         capture, truth = make_scene(rms_mm)
-        result = refine(capture, "multi-light")
+        result = refine(capture, MultiLight(distance="distant"))
         inside = truth.mask & result.mask
         sigmas.append(np.median(result.depth_sigma[inside]))
         errors.append(np.sqrt(np.mean((result.depth - truth.depth)[inside] ** 2)))

@@ -20,16 +20,17 @@ from rakelight.photometry.images import LightParameters
 from rakelight.photometry.specular import lobes
 from rakelight.prepare import prepare
 from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
+from tests.methods.remembered import remembered
 
+HEAD = remembered(make_shape("head"))
 EXPOSED = {"photographs": 10, "tilt_deg": (30.0, 60.0), "exposure": 0.6, "image_noise": 0.003}
 
 
 @cache
 def make_level(paint="pattern", **changes):
     """A level of the head, its true log depth, and lights."""
-    shape = make_shape("head")
-    options = SceneOptions(camera=shape.camera.scaled(0.25), **(EXPOSED | changes))
-    capture, truth = render_scene(shape, make_albedo(paint), options)
+    options = SceneOptions(camera=HEAD.camera.scaled(0.25), **(EXPOSED | changes))
+    capture, truth = render_scene(HEAD, make_albedo(paint), options)
     prepared = prepare(capture)
     level = finest_level(prepared, cut=True)
     depth = truth.depth[prepared.rows, prepared.columns].astype(float)
