@@ -9,6 +9,7 @@ from scipy.ndimage import binary_dilation, binary_erosion
 
 from rakelight.geometry.normals import normals_from_depth
 from rakelight.methods.levels import finest_level, pyramid
+from rakelight.methods.multi_light import MultiLight
 from rakelight.methods.multi_light.factored_start import factored_start
 from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.metrics import evaluate_depth
@@ -79,7 +80,7 @@ def test_the_photographs_tell_lights_that_a_rough_prior_does_not():
 
 def test_a_generous_mask_does_not_end_in_a_wrong_surface():
     capture, truth, _ = dome(grow=3)
-    result = refine(capture, "multi-light")
+    result = refine(capture, MultiLight(distance="distant"))
     after, before = (
         evaluate_depth(depth, CAMERA, truth).normals
         for depth in (result.depth, result.prepared_depth)

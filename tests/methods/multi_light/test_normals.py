@@ -7,6 +7,7 @@ import pytest
 
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods.levels import finest_level
+from rakelight.methods.multi_light import MultiLight
 from rakelight.methods.multi_light.energy import first_fit, update_scale
 from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.methods.multi_light.joint_step import joint_step
@@ -28,7 +29,7 @@ def scene(name, scale, **changes):
 
 def errors_deg(capture, truth):
     """Of the result's normals, and of those of its depth map."""
-    result = refine(capture, "multi-light")
+    result = refine(capture, MultiLight(distance="distant"))
     depth = np.where(result.mask, result.depth, 1.0).astype(np.float64)
     plain = surface_normals(depth, result.mask, capture.camera)
     return tuple(
@@ -73,6 +74,6 @@ def test_where_photographs_do_not_align_a_normal_stays():
 
 def test_they_are_unit_vectors_of_the_object_alone():
     capture, truth = scene("head", 0.2)
-    normals = refine(capture, "multi-light").normals
+    normals = refine(capture, MultiLight(distance="distant")).normals
     np.testing.assert_allclose(np.linalg.norm(normals[truth.mask], axis=-1), 1, atol=1e-6)
     assert np.isnan(normals[~truth.mask]).all()
