@@ -34,7 +34,7 @@ BAS_RELIEF = np.array([[1, 0, 0], [0, 1, 0], [0.3, -0.2, 1.7]])
 def scene():
     """A grey bust under twelve distant lights without ambient light, 320 x 240."""
     bust = make_shape("head")
-    options = SceneOptions(camera=bust.camera.scaled(2 / 3), ambient=0.0)
+    options = SceneOptions(camera=bust.camera.scaled(2 / 3), ambient=0.0, supersampling=1)
     capture, truth = render_scene(bust, make_albedo("grey"), options)
     return prepare(capture), truth
 
