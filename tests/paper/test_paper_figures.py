@@ -34,10 +34,8 @@ MASK[5:35, 10:50] = True
 
 @pytest.fixture(scope="module")
 def runs():
-    """The scenes at 160 x 120, and one of them as somebody's own capture."""
-    made = Runs(size=0.25)
-    made.capture = made.scene("simple", "moving-lamp")[0]
-    return made
+    """The scenes at 160 x 120, and a smaller one as somebody's own capture."""
+    return Runs(size=0.25, capture=Runs(size=0.1).scene("simple", "moving-lamp")[0])
 
 
 def check_files(sheet, *, own=False):
@@ -124,9 +122,9 @@ def test_figure5_finds_every_lamp(runs):
     assert all(0.05 < row.brightness < 0.9 for row in bust)
 
 
-def test_figure6_has_every_surface_and_outvotes_highlights(runs, monkeypatch):
+def test_figure6_has_every_surface_and_outvotes_highlights(monkeypatch):
     monkeypatch.setattr("rakelight.paper.figure6.OBJECTS", ("head",))
-    sheet = figure6(runs)
+    sheet = figure6(Runs(size=0.15))
     check_files(sheet)
     assert len(sheet.rows) == 6
     angle = {(r.shape, r.photographs, r.surface): r.highlight_mae_deg for r in sheet.rows}

@@ -10,13 +10,13 @@ import pytest
 
 from rakelight.cli import main
 from rakelight.paper.figure2 import Explanation
-from rakelight.paper.figure6 import Shining
+from rakelight.paper.figure6 import SHINY, Shining
 from rakelight.paper.figure7 import Count, Time
 from rakelight.paper.figure8 import LAMBERTIAN, Shape
 from rakelight.paper.make import NAMES
 from rakelight.paper.report import INPUT, JOINT, LDR_PS, PUBLISHED, SINGLE, claims, page
 from rakelight.paper.scenarios import Paint
-from rakelight.paper.scenes import SCENARIOS
+from rakelight.paper.scenes import PAPER_OPTIONS, SCENARIOS
 from rakelight.paper.sheet import SECONDS, Sheet
 from rakelight.paper.table1 import Cell, table1_markdown
 from rakelight.paper.table2 import Runtime, table2_markdown
@@ -195,9 +195,10 @@ def test_without_matplotlib_the_extra_is_named_before_any_work(run, monkeypatch,
 
 
 def refined_briefly(capture, method, *, options, **rest):
-    """A step or two of every method: what is written does not depend on them."""
-    if hasattr(options, "max_iterations"):
-        options = replace(options, max_iterations=1)
+    """A step or two of every method, without a choice: what is written does not depend on them."""
+    brief = {"max_iterations": 1, "lights": "white", "distance": "distant"}
+    known = {name: value for name, value in brief.items() if hasattr(options, name)}
+    options = replace(options, **known)
     return refine(capture, method, options=options, **rest)
 
 
@@ -206,6 +207,10 @@ def test_all_of_it_with_one_command(run, monkeypatch, tmp_path):
     monkeypatch.setattr("rakelight.paper.rows.refine", refined_briefly)
     monkeypatch.setattr("rakelight.paper.figure7.COUNTS", (4, 6))
     monkeypatch.setattr("rakelight.paper.figure6.OBJECTS", ("vase",))
+    quick = replace(PAPER_OPTIONS, supersampling=1, photographs=5)
+    for module in ("scenes", "figure3", "figure7", "figure8"):
+        monkeypatch.setattr(f"rakelight.paper.{module}.PAPER_OPTIONS", quick)
+    monkeypatch.setattr("rakelight.paper.figure6.SHINY", replace(SHINY, supersampling=1))
     code, out, err = run("all", "-o", "made", "--size", "0.1", "--json")
     assert (code, err) == (0, "")
     made = {str(path.relative_to(tmp_path / "made")) for path in (tmp_path / "made").rglob("*.*")}
