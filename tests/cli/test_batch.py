@@ -19,7 +19,8 @@ from tests.cli.cli_process import run_process, start
 
 psutil = pytest.importorskip("psutil", reason="comes with Dask")
 
-QUICK = ("--method", "multi-light-alternating", "--set", "max_iterations=2", "--workers", "2")
+ONE_STEP = ("--method", "multi-light-alternating", "--set", "max_iterations=2")
+QUICK = (*ONE_STEP, "--workers", "2")
 PIPES = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
 
 
@@ -103,15 +104,15 @@ def test_killed_workers_and_killed_runs(captures, tmp_path):
     assert names_in(tmp_path) == {"captures", "out"}
     assert names_in(out) == {*after, "batch.json", "index.html"}
 
-    code, printed, _ = run_process(*command)
+    code, printed, _ = run_process(*command[:-1], "1")
     assert (code, results(out)) == (4, after)
     assert b"7 captures: 0 refined, 5 were done before, 2 failed" in printed
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
-def test_an_interrupt_ends_the_workers_and_keeps_what_is_whole(captures, tmp_path, name):
+@pytest.mark.parametrize(("name", "count"), [("SIGINT", 2), ("SIGTERM", 1)])
+def test_an_interrupt_ends_the_workers_and_keeps_what_is_whole(captures, tmp_path, name, count):
     out = tmp_path / "out"
-    command = ("batch", f"{captures}/*", "-o", out, *QUICK)
+    command = ("batch", f"{captures}/*", "-o", out, *ONE_STEP, "--workers", str(count))
     with start(*command, start_new_session=True, **PIPES) as process:
         until(lambda: len(results(out)) >= 1, process)
         started = family(process)
