@@ -1,6 +1,7 @@
 """rakelight.load_result: the Result that was saved, and what is said of damaged folders."""
 
 import json
+import shutil
 from dataclasses import fields, replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from rakelight.errors import InputError
 from rakelight.export import load_result
 from rakelight.model import FARTHEST_M, Lights, Result
 from rakelight.photometry.images import LightParameters
+from tests.export.conftest import make_sphere
 
 MIDDLE_M = np.array([0.01, -0.012, 0.62])
 
@@ -33,12 +35,18 @@ def full(sphere):
     )
 
 
-@pytest.fixture
-def saved(sphere, tmp_path):
+@pytest.fixture(scope="module")
+def pristine(tmp_path_factory):
     """A result as it was, and its folder."""
-    result = full(sphere)
-    rakelight.save_result(result, tmp_path / "out", mesh="none")
-    return result, tmp_path / "out"
+    result, folder = full(make_sphere()), tmp_path_factory.mktemp("pristine") / "out"
+    rakelight.save_result(result, folder, mesh="none")
+    return result, folder
+
+
+@pytest.fixture
+def saved(pristine, tmp_path):
+    """The same with a folder of the test's own."""
+    return pristine[0], shutil.copytree(pristine[1], tmp_path / "out")
 
 
 def test_every_field_comes_back(saved):
