@@ -168,7 +168,7 @@ def test_the_page_about_check_lists_the_codes_of_the_findings():
 @pytest.mark.parametrize("page", ["README.md", "docs/reference/python.md"])
 def test_the_arrays_of_the_pages_are_refined(page):
     vase = make_shape("vase")
-    scene = SceneOptions(camera=vase.camera.scaled(0.15), photographs=5, depth_frames=2, bits=8)
+    scene = SceneOptions(camera=vase.camera.scaled(0.1), photographs=4, depth_frames=2, bits=8)
     capture, _ = render_scene(vase, make_albedo("pattern"), scene)
     (example,) = (text for text in blocks(text_of(page), "python") if "from_arrays" in text)
     names = {
