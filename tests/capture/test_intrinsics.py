@@ -6,7 +6,12 @@ from dataclasses import replace
 import pytest
 
 from rakelight.capture.extrinsics import depth_to_color
-from rakelight.capture.intrinsics import MAX_BYTES, named_intrinsics, parse_intrinsics
+from rakelight.capture.intrinsics import (
+    MAX_BYTES,
+    named_intrinsics,
+    parse_depth_intrinsics,
+    parse_intrinsics,
+)
 from rakelight.errors import CaptureError
 from rakelight.model import Camera, Distortion
 
@@ -430,3 +435,15 @@ def test_what_is_no_such_file(text):
 def test_names_that_say_so():
     assert all(map(named_intrinsics, ("K", "camera_info", "calibration_matrix", "Intrinsic-1")))
     assert not any(map(named_intrinsics, ("kinect", "poses", "lights", "CameraTrajectory")))
+
+
+@pytest.mark.parametrize("name", ["{}_color", "{}_rgb", "color_{}", "rgb{}"])
+@pytest.mark.parametrize("read", [parse_intrinsics, parse_depth_intrinsics])
+def test_no_coefficient_of_a_camera_is_lost(name, read):
+    """k2_color is no pose from k to the colour camera."""
+    if read is parse_depth_intrinsics:
+        name = name.replace("color", "depth").replace("rgb", "depth")
+    coefficients = {"k1": 0.1, "k2": 0.02, "p1": 0.003, "p2": -0.004, "k3": 0.05}
+    facts = {**FIGURES, **coefficients}
+    text = json.dumps({name.format(key): value for key, value in facts.items()})
+    assert read(text.encode()) == replace(NO_SIZE, distortion=lens(*coefficients.values(), 0, 0, 0))

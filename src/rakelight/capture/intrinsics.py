@@ -69,7 +69,8 @@ Size = tuple[int, int]
 
 _DEPTH = "depth|infra(?:red)?1?"
 _COLOR = "colou?r|rgb"
-_POSE = re.compile(r"(?:to|2)(?:depth|infra|colou?r|rgb)")  # in names of what is no camera
+# In names of what is no camera, color2depth; k2_color is a coefficient of its lens.
+_POSE = re.compile(r"(?:to|(?<!^[kp])2)(?:depth|infra|colou?r|rgb)")
 
 
 def named_intrinsics(stem: str) -> bool:
