@@ -383,12 +383,12 @@ def test_distortion_that_is_not_understood(distortion):
     [
         (json.dumps({**FISHEYE, "fisheye": 1, "distortion_model": "plumb_bob"}), "and fisheye"),
         (json.dumps({**FISHEYE, "fisheye": 1, "D": [0.1, 0, 0, 0, 0.1]}), "kannala-brandt"),
-        (json.dumps({**FIGURES, "model": "inverse_brown_conrady", "coeffs": [0.1, 0, 0, 0, 0]}),
+        (json.dumps({**FIGURES, "model": "modified_brown_conrady", "coeffs": [0.1, 0, 0, 0, 0]}),
          "this model of distortion is not read"),
         (json.dumps({"cam0": FIGURES, "cam1": {**FIGURES, "fy": 227}}), "several camera matrices"),
         (ROS_SAVES.replace("data: [225,", "data: ["), "damaged"),
         ("500 1 320 0 500 240 0 0 1", "skew"),
-        ("[ 320x240  p[160 120]  f[225 226]  Inverse Brown Conrady [0.1 0 0 0 0] ]",
+        ("[ 320x240  p[160 120]  f[225 226]  Modified Brown Conrady [0.1 0 0 0 0] ]",
          "this model of distortion is not read"),
         (METASHAPE.replace("<k1>", "<k4>0.01</k4><k1>"), "seen k4"),
         (METASHAPE.replace(">frame", ">fisheye"), "another projection"),
@@ -435,6 +435,37 @@ def test_what_is_no_such_file(text):
 def test_names_that_say_so():
     assert all(map(named_intrinsics, ("K", "camera_info", "calibration_matrix", "Intrinsic-1")))
     assert not any(map(named_intrinsics, ("kinect", "poses", "lights", "CameraTrajectory")))
+
+
+INVERSE = [0.1, 0.02, 0.003, -0.004, 0.05]
+ENUMERATED = """\
+ Intrinsic of "Color" / 320x240 / {{RGB8/BGR8}}
+  Width:      \t320
+  Height:     \t240
+  PPX:        \t160
+  PPY:        \t120
+  Fx:         \t225
+  Fy:         \t226
+  Distortion: \tInverse Brown Conrady
+  Coeffs:     \t{}
+""".format("  \t".join(map(str, INVERSE)))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        ENUMERATED,
+        "[ 320x240  p[160 120]  f[225 226]  Inverse Brown Conrady [0.1 0.02 0.003 -0.004 0.05] ]",
+        json.dumps({**FIGURES, **SIZE, "model": "distortion.inverse_brown_conrady",
+                    "coeffs": INVERSE}),
+        json.dumps({**FIGURES, **SIZE, "model": "inverse_brown_conrady", "k1": 0.1, "k2": 0.02,
+                    "p1": 0.003, "p2": -0.004, "k3": 0.05}),
+    ],
+    ids=["rs-enumerate-devices", "librealsense prints", "pyrealsense2", "by name"],
+)  # fmt: skip
+def test_the_inverse_model_of_librealsense(text):
+    found = parse_intrinsics(text.encode(), "camera.txt")
+    assert found == replace(PINHOLE, distortion=Distortion("inverse-brown-conrady", INVERSE))
 
 
 @pytest.mark.parametrize("name", ["{}_color", "{}_rgb", "color_{}", "rgb{}"])

@@ -20,7 +20,7 @@ from rakelight.capture import npy
 from rakelight.capture.text_tables import NUMBER, Table, contents, text_of
 from rakelight.errors import CaptureError, parsing, stated_in
 from rakelight.files import read_bytes
-from rakelight.model import Camera, Distortion, Floats
+from rakelight.model import Camera, Distortion, Floats, LensModel
 
 MAX_BYTES = 5_000_000
 """Of a file with intrinsics: they take some thousand, the poses beside them megabytes."""
@@ -48,6 +48,7 @@ _BROWN_CONRADY = re.compile("|".join((
     "perspective",
     "(simple)?radial", "(full)?opencv", "(distortion)?(none|brownconrady)",
 )))  # fmt: skip
+_INVERSE = re.compile("(distortion)?inversebrownconrady")
 _KANNALA_BRANDT = re.compile("equidistant|(opencv)?fisheye|(distortion)?kannalabrandt[0-9]?")
 
 # Of COLMAP's models: how many focal lengths, and the names of what follows the principal point.
@@ -62,8 +63,11 @@ _COLMAP = {
     "SIMPLE_RADIAL_FISHEYE": (1, "k1"),
     "RADIAL_FISHEYE": (1, "k1 k2"),
 }
-_OPENCV_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-_FISHEYE_ORDER = ("k1", "k2", "k3", "k4")
+_ORDERS: dict[LensModel, tuple[str, ...]] = {
+    "brown-conrady": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+    "inverse-brown-conrady": ("k1", "k2", "p1", "p2", "k3"),
+    "kannala-brandt": ("k1", "k2", "k3", "k4"),
+}
 
 Size = tuple[int, int]
 
@@ -191,16 +195,20 @@ def parse_depth_intrinsics(
 
 
 def _made(
-    K: Any, sizes: tuple[float, float], distortion: Any, source: str, fisheye: bool = False
+    K: Any,
+    sizes: tuple[float, float],
+    distortion: Any,
+    source: str,
+    model: LensModel = "brown-conrady",
 ) -> Camera:
-    """The camera of a matrix (3, 3) and coefficients in OpenCV's order, checked."""
+    """The camera of a matrix (3, 3) and coefficients in the model's order, checked."""
     width, height = (int(side) if 0 < side < 1e6 else 0 for side in sizes)
     lens: Any = tuple(float(value) for value in np.ravel(distortion))
     with stated_in(source):
         if not any(lens):
             lens = None
-        elif fisheye:
-            lens = Distortion("kannala-brandt", lens)
+        elif model != "brown-conrady":
+            lens = Distortion(model, lens)
         camera = Camera.from_matrix(np.asarray(K, np.float64), (height or 1, width or 1), lens)
     return replace(camera, width=width, height=height)
 
@@ -271,16 +279,17 @@ def _colmap(text: str, source: str) -> Camera | None:
     width, height, *values = map(float, numbers)
     fx, fy = values[0], values[lengths - 1]
     cx, cy = (value - 0.5 for value in values[lengths : lengths + 2])
-    fisheye = "FISHEYE" in model
+    of_lens: LensModel = "kannala-brandt" if "FISHEYE" in model else "brown-conrady"
     stated = dict(zip(given, values[lengths + 2 :], strict=True))
-    distortion = _in_order(stated, fisheye)
-    return _made(_pinhole(fx, fy, cx, cy), (width, height), distortion, source, fisheye)
+    distortion = _in_order(stated, of_lens)
+    return _made(_pinhole(fx, fy, cx, cy), (width, height), distortion, source, of_lens)
 
 
-def _in_order(stated: dict[str, float], fisheye: bool) -> list[float]:
-    """Coefficients by their names in OpenCV's order; none where none is stated."""
-    order = _FISHEYE_ORDER if fisheye else _OPENCV_ORDER
-    return [stated.get(name, 0.0) for name in order] if stated else []
+def _in_order(stated: Mapping[str, float], model: LensModel) -> list[float]:
+    """Coefficients by their names in the model's order; none where none is stated."""
+    order = _ORDERS[model]
+    given = any(name in stated for name in order)
+    return [float(stated.get(name, 0.0)) for name in order] if given else []
 
 
 # ---- tables
@@ -416,23 +425,30 @@ def _of_table(table: Table, source: str) -> Camera | None:
         both = next((each for each in pairs if each is not None and each.size == 2), None)
         if not all(sizes) and both is not None:
             sizes = float(both[0]), float(both[1])
-        model = _model(whole)
-        fisheye = bool(_KANNALA_BRANDT.fullmatch(plain_key(model)))
+        name = _model(whole)
+        model = _model_called(name)
         lists = (_coefficients(key, value, source) for key, value in coefficients.items())
         distortion: Any = next((each for each in lists if each is not None), None)
         if distortion is None:
-            order = _FISHEYE_ORDER if fisheye else _OPENCV_ORDER
-            stated = {key: float(scalars[key]) for key in order if key in scalars}
-            distortion = _in_order(stated, fisheye)
-    if np.any(distortion) and not fisheye and not _BROWN_CONRADY.fullmatch(plain_key(model)):
+            distortion = _in_order(scalars, model or "brown-conrady")
+    if np.any(distortion) and model is None:
         raise CaptureError(
             "this model of distortion is not read",
             source=source,
-            seen=model[:60],
-            needed="OpenCV's, its fisheye model, or none",
+            seen=name[:60],
+            needed="OpenCV's, its fisheye model, librealsense's inverse Brown-Conrady, or none",
             remedy="calibrate with one of these",
         )
-    return _made(K, (sizes[0], sizes[1]), distortion, source, fisheye)
+    return _made(K, (sizes[0], sizes[1]), distortion, source, model or "brown-conrady")
+
+
+def _model_called(name: str) -> LensModel | None:
+    """The model that another program calls so; None where it is none that is read."""
+    if _KANNALA_BRANDT.fullmatch(plain_key(name)):
+        return "kannala-brandt"
+    if _INVERSE.fullmatch(plain_key(name)):
+        return "inverse-brown-conrady"
+    return "brown-conrady" if _BROWN_CONRADY.fullmatch(plain_key(name)) else None
 
 
 def _model(table: Mapping[str, Any]) -> str:
@@ -467,7 +483,8 @@ def _coefficients(key: str, value: Any, source: str) -> Floats | None:
     else:
         listed = value if _number(value) is None else [value]
     numbers = numbers_of(listed, source, key)
-    by_name = isinstance(value, dict) and any(name in _named(value) for name in _OPENCV_ORDER)
+    names = _ORDERS["brown-conrady"]
+    by_name = isinstance(value, dict) and any(name in _named(value) for name in names)
     if numbers is not None or by_name or key in _OTHERS_TOO:
         return numbers
     stated = str(list(value.values()) if isinstance(value, dict) else value)
