@@ -24,6 +24,14 @@ _NESTED = 3  # tables within tables that are looked into
 _ALIKE = 1e-3  # largest difference of a rotation from its transpose that is none
 _LARGEST = 1e6  # number in a pose, far beyond what one holds: its square is finite
 _MILLIMETRES = 1000.0  # of a baseline beyond a metre, in each metre
+# Metres in each unit of length, by the words of names.
+_UNITS = {
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0),
+    **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetre", "centimetres"), 1e-2),
+    **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), 1e-3),
+}
+_TRANSLATION = re.compile("trans|t(?:in)?(?:" + "|".join(("", *_UNITS)) + ")$")
+_UNIT_KEYS = ("unit", "units", "translationunit", "translationunits")
 
 
 def depth_to_color(data: bytes, source: str, stem: str) -> list[RigidTransform | None]:
@@ -40,10 +48,10 @@ def depth_to_color(data: bytes, source: str, stem: str) -> list[RigidTransform |
     if text is None:
         return []
     if words := _matrix_words(text):
-        return _stated({plain_key(stem): words})
+        return _stated({stem: words})
     with parsing(source, "no pose of a camera", CaptureError):
         for content in contents(text, source):
-            if found := _stated({plain_key(stem): content}) or _stated(content):
+            if found := _stated({stem: content}) or _stated(content):
                 return found
     return []
 
@@ -77,7 +85,7 @@ def _stated(content: Any, nested: int = 0) -> list[RigidTransform | None]:
         if not inverse and not _DEPTH_FIRST.search(name):
             found += _stated(value, nested + 1)
         elif isinstance(value, (dict, list)):
-            pose = _pose(value, name)
+            pose = _pose(value, str(key))
             if pose is not None and inverse:
                 turned = pose.rotation.T
                 pose = RigidTransform(turned, -turned @ pose.translation_m)
@@ -86,7 +94,10 @@ def _stated(content: Any, nested: int = 0) -> list[RigidTransform | None]:
 
 
 def _pose(value: Any, name: str) -> RigidTransform | None:
-    """Of a table with rotation and translation, or of a matrix of four columns; None if unclear."""
+    """Of a table with rotation and translation, or of a matrix of four columns; None if unclear.
+
+    name : what it stands under
+    """
     numbers = numbers_of(value)
     if numbers is not None and numbers.size in (12, 16):
         matrix = numbers.reshape(-1, 4)
@@ -94,12 +105,17 @@ def _pose(value: Any, name: str) -> RigidTransform | None:
             matrix = matrix[:3]
         elif len(matrix) == 4:
             matrix = matrix.T[:3]
-        return _checked(matrix[:, :3], matrix[:, 3])
+        return _checked(matrix[:, :3], matrix[:, 3], _unit_in(name))
     if not isinstance(value, dict):
         return None
+    names = {plain_key(key): str(key) for key in value}
     parts = {plain_key(key): each for key, each in value.items()}
+    unit = next((str(parts[key]) for key in _UNIT_KEYS if key in parts), "")
+    if unit and plain_key(unit) not in _UNITS:
+        return None
+    name = f"{name} {unit}"
     rotations = [key for key in parts if key == "r" or key.startswith("rot")]
-    translations = [key for key in parts if key == "t" or key.startswith("trans")]
+    translations = [key for key in parts if _TRANSLATION.match(key) and key not in _UNIT_KEYS]
     if len(rotations) != 1 or len(translations) != 1:
         inner = [_pose(each, name) for each in parts.values() if isinstance(each, (dict, list))]
         return inner[0] if len(inner) == 1 else None
@@ -107,20 +123,36 @@ def _pose(value: Any, name: str) -> RigidTransform | None:
     translation = numbers_of(parts[translations[0]])
     if rotation is None or translation is None or (rotation.size, translation.size) != (9, 3):
         return None
-    stated = rotations[0] + name
+    stated = rotations[0] + plain_key(name)
     square = rotation.reshape(3, 3)
     if rotation.ndim == 1 and "row" not in stated:
         if "col" not in rotations[0] and np.abs(square - square.T).max() > _ALIKE:
             return None
         square = square.T
-    return _checked(square, translation.ravel())
+    unit_m = _unit_in(names[translations[0]]) or _unit_in(name)
+    return _checked(square, translation.ravel(), unit_m)
 
 
-def _checked(rotation: Floats, translation: Floats) -> RigidTransform | None:
-    """The pose in metres; None where it is none."""
+def _unit_in(name: str) -> float | None:
+    """Metres in the unit that a name ends in; None where it does not.
+
+    >>> [_unit_in(name) for name in ("translation_cm", "tInMillimeters", "T (m)", "transform")]
+    [0.01, 0.001, 1.0, None]
+    """
+    *others, last = re.findall("[A-Z]?[a-z]+|[A-Z]+", name) or [""]
+    return _UNITS.get(last.lower()) if others and last != "M" else None  # M is a matrix
+
+
+def _checked(rotation: Floats, translation: Floats, unit_m: float | None) -> RigidTransform | None:
+    """The pose in metres; None where it is none.
+
+    unit_m : metres in the unit of the translation; None where it is not stated
+    """
+    if unit_m is not None:
+        translation = translation * unit_m
     if not max(np.abs(rotation).max(), np.abs(translation).max()) < _LARGEST:
         return None
-    if np.linalg.norm(translation) > validate.LONGEST_BASELINE_M:
+    if unit_m is None and np.linalg.norm(translation) > validate.LONGEST_BASELINE_M:
         translation = translation / _MILLIMETRES
     pose = RigidTransform(rotation, translation)
     try:

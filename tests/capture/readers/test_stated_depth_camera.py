@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from rakelight import load_capture
+from rakelight.capture.extrinsics import depth_to_color
 from rakelight.capture.images import encode_png, encode_tiff
 from rakelight.errors import CaptureError
 from rakelight.model import Camera
@@ -303,3 +304,43 @@ def test_two_files_of_one_pose(tmp_path, off_m, clear):
     }
     made = folder(tmp_path, depth_intrinsics_json=DEPTH_FACTS, K_txt=MATRIX_C, **texts)
     assert ("depth-camera" in codes(load_capture(made))) == clear
+
+
+UNITS = {"m": 1, "cm": 100, "mm": 1000, "Mm": 1000, "in_millimetres": 1000, " (cm)": 100}
+
+
+@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("name", ["translation_{}", "T_{}", "translation"])
+def test_the_unit_that_a_translation_names(name, unit):
+    """Millimetres of less than one, too, which would be metres where no unit is named."""
+    shift = (UNITS[unit] * SHIFT_M).tolist()
+    facts = {"rotation": TURN.tolist(), name.format(unit): shift}
+    if name == "translation":
+        facts["unit"] = unit.strip(" (in_)")
+    assert_moved(facts, "depth_to_color", SHIFT_M)
+    small = {**facts, name.format(unit): (UNITS[unit] * SHIFT_M / 50).tolist()}
+    assert_moved(small, "depth_to_color", SHIFT_M / 50)
+    matrix = POSE.copy()
+    matrix[:3, 3] = shift
+    assert_moved(matrix.tolist(), f"depth_to_color_{unit}", SHIFT_M)
+    rows = "\n".join(" ".join(map(repr, row)) for row in matrix.tolist())
+    (found,) = depth_to_color(rows.encode(), "a.txt", f"depth2color_{unit}")
+    np.testing.assert_allclose(found.translation_m, SHIFT_M)
+    assert_moved({"units": unit.strip(" (in_)"), "matrix": matrix.tolist()}, "depth2color", SHIFT_M)
+
+
+def assert_moved(pose, name, shift_m):
+    (found,) = depth_to_color(json.dumps({name: pose}).encode(), "a.json", "a")
+    np.testing.assert_allclose(found.translation_m, shift_m)
+
+
+@pytest.mark.parametrize("pose", [{"T": [1, 0, 0], "unit": "inches"}, {"T_m": [25.0, 0, 0]}])
+def test_a_translation_whose_unit_is_not_clear(pose):
+    text = json.dumps({"depth_to_color": {"R": TURN.tolist(), **pose}})
+    assert depth_to_color(text.encode(), "a.json", "a") == [None]
+
+
+def test_a_name_that_ends_in_a_matrix_states_no_unit():
+    text = json.dumps({"depth_to_color_M": (POSE * [1, 1, 1, 1000]).tolist()})
+    (found,) = depth_to_color(text.encode(), "a.json", "a")
+    np.testing.assert_allclose(found.translation_m, SHIFT_M)
