@@ -10,8 +10,9 @@ import pytest
 from rakelight.capture import load_capture, load_depth, write_capture
 from rakelight.capture.images import encode_png, encode_tiff
 from rakelight.capture.one_scene import check_one_scene
+from rakelight.capture.validate import check_camera
 from rakelight.errors import CaptureError
-from rakelight.model import Camera, RigidTransform, SensorNoise
+from rakelight.model import Camera, Distortion, RigidTransform, SensorNoise
 from tests.capture.capture_builder import (
     HEIGHT,
     WIDTH,
@@ -728,3 +729,27 @@ def test_coloured_and_palette_masks(folder):
     bits = [np.packbits(row).tobytes() for row in expected]
     (folder / "mask.png").write_bytes(png(WIDTH, HEIGHT, 1, 0, bits))
     np.testing.assert_array_equal(load_capture(folder).mask, expected)
+
+
+@pytest.mark.parametrize("quarters", [-1, 1], ids=["clockwise", "anticlockwise"])
+def test_a_calibration_of_turned_images_is_told_that_of_the_stored_ones(tmp_path, quarters):
+    """EXIF has viewers, and cv2.imread, turn them; a point that both show has the same ray."""
+    stored = Camera(32, 24, 40.0, 40.5, 16.0, 11.0)
+    rows, columns = np.rot90(np.mgrid[:24, :32], quarters, axes=(1, 2))
+    (cy,), (cx,) = np.nonzero((rows == stored.cy) & (columns == stored.cx))
+    told = f"cx = {stored.cx:g}, cy = {stored.cy:g}"
+    told += " if it turned them clockwise (orientation 6" if quarters < 0 else ""
+    for width, height in ((32, 24), (24, 32)):
+        turned = Camera(width, height, stored.fy, stored.fx, float(cx), float(cy))
+        with pytest.raises(CaptureError) as caught:
+            check_camera(turned, stored.shape, "K.txt", "intrinsics")
+        assert "fx = 40, fy = 40.5, and cx" in caught.value.remedy
+        assert told in caught.value.remedy
+        assert len(caught.value.remedy) < 400  # what is longer is cut
+
+
+def test_a_turned_calibration_with_a_tangential_lens_is_to_be_made_again():
+    lens = Distortion("brown-conrady", [0.1, 0, 0.001, 0])
+    turned = Camera(24, 32, 40.5, 40.0, 11.0, 16.0, lens)
+    with pytest.raises(CaptureError, match="calibrate with them as they are stored"):
+        check_camera(turned, (24, 32), "K.txt", "intrinsics")

@@ -213,7 +213,8 @@ def check_principal_point(camera: Camera, source: str, name: str = "the principa
     if inside(camera.cx, camera.cy) and not exchanged:
         return
     if exchanged:
-        what, remedy = "looks transposed", "exchange cx and cy"
+        what = "looks transposed"
+        remedy = f"exchange cx and cy where they were mixed up; {_unturned(camera, camera.shape)}"
     elif inside(camera.fx, camera.fy):
         what = "lies outside the image"
         remedy = "fx, fy and cx, cy look exchanged: give them the other way round"
@@ -226,6 +227,25 @@ def check_principal_point(camera: Camera, source: str, name: str = "the principa
         seen=f"cx = {camera.cx:g}, cy = {camera.cy:g} in {camera.width}x{camera.height}",
         needed="a point near the centre",
         remedy=remedy,
+    )
+
+
+def _unturned(camera: Camera, shape: tuple[int, int]) -> str:
+    """What to do where the camera is that of images turned by a quarter, not as stored (h, w).
+
+    >>> _unturned(Camera(480, 640, 500.0, 510.0, 230.0, 320.0), (480, 640))
+    'where it was calibrated with images that a viewer turned: fx = 510, fy = 500, and cx = 320,
+    cy = 249 if it turned them clockwise (orientation 6 in EXIF), else cx = 319, cy = 230'
+    """
+    when = "where it was calibrated with images that a viewer turned: "
+    lens = camera.distortion
+    if lens is not None and lens.model != "kannala-brandt" and any(lens.coefficients[2:4]):
+        return f"{when}calibrate with them as they are stored"
+    height, width = shape
+    return (
+        f"{when}fx = {camera.fy:g}, fy = {camera.fx:g}, and cx = {camera.cy:g}, "
+        f"cy = {height - 1 - camera.cx:g} if it turned them clockwise (orientation 6 in EXIF), "
+        f"else cx = {width - 1 - camera.cy:g}, cy = {camera.cx:g}"
     )
 
 
@@ -264,7 +284,8 @@ def _check_camera_size(camera: Camera, shape: tuple[int, int], source: str, tabl
     height, width = shape
     factor = width / camera.width
     if (height, width) == (camera.width, camera.height):
-        remedy = "width and height are exchanged, or the images were turned"
+        remedy = "width and height are exchanged, or the images were turned; "
+        remedy += _unturned(camera, shape)
     elif round(camera.height * factor) == height:
         fit = camera.scaled(factor)
         remedy = (
