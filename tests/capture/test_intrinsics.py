@@ -11,6 +11,7 @@ from rakelight.capture.intrinsics import (
     named_intrinsics,
     parse_depth_intrinsics,
     parse_intrinsics,
+    parse_lens,
 )
 from rakelight.errors import CaptureError
 from rakelight.model import Camera, Distortion
@@ -478,3 +479,147 @@ def test_no_coefficient_of_a_camera_is_lost(name, read):
     facts = {**FIGURES, **coefficients}
     text = json.dumps({name.format(key): value for key, value in facts.items()})
     assert read(text.encode()) == replace(NO_SIZE, distortion=lens(*coefficients.values(), 0, 0, 0))
+
+
+NUMBERS = [-0.28, 0.11, 0.001, -0.0005, -0.02]
+BY_NAME = dict(zip(("k1", "k2", "p1", "p2", "k3"), NUMBERS, strict=True))
+VINS = """\
+%YAML:1.0
+---
+model_type: PINHOLE
+image_width: 320
+image_height: 240
+distortion_parameters:
+   k1: -0.28
+   k2: 0.11
+   p1: 0.001
+   p2: -0.0005
+projection_parameters:
+   fx: 225.0
+   fy: 226.0
+   cx: 160.0
+   cy: 120.0
+"""
+ZIVID = """\
+CameraIntrinsics:
+  CameraMatrix: {CX: 160, CY: 120, FX: 225, FY: 226}
+  Distortion: {K1: -0.28, K2: 0.11, K3: -0.02, P1: 0.001, P2: -0.0005}
+"""
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        VINS,
+        ZIVID,
+        *map(json.dumps, (
+            {"intrinsics": FIGURES, "distortion": NUMBERS},
+            {"distortion": BY_NAME, "intrinsics": FIGURES},
+            {"intrinsics": FIGURES, "distortion_coefficients": [NUMBERS]},
+            {"intrinsics": FIGURES, **BY_NAME},
+            {"intrinsics": {"K": ROWS}, "distortion": {"coeffs": NUMBERS, "model": "radtan"}},
+            {"camera": {"intrinsic": FIGURES, "distortion": BY_NAME}},
+            {"camera": {"intrinsic": FIGURES}, "distortion": BY_NAME},
+            {"color": {"intrinsics": FIGURES, "distortion": NUMBERS},
+             "depth": {"intrinsics": {**FIGURES, "fx": 200}, "distortion": [1, 0, 0, 0]}},
+            {"rgb_intrinsic": FIGURES, "rgbDistortion": BY_NAME,
+             "depth_intrinsic": {**FIGURES, "fx": 200}, "depth_distortion": {"k1": 1}},
+            {"intrinsics": FIGURES, "distortion": NUMBERS, "depth_intrinsics": FIGURES},
+            {"intrinsics": FIGURES, "color_distortion": NUMBERS},
+            {"color_intrinsics": FIGURES, "distortion": NUMBERS},
+            {**FIGURES, "color_distortion": NUMBERS},
+            {"K": ROWS, "kc": NUMBERS},
+            {**FIGURES, "disto": NUMBERS},
+            {**FIGURES, "coefficients": NUMBERS},
+            {**FIGURES, "distorsion": NUMBERS},
+            {"camera_matrix": K, "camera_distortion": [NUMBERS]},
+            {**FIGURES, **{f"distortion_{key}": value for key, value in BY_NAME.items()}},
+        )),
+    ],
+)  # fmt: skip
+def test_a_lens_beside_its_camera(text):
+    found = parse_intrinsics(text.encode(), "camera.yaml")
+    assert (found.fx, found.distortion.model) == (225, "brown-conrady")
+    expected = NUMBERS[:4] if text is VINS else NUMBERS
+    assert found.distortion.coefficients[:5] == (*expected, *[0.0] * (5 - len(expected)))
+
+
+@pytest.mark.parametrize(
+    "facts",
+    [
+        {"depth_intrinsics": FIGURES, "depth_distortion": NUMBERS},
+        {"depth_intrinsics": FIGURES, "distortion": NUMBERS},
+        {"depth": {"intrinsics": FIGURES, "distortion": BY_NAME}, "color": {"K": ROWS}},
+        {"cameras": {"depth_intrinsics": FIGURES}, "distortion": NUMBERS},
+    ],
+)
+def test_a_lens_beside_the_depth_camera(facts):
+    found = parse_depth_intrinsics(json.dumps(facts).encode(), "a.json")
+    assert found.distortion.coefficients[:5] == tuple(NUMBERS)
+
+
+def test_a_model_beside_the_camera_is_that_of_the_lens_there():
+    facts = {"intrinsics": FIGURES, "distortion": {"model": "fisheye", "k1": 0.1}}
+    assert parse_intrinsics(json.dumps(facts).encode()).distortion.model == "kannala-brandt"
+    facts = {"model": "fisheye", "intrinsics": FIGURES, "distortion": [0.1, 0, 0, 0]}
+    assert parse_intrinsics(json.dumps(facts).encode()).distortion.model == "kannala-brandt"
+    facts["intrinsics"] = {**FIGURES, "distortion": [0, 0, 0, 0]}
+    assert parse_intrinsics(json.dumps(facts).encode()).distortion is None
+
+
+@pytest.mark.parametrize(
+    ("facts", "says"),
+    [
+        ({**FIGURES, "radial_distortion": [0.1, 0, 0]}, "not understood"),
+        ({"intrinsics": FIGURES, "radial_distortion": [0.1, 0, 0]}, "not understood"),
+        ({**FIGURES, "lensDistortion": NUMBERS}, "not understood"),
+        ({**FIGURES, "distortion_k": [0.1, 0, 0], "distortion_p": [0, 0]}, "not understood"),
+        ({**FIGURES, "radial_1": 0.1, "p1": 0.1}, "not understood"),
+        ({"color": FIGURES, "depth": FIGURES, "distortion": NUMBERS}, "of which camera"),
+        ({"camera": FIGURES, "lens": {"distortion": NUMBERS}}, "of which camera"),
+        ({**FIGURES, "lens": BY_NAME}, "of which camera"),
+    ],
+)
+def test_a_lens_that_is_not_clear_is_refused(facts, says):
+    with pytest.raises(CaptureError, match=says):
+        parse_intrinsics(json.dumps(facts).encode(), "a.json")
+
+
+@pytest.mark.parametrize(
+    "facts",
+    [
+        {**FIGURES, "radial_distortion": [0, 0, 0], "distortion_model": "radtan"},
+        {**FIGURES, "undistorted_size": [320, 240]},
+        {**FIGURES, "distortion_error": 0.3, "distortion_map": "map1.png"},
+        {**FIGURES, "color_correction": {"coeffs": [1, 2, 3, 4]}},
+        {"intrinsics": FIGURES, "d": [0, 0, 600], "p1": 3, "dist": 0.6},
+        {"intrinsics": FIGURES, "depth_distortion": NUMBERS},
+        {**FIGURES, "depth_distortion": NUMBERS},
+        {"a": {**FIGURES, **SIZE}, "b": {**FIGURES, "w": 640, "h": 480, "distortion": {"k1": 1}}},
+        {**FIGURES, **SIZE, "depth": {"intrinsics": FIGURES, "distortion": NUMBERS}},
+    ],
+)
+def test_what_is_no_lens_of_the_camera(facts):
+    found = parse_intrinsics(json.dumps(facts).encode(), size=(320, 240))
+    assert found == replace(NO_SIZE, width=found.width, height=found.height)
+
+
+def test_a_camera_with_a_lens_keeps_it_from_those_in_it():
+    rectified = {"K": ROWS, "width": 640, "height": 480}
+    facts = {"K": ROWS, **SIZE, "D": NUMBERS, "rectified": rectified}
+    found = parse_intrinsics(json.dumps(facts).encode(), size=(640, 480))
+    assert found == replace(NO_SIZE, width=640, height=480)
+
+
+@pytest.mark.parametrize("text", ["k1 is about -0.28", "1 2 0.1", '{"radial_distortion": [0.1]}'])
+def test_a_file_of_a_lens_that_is_not_understood(text):
+    with pytest.raises(CaptureError, match=r"distortion\.txt: "):
+        parse_lens(text.encode(), "distortion.txt")
+    if text == "1 2 0.1":
+        assert parse_lens(text.encode(), "dist.txt", sure=False) is None
+
+
+@pytest.mark.parametrize("text", ["the lens does not distort", "0.6", "", "{}"])
+def test_a_file_that_states_no_lens(text):
+    assert parse_lens(text.encode(), "dist.txt") is None
+    assert parse_lens(b"0 0 0 0", "dist.txt").is_none

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from rakelight.capture import validate
-from rakelight.capture.intrinsics import MAX_BYTES, numbers_of, plain_key
-from rakelight.capture.text_tables import NUMBER, contents, text_of
+from rakelight.capture.intrinsics import MAX_BYTES
+from rakelight.capture.text_tables import contents, numbers_alone, numbers_of, plain_key, text_of
 from rakelight.errors import CaptureError, InputError, parsing
 from rakelight.model import Floats, RigidTransform
 
@@ -68,10 +68,8 @@ def is_identity(data: bytes) -> bool:
 
 def _matrix_words(text: str) -> list[str]:
     """The 12 or 16 numbers that a text is; empty where it is another."""
-    lines = (line.split("#")[0] for line in text.splitlines())
-    words = re.sub(r"[\s,;\[\]]+", " ", " ".join(lines)).split()
-    numbers = len(words) in (12, 16) and all(re.fullmatch(NUMBER, word) for word in words)
-    return words if numbers else []
+    words = numbers_alone(text)
+    return words if len(words) in (12, 16) else []
 
 
 def _stated(content: Any, nested: int = 0) -> list[RigidTransform | None]:

@@ -8,8 +8,7 @@ looked for by their names.
 from __future__ import annotations
 
 import re
-from collections import ChainMap
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,30 @@ from typing import Any
 import numpy as np
 
 from rakelight.capture import npy
-from rakelight.capture.text_tables import NUMBER, Table, contents, text_of
+from rakelight.capture.lens_tables import (
+    COLOR,
+    COUNTS,
+    DEPTH,
+    KANNALA_BRANDT,
+    coefficients_of,
+    in_order,
+    is_lens,
+    lens_part,
+    not_understood,
+    sure_names,
+    surely_lens,
+    with_lens,
+)
+from rakelight.capture.text_tables import (
+    NUMBER,
+    Table,
+    contents,
+    number_of,
+    numbers_alone,
+    numbers_of,
+    plain_table,
+    text_of,
+)
 from rakelight.errors import CaptureError, parsing, stated_in
 from rakelight.files import read_bytes
 from rakelight.model import Camera, Distortion, Floats, LensModel
@@ -30,26 +52,12 @@ SUFFIXES = (".yaml", ".yml", ".xml", ".json", ".txt", ".csv")
 _MATRIX_KEYS = (
     "cameramatrix", "intrinsicmatrix", "intrinsics", "k", "camk", "mtx", "cameramatrix1",
 )  # fmt: skip
-_DISTORTION_KEYS = re.compile(r"dist(ortion)?(coef\w*|param\w*)?|d|coeffs")
-_OTHERS_TOO = ("d", "dist", "coeffs")  # of these: one number alone under them is something else
-_NOT_ZERO = re.compile(r"[1-9]|\b(?:nan|inf)\b", re.IGNORECASE)
-_MODEL_KEYS = ("distortionmodel", "distmodel", "cameramodel", "cameratype", "model")
-# Whether the model is the fisheye's: OpenCV's calibration sample, instant-ngp.
-_FISHEYE_KEYS = ("fisheyemodel", "isfisheye", "usefisheye", "fisheye")
 _WIDTH_KEYS, _HEIGHT_KEYS = ("imagewidth", "width", "w"), ("imageheight", "height", "h")
 _SIZE_KEYS = ("resolution", "imagesize", "size")
 # Pixels, and coefficients of a lens, by which one camera differs in two files.
 _ROUNDING = np.array([0.005] * 4 + [1e-5] * 8)
+_MOST_COEFFICIENTS = 32  # of a lens in a file of its own; more numbers are a map
 _NESTED = 3  # tables within tables that are looked into
-
-# Models of distortion by the words of their names, OpenCV's coefficients in OpenCV's order.
-_BROWN_CONRADY = re.compile("|".join((
-    "", "plumbbob", "radtan", "radialtangential", "rationalpolynomial", "(simple)?pinhole",
-    "perspective",
-    "(simple)?radial", "(full)?opencv", "(distortion)?(none|brownconrady)",
-)))  # fmt: skip
-_INVERSE = re.compile("(distortion)?inversebrownconrady")
-_KANNALA_BRANDT = re.compile("equidistant|(opencv)?fisheye|(distortion)?kannalabrandt[0-9]?")
 
 # Of COLMAP's models: how many focal lengths, and the names of what follows the principal point.
 _COLMAP = {
@@ -63,16 +71,9 @@ _COLMAP = {
     "SIMPLE_RADIAL_FISHEYE": (1, "k1"),
     "RADIAL_FISHEYE": (1, "k1 k2"),
 }
-_ORDERS: dict[LensModel, tuple[str, ...]] = {
-    "brown-conrady": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
-    "inverse-brown-conrady": ("k1", "k2", "p1", "p2", "k3"),
-    "kannala-brandt": ("k1", "k2", "k3", "k4"),
-}
 
 Size = tuple[int, int]
 
-_DEPTH = "depth|infra(?:red)?1?"
-_COLOR = "colou?r|rgb"
 # In names of what is no camera, color2depth; k2_color is a coefficient of its lens.
 _POSE = re.compile(r"(?:to|(?<!^[kp])2)(?:depth|infra|colou?r|rgb)")
 
@@ -98,18 +99,19 @@ def names_depth(stem: str) -> bool:
     [True, True, False, False]
     """
     name = stem.lower()
-    of_depth = re.search(f"{_DEPTH}|(?<![a-z])ir(?![a-z])", name)
-    return of_depth is not None and not re.search(_COLOR, name.replace("rgbd", ""))
+    of_depth = re.search(f"{DEPTH}|(?<![a-z])ir(?![a-z])", name)
+    return of_depth is not None and not re.search(COLOR, name.replace("rgbd", ""))
 
 
 def may_state(path: Path) -> bool:
-    """Whether intrinsics are looked for in a file of this name: a text, or an array of that name.
+    """Whether a camera is looked for in a file of this name: a text, or an array of that name.
 
     >>> [may_state(Path(name)) for name in ("poses.txt", "K.npy", "depth.npy")]
     [True, True, False]
     """
     suffix = path.suffix.lower()
-    return suffix in SUFFIXES or (suffix == ".npy" and named_intrinsics(path.stem))
+    named = named_intrinsics(path.stem) or surely_lens(path.stem)
+    return suffix in SUFFIXES or (suffix == ".npy" and named)
 
 
 def alike(cameras: Collection[Camera]) -> bool:
@@ -188,10 +190,50 @@ def parse_depth_intrinsics(
     True
     """
     text = text_of(data) if len(data) <= MAX_BYTES else None
-    found = None if text is None else _of_contents(text, source, _depth_tables, size)
+    found = None if text is None else _of_contents(text, source, _depth_tables, size, COLOR)
     if found is not None or not whole:
         return found
     return parse_intrinsics(data, source, named, size)
+
+
+def parse_lens(data: bytes, source: str = "", sure: bool = True) -> Distortion | None:
+    """The lens, which may have coefficients of 0, in a file without its camera; None without one.
+
+    sure : whether it holds a lens or is a mistake, see `surely_lens`: else another count of numbers
+        is something else
+    Raises CaptureError where it states one that is not understood.
+
+    >>> parse_lens(b"0.1 -0.2 0 0 0").coefficients
+    (0.1, -0.2, 0.0, 0.0, 0.0)
+    >>> parse_lens(b'{"distortion": {"k1": 0.1, "model": "fisheye"}}').model
+    'kannala-brandt'
+    >>> parse_lens(b"0.65"), parse_lens(b"500 500 320 240 0.1 0 0 0")
+    (None, None)
+    """
+    text = text_of(data) if len(data) <= MAX_BYTES else None
+    if data.startswith(npy.MAGIC):
+        numbers = npy.decode_npy(data, source).ravel().tolist()
+    else:
+        numbers = [float(word) for word in numbers_alone(text or "")]
+    if len(numbers) in COUNTS or (sure and 1 < len(numbers) <= _MOST_COEFFICIENTS):
+        # Tangential coefficients are small: these are a principal point.
+        return None if min(map(abs, numbers[2:4]), default=0) >= 1 else _lens(numbers, source)
+    if text is None or numbers:
+        return None
+    with parsing(source, "no distortion of a lens", CaptureError):
+        for content in contents(text, source):
+            if table := next(_lens_tables(content), None):
+                coefficients, model = coefficients_of(table, source)
+                return _lens(coefficients, source, model)
+    if sure and re.search(r"(?<!\w)\d*\.\d*[1-9]", text):
+        raise not_understood("text", " ".join(text.split()), source)
+    return None
+
+
+def _lens(coefficients: list[float], source: str, model: LensModel = "brown-conrady") -> Distortion:
+    """The lens of coefficients in the model's order, checked."""
+    lens = _made(np.eye(3), (0, 0), coefficients, source, model).distortion
+    return lens or Distortion("brown-conrady", (0.0,) * 4)
 
 
 def _made(
@@ -219,9 +261,8 @@ def _pinhole(fx: float, fy: float, cx: float, cy: float) -> Floats:
 
 def _plain(text: str, source: str, named: bool) -> Camera | None:
     """A matrix, 3 x 3 or 4 x 4, and nothing else; fx fy cx cy [...] where `named`."""
-    lines = (line.split("#")[0] for line in text.splitlines())
-    words = re.sub(r"[\s,;\[\]]+", " ", " ".join(lines)).split()
-    if len(words) not in (4, 8, 9, 16) or not all(re.fullmatch(NUMBER, word) for word in words):
+    words = numbers_alone(text)
+    if len(words) not in (4, 8, 9, 16):
         return None
     numbers = np.array(words, np.float64)
     if len(numbers) in (9, 16):
@@ -281,28 +322,16 @@ def _colmap(text: str, source: str) -> Camera | None:
     cx, cy = (value - 0.5 for value in values[lengths : lengths + 2])
     of_lens: LensModel = "kannala-brandt" if "FISHEYE" in model else "brown-conrady"
     stated = dict(zip(given, values[lengths + 2 :], strict=True))
-    distortion = _in_order(stated, of_lens)
+    distortion = in_order(stated, of_lens)
     return _made(_pinhole(fx, fy, cx, cy), (width, height), distortion, source, of_lens)
-
-
-def _in_order(stated: Mapping[str, float], model: LensModel) -> list[float]:
-    """Coefficients by their names in the model's order; none where none is stated."""
-    order = _ORDERS[model]
-    given = any(name in stated for name in order)
-    return [float(stated.get(name, 0.0)) for name in order] if given else []
 
 
 # ---- tables
 
 
-def plain_key(key: object) -> str:
-    """A name by its small letters and digits alone."""
-    return re.sub("[^a-z0-9]", "", str(key).lower())
-
-
 def _named(content: Any) -> Table:
     """The table with names of small letters and digits alone."""
-    return {plain_key(key): value for key, value in _as_matlab(content).items()}
+    return plain_table(_as_matlab(content))
 
 
 def _as_matlab(content: Table) -> Table:
@@ -321,7 +350,7 @@ def _as_matlab(content: Table) -> Table:
         K = _square(K)
     elif lengths.size == centre.size == 2:
         K = _pinhole(*lengths, *centre)
-        K[0, 1] = _number(content.get("Skew")) or 0.0
+        K[0, 1] = number_of(content.get("Skew")) or 0.0
     else:
         return content
     K[:2, 2] -= 1.0
@@ -337,12 +366,37 @@ def _as_matlab(content: Table) -> Table:
 
 
 def _of_contents(
-    text: str, source: str, tables: Callable[[Any], Iterator[Table]], size: Size | None
+    text: str,
+    source: str,
+    tables: Callable[[Any], Iterator[Table]],
+    size: Size | None,
+    others: str = DEPTH,
 ) -> Camera | None:
-    """The camera of the first kind of content of a text that states one."""
-    found = (_of_tables(tables(each), source, size) for each in contents(text, source))
+    """The camera of the first kind of content of a text that states one.
+
+    others : words of the names of what is of other cameras
+    """
     with parsing(source, "no camera matrix", CaptureError):
-        return next(filter(None, found), None)
+        for content in contents(text, source):
+            camera = _of_tables(tables(content), source, size)
+            if camera is not None and camera.distortion is None:
+                _check_no_lens_left(content, source, others)
+            if camera is not None:
+                return camera
+    return None
+
+
+def _check_no_lens_left(content: Any, source: str, others: str) -> None:
+    """Raise CaptureError where a content states a lens that is of none of its cameras."""
+    name = next(_lenses_left(content, others), None)
+    if name is not None:
+        raise CaptureError(
+            "not clear of which camera the distortion is",
+            source=source,
+            seen=name,
+            needed="the distortion in the table of fx, fy, cx, cy or of the matrix, or beside it",
+            remedy="move it there, or take it out where the lens does not distort",
+        )
 
 
 def _of_tables(tables: Iterable[Table], source: str, size: Size | None) -> Camera | None:
@@ -365,32 +419,110 @@ def _several(count: int, source: str) -> CaptureError:
     )
 
 
-def _tables(content: Any, nested: int = 0, skipped: str = _DEPTH) -> Iterator[Table]:
-    """The tables in a table but those of the depth, and what is of the colour in each."""
+def _tables(
+    content: Any, nested: int = 0, skipped: str = DEPTH, beside: Table | None = None
+) -> Iterator[Table]:
+    """The tables in a table but those of the depth, and what is of the colour in each.
+
+    beside : what is stated of their lens in the table around them
+    """
     if isinstance(content, dict):
-        table = _named(content)
-        yield table
-        yield _sided(table, _COLOR)
+        table = with_lens(_named(content), beside or {})
+        lenses, _ = _lenses_beside(table)
+        yield with_lens(table, lenses[""])
+        yield with_lens(_sided(table, COLOR), lenses[COLOR])
         if nested < _NESTED:
             for key, value in table.items():
-                if isinstance(value, dict) and _KANNALA_BRANDT.fullmatch(key):
+                if isinstance(value, dict) and KANNALA_BRANDT.fullmatch(key):
                     value = {"model": key, **value}
                 if not (skipped and re.search(skipped, key)):
-                    yield from _tables(value, nested + 1, skipped)
+                    yield from _tables(value, nested + 1, skipped, lenses[_side(key)])
 
 
-def _depth_tables(content: Any, nested: int = 0) -> Iterator[Table]:
+def _depth_tables(content: Any, nested: int = 0, beside: Table | None = None) -> Iterator[Table]:
     """What is of the depth in a table and in those in it."""
     if isinstance(content, dict):
-        table = _named(content)
-        sided = _sided(table, _DEPTH)
+        table = with_lens(_named(content), beside or {})
+        lenses, _ = _lenses_beside(table)
+        sided = with_lens(_sided(table, DEPTH), lenses[DEPTH])
         yield sided
         for value in sided.values():
-            yield from _tables(value, nested + 1, skipped="")
+            yield from _tables(value, nested + 1, skipped="", beside=lenses[DEPTH])
         if nested < _NESTED:
             for key, value in table.items():
-                if not re.search(_DEPTH, key):
-                    yield from _depth_tables(value, nested + 1)
+                if not re.search(DEPTH, key):
+                    yield from _depth_tables(value, nested + 1, lenses[""])
+
+
+def _lenses_beside(table: Table) -> tuple[dict[str, Table], dict[str, Table]]:
+    """What a table states of the lenses of the cameras in it, and of lenses of none, by their side.
+
+    A side is the words of the names: those of the colour, of the depth, or none.  A lens of no side
+    is that of the cameras of no side, else of the only side there is; that of the colour is that
+    of the cameras of no side, too.
+    """
+    plain = {key: value for key, value in table.items() if not re.search(f"{DEPTH}|{COLOR}", key)}
+    parts = {"": plain, COLOR: _sided(table, COLOR), DEPTH: _sided(table, DEPTH)}
+    lenses = {words: lens_part(part) for words, part in parts.items()}
+    if not any(lenses.values()):
+        return lenses, {}
+    cameras = [words for words, part in parts.items() if _holds_camera(part)]
+    if _has_matrix(plain) and lenses[""]:
+        return {**lenses, "": {}}, {}  # its own
+    if "" not in cameras and len(cameras) == 1 and not lenses[cameras[0]]:
+        lenses[cameras[0]], lenses[""] = lenses[""], {}
+    elif "" in cameras and not lenses[""]:
+        lenses[""] = lenses[COLOR]
+        cameras.append(COLOR)
+    left = {words: lens for words, lens in lenses.items() if words not in cameras}
+    return {**lenses, **dict.fromkeys(left, Table())}, left
+
+
+def _lenses_left(
+    content: Any, others: str, nested: int = 0, beside: Table | None = None
+) -> Iterator[str]:
+    """The names of what is stated of lenses, but for others', and is of no camera."""
+    if isinstance(content, dict):
+        table = with_lens(_named(content), beside or {})
+        lenses, left = _lenses_beside(table)
+        for words, lens in left.items():
+            yield from sure_names(lens) if words != others else ()
+        for key, value in table.items() if nested < _NESTED else ():
+            if isinstance(value, dict) and not is_lens(key) and not re.search(others, key):
+                inner = lenses[_side(key)] if _holds_camera(_named(value)) else None
+                yield from _lenses_left(value, others, nested + 1, inner)
+
+
+def _side(key: str) -> str:
+    """The words of the camera that a name is of, see `_lenses_beside`."""
+    return next((words for words in (COLOR, DEPTH) if _sided({key: None}, words)), "")
+
+
+def _lens_tables(content: Any, nested: int = 0) -> Iterator[Table]:
+    """The tables in a table that state a lens, the outer ones alone."""
+    if isinstance(content, dict):
+        table = _named(content)
+        if lens_part(table):
+            yield table
+        elif nested < _NESTED:
+            for value in table.values():
+                yield from _lens_tables(value, nested + 1)
+
+
+def _holds_camera(table: Table, nested: int = 0) -> bool:
+    """Whether a table has a camera matrix, or one in it."""
+    if _has_matrix(table):
+        return True
+    inner = (_named(each) for each in table.values() if isinstance(each, dict))
+    return nested < _NESTED and any(_holds_camera(each, nested + 1) for each in inner)
+
+
+def _has_matrix(table: Table) -> bool:
+    """Whether a table states the matrix of a camera, or several: what is refused elsewhere."""
+    try:
+        return _matrix(table, "") is not None
+    except CaptureError:
+        return True
 
 
 def _sided(table: Table, words: str) -> Table:
@@ -409,94 +541,21 @@ def _of_table(table: Table, source: str) -> Camera | None:
         if K is None:
             return None
         prefix = "camera1?" if "camerafx" in table or "camera1fx" in table else ""
-        coefficients = {k: v for k, v in table.items() if _DISTORTION_KEYS.fullmatch(k)}
-        tables = (_named(each) for each in coefficients.values() if isinstance(each, dict))
-        whole = ChainMap(table, *tables)
         scalars = {
             re.sub(f"^{prefix}", "", key): value
-            for key, value in whole.items()
-            if _number(value) is not None
+            for key, value in table.items()
+            if number_of(value) is not None
         }
         sizes = tuple(
-            next((_number(scalars[key]) or 0.0 for key in keys if key in scalars), 0.0)
+            next((number_of(scalars[key]) or 0.0 for key in keys if key in scalars), 0.0)
             for keys in (_WIDTH_KEYS, _HEIGHT_KEYS)
         )
         pairs = (numbers_of(table.get(key)) for key in _SIZE_KEYS)
         both = next((each for each in pairs if each is not None and each.size == 2), None)
         if not all(sizes) and both is not None:
             sizes = float(both[0]), float(both[1])
-        name = _model(whole)
-        model = _model_called(name)
-        lists = (_coefficients(key, value, source) for key, value in coefficients.items())
-        distortion: Any = next((each for each in lists if each is not None), None)
-        if distortion is None:
-            distortion = _in_order(scalars, model or "brown-conrady")
-    if np.any(distortion) and model is None:
-        raise CaptureError(
-            "this model of distortion is not read",
-            source=source,
-            seen=name[:60],
-            needed="OpenCV's, its fisheye model, librealsense's inverse Brown-Conrady, or none",
-            remedy="calibrate with one of these",
-        )
-    return _made(K, (sizes[0], sizes[1]), distortion, source, model or "brown-conrady")
-
-
-def _model_called(name: str) -> LensModel | None:
-    """The model that another program calls so; None where it is none that is read."""
-    if _KANNALA_BRANDT.fullmatch(plain_key(name)):
-        return "kannala-brandt"
-    if _INVERSE.fullmatch(plain_key(name)):
-        return "inverse-brown-conrady"
-    return "brown-conrady" if _BROWN_CONRADY.fullmatch(plain_key(name)) else None
-
-
-def _model(table: Mapping[str, Any]) -> str:
-    """The name of the model of distortion that a table states, or says to be the fisheye's."""
-    model = next((table[key] for key in _MODEL_KEYS if isinstance(table.get(key), str)), "")
-    word = table.get("distortion")
-    if not model and isinstance(word, str) and not _words(word):
-        model = word
-    flags = (str(table.get(key, "")).strip().lower() for key in _FISHEYE_KEYS)
-    if not any(flag == "true" or _number(flag) for flag in flags):
-        return model
-    if plain_key(model) in ("", "pinhole", "perspective"):
-        return "fisheye"
-    return model if _KANNALA_BRANDT.fullmatch(plain_key(model)) else f"{model}, and fisheye"
-
-
-def _words(text: str) -> list[str]:
-    """The numbers of a text such as "0.1 -0.2, 0"; none where there is anything else in it."""
-    words = re.sub(r"[\s,;\[\]()]+", " ", text).split()
-    return words if all(re.fullmatch(NUMBER, word) for word in words) else []
-
-
-def _coefficients(key: str, value: Any, source: str) -> Floats | None:
-    """What stands under a name of distortion as a list; None where it states none.
-
-    Raises CaptureError where it states numbers in a way that is not read.
-    """
-    if key in _OTHERS_TOO and _number(value) is not None:
-        return None
-    if isinstance(value, str):
-        listed = _words(value) or value
-    else:
-        listed = value if _number(value) is None else [value]
-    numbers = numbers_of(listed, source, key)
-    names = _ORDERS["brown-conrady"]
-    by_name = isinstance(value, dict) and any(name in _named(value) for name in names)
-    if numbers is not None or by_name or key in _OTHERS_TOO:
-        return numbers
-    stated = str(list(value.values()) if isinstance(value, dict) else value)
-    if _NOT_ZERO.search(stated) and not _KANNALA_BRANDT.fullmatch(plain_key(value)):
-        raise CaptureError(
-            "the distortion is not understood",
-            source=source,
-            seen=f"{key} {stated[:60]}",
-            needed="OpenCV's coefficients: a list of numbers, or k1, k2, p1, p2, k3 by name",
-            remedy="write it so, or take it out where the lens does not distort",
-        )
-    return None
+        coefficients, model = coefficients_of(table, source)
+    return _made(K, (sizes[0], sizes[1]), coefficients, source, model)
 
 
 def _matrix(table: Table, source: str) -> Floats | None:
@@ -521,45 +580,12 @@ def _matrix(table: Table, source: str) -> Floats | None:
         ("flx", "fly", "cx", "cy", 0.5),  # nerfstudio's, which are COLMAP's
         ("fx", "fy", "mx", "my", 0.0),  # ScanNet's
     ):
-        stated = [_number(table.get(key)) for key in (fx, cx, cy)]
+        stated = [number_of(table.get(key)) for key in (fx, cx, cy)]
         if None not in stated:
             f, x, y = (float(each) for each in stated if each is not None)
-            return _pinhole(f, _number(table.get(fy)) or f, x - first_pixel, y - first_pixel)
+            return _pinhole(f, number_of(table.get(fy)) or f, x - first_pixel, y - first_pixel)
     matrices = (numbers_of(v, source, k) for k, v in table.items() if isinstance(v, dict))
     square = [m for m in matrices if m is not None and m.shape == (3, 3) and m[2, 2] == 1]
     if len(square) > 1:
         raise _several(len(square), source)
     return square[0] if square else None
-
-
-def _number(value: Any) -> float | None:
-    """Of a number, or of text that is one: PyYAML takes 1e3 for text."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
-        return None
-    return float(value) if re.fullmatch(NUMBER, str(value)) else None
-
-
-def numbers_of(value: Any, source: str = "", name: str = "") -> Floats | None:
-    """A list of numbers, of rows, or a matrix with rows, cols and data; None for anything else."""
-    shape: Any = None
-    if isinstance(value, dict):
-        inner = _named(value)
-        shape, value = (inner.get("rows"), inner.get("cols")), inner.get("data")
-    if not isinstance(value, list) or not value:
-        return None
-    rows = value if isinstance(value[0], list) else [value]
-    read = [[_number(each) for each in row] for row in rows if isinstance(row, list)]
-    if len({len(row) for row in read}) != 1 or any(None in row for row in read):
-        return None
-    numbers = np.array(read, np.float64)
-    if shape is None or None in shape:
-        return numbers if len(rows) > 1 else numbers[0]
-    if numbers.size != shape[0] * shape[1]:
-        raise CaptureError(
-            f"matrix {name!r} is damaged",
-            source=source,
-            seen=f"{numbers.size} numbers",
-            needed=f"{shape[0]} x {shape[1]}",
-            remedy="copy or export the file again",
-        )
-    return numbers.reshape(shape)

@@ -12,7 +12,10 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
+import numpy as np
+
 from rakelight.errors import CaptureError, parsing
+from rakelight.model import Floats
 
 NUMBER = r"[-+]?(?:[0-9]{1,30}\.?[0-9]{0,30}|\.[0-9]{1,30})(?:[eE][-+]?[0-9]{1,3})?"
 """A number, as a regular expression."""
@@ -215,3 +218,60 @@ def _agisoft(text: str, source: str) -> Table:
         }  # fmt: skip
     adjusted = {key: table for key, table in found.items() if key.endswith("True")}
     return adjusted or found
+
+
+# ---- names and numbers in tables
+
+
+def plain_key(key: object) -> str:
+    """A name by its small letters and digits alone."""
+    return re.sub("[^a-z0-9]", "", str(key).lower())
+
+
+def plain_table(content: Table) -> Table:
+    """The table with names of small letters and digits alone."""
+    return {plain_key(key): value for key, value in content.items()}
+
+
+def numbers_alone(text: str) -> list[str]:
+    """The numbers that a text is, without comments; none where there is anything else in it.
+
+    >>> numbers_alone("[1, 2.5]  # pixels"), numbers_alone("fx 1")
+    (['1', '2.5'], [])
+    """
+    lines = (line.split("#")[0] for line in text.splitlines())
+    words = re.sub(r"[\s,;\[\]]+", " ", " ".join(lines)).split()
+    return words if all(re.fullmatch(NUMBER, word) for word in words) else []
+
+
+def number_of(value: Any) -> float | None:
+    """Of a number, or of text that is one: PyYAML takes 1e3 for text."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        return None
+    return float(value) if re.fullmatch(NUMBER, str(value)) else None
+
+
+def numbers_of(value: Any, source: str = "", name: str = "") -> Floats | None:
+    """A list of numbers, of rows, or a matrix with rows, cols and data; None for anything else."""
+    shape: Any = None
+    if isinstance(value, dict):
+        inner = plain_table(value)
+        shape, value = (inner.get("rows"), inner.get("cols")), inner.get("data")
+    if not isinstance(value, list) or not value:
+        return None
+    rows = value if isinstance(value[0], list) else [value]
+    read = [[number_of(each) for each in row] for row in rows if isinstance(row, list)]
+    if len({len(row) for row in read}) != 1 or any(None in row for row in read):
+        return None
+    numbers = np.array(read, np.float64)
+    if shape is None or None in shape:
+        return numbers if len(rows) > 1 else numbers[0]
+    if numbers.size != shape[0] * shape[1]:
+        raise CaptureError(
+            f"matrix {name!r} is damaged",
+            source=source,
+            seen=f"{numbers.size} numbers",
+            needed=f"{shape[0]} x {shape[1]}",
+            remedy="copy or export the file again",
+        )
+    return numbers.reshape(shape)

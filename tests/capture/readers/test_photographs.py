@@ -631,3 +631,67 @@ def test_errors_are_capture_errors(tmp_path):
     (tmp_path / "img9.png").write_bytes(b"\x89PNG\r\n\x1a\nrest")
     with pytest.raises(CaptureError, match=r"img9\.png: the image is damaged"):
         load_capture(tmp_path)
+
+
+LENS = [-0.1, 0.05, 0.001, -0.0005, -0.02]
+
+
+def lens_text(*numbers):
+    return "".join(f"{number:.18e}\n" for number in numbers).encode()  # as numpy.savetxt
+
+
+@pytest.mark.parametrize(
+    ("name", "camera"),
+    [
+        ("dist.txt", "K.txt"), ("distortion_coefficients.txt", "camera_matrix.txt"),
+        ("camera_distortion.csv", "camera_matrix.csv"), ("calib_dist.npy", "calib_mtx.npy"),
+        ("dist_coeffs.npy", "camera_matrix.npy"), ("distortion.json", "intrinsics.json"),
+    ],
+)  # fmt: skip
+def test_a_lens_in_a_file_of_its_own(tmp_path, name, camera):
+    fill(tmp_path, texts=False)
+    for file, array in ((name, np.array([LENS])), (camera, np.loadtxt(io.BytesIO(K)))):
+        if file.endswith(".npy"):
+            np.save(tmp_path / file, array)
+        elif file.endswith(".json"):
+            facts = {"K" if file == camera else "dist": array.tolist()}
+            (tmp_path / file).write_text(json.dumps(facts))
+        else:
+            np.savetxt(tmp_path / file, array)
+    capture = load_capture(tmp_path)
+    assert (capture.camera.fx, capture.camera.cy) == (40, 11.75)
+    assert capture.camera.distortion == Distortion("brown-conrady", LENS)
+    assert "ignored-files" not in codes(capture)
+
+
+def test_a_file_of_four_coefficients_is_no_camera(tmp_path):
+    """Four numbers in a file with camera in its name are fx fy cx cy otherwise."""
+    fill(tmp_path)
+    (tmp_path / "camera_distortion.txt").write_bytes(lens_text(*LENS[:4]))
+    assert load_capture(tmp_path).camera.distortion == Distortion("brown-conrady", LENS[:4])
+    (tmp_path / "camera_distortion.txt").write_bytes(lens_text(0, 0, 0, 0))
+    assert load_capture(tmp_path).camera.distortion is None
+    (tmp_path / "intrinsics.txt").unlink()
+    facts = (40, 40.5, 15.25, 11.75, *LENS[:4])
+    (tmp_path / "camera_distortion.txt").write_bytes(lens_text(*facts))
+    assert load_capture(tmp_path).camera.distortion == Distortion("brown-conrady", LENS[:4])
+
+
+def test_lenses_that_contradict_each_other_are_refused(tmp_path):
+    fill(tmp_path)
+    (tmp_path / "dist.txt").write_bytes(lens_text(*LENS))
+    (tmp_path / "distortion.txt").write_bytes(lens_text(*LENS))
+    load_capture(tmp_path)
+    (tmp_path / "distortion.txt").write_bytes(lens_text(*LENS[:4], 0))
+    refusal(tmp_path, "several files with the distortion", "dist.txt, distortion.txt")
+    (tmp_path / "distortion.txt").unlink()
+    facts = {"K": np.loadtxt(io.BytesIO(K)).tolist(), "D": [0.1, 0, 0, 0, 0]}
+    (tmp_path / "intrinsics.txt").write_text(json.dumps(facts))
+    refusal(tmp_path, "several files with the distortion", "intrinsics.txt, dist.txt")
+
+
+def test_distances_are_no_lens(tmp_path):
+    fill(tmp_path)
+    (tmp_path / "dist.txt").write_bytes(lens_text(0.6, 0.6, 0.7))
+    (tmp_path / "distances.txt").write_bytes(lens_text(*LENS))
+    assert load_capture(tmp_path).camera.distortion is None

@@ -10,7 +10,7 @@ from rakelight import load_capture
 from rakelight.capture.extrinsics import depth_to_color
 from rakelight.capture.images import encode_png, encode_tiff
 from rakelight.errors import CaptureError
-from rakelight.model import Camera
+from rakelight.model import Camera, Distortion
 from tests.capture.readers.test_photographs import codes, fill
 
 DEPTH = Camera(20, 14, 22.0, 22.5, 9.25, 6.75)
@@ -344,3 +344,22 @@ def test_a_name_that_ends_in_a_matrix_states_no_unit():
     text = json.dumps({"depth_to_color_M": (POSE * [1, 1, 1, 1000]).tolist()})
     (found,) = depth_to_color(text.encode(), "a.json", "a")
     np.testing.assert_allclose(found.translation_m, SHIFT_M)
+
+
+def test_the_lens_of_the_depth_camera_in_a_file_of_its_own(tmp_path):
+    texts = {"K_txt": MATRIX_C, "depth_intrinsics_json": DEPTH_FACTS, "depth_to_color_txt": ROWS}
+    made = folder(tmp_path, **texts, depth_distortion_txt="0.1 -0.2 0 0 0")
+    capture = load_capture(made)
+    assert capture.depth_camera.distortion == Distortion("brown-conrady", [0.1, -0.2, 0, 0, 0])
+    assert capture.camera.distortion is None
+    (tmp_path / "depth_dist.txt").write_text("0.1 0 0 0 0")
+    with pytest.raises(CaptureError, match=r"depth_dist\.txt: several files with the distortion"):
+        load_capture(tmp_path)
+
+
+def test_a_lens_without_its_depth_camera_is_named(tmp_path):
+    capture = load_capture(
+        folder(tmp_path, (12, 16), K_txt=MATRIX_C, depth_distortion_txt="0.1 0 0 0 0")
+    )
+    (warning,) = [f for f in capture.findings if f.code == "ignored-files"]
+    assert "depth_distortion.txt: no depth intrinsics beside it" in warning.message

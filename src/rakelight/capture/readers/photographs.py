@@ -12,6 +12,7 @@ from rakelight.capture.decoder_process import DecoderProcess
 from rakelight.capture.exif import ROUGHNESS, camera_of
 from rakelight.capture.from_arrays import capture_from_arrays
 from rakelight.capture.intrinsics import may_state, named_intrinsics, names_depth, small_texts
+from rakelight.capture.lens_tables import names_lens
 from rakelight.capture.listing import check_numbers, read_mask, unread_finding
 from rakelight.capture.loose_confidence import without_unsure
 from rakelight.capture.loose_depth import depth_noted, read_loose_depth
@@ -152,7 +153,8 @@ def _camera(folder: Path, files: LooseFiles, photos: Photos) -> tuple[Camera, tu
         f"middle: about {ROUGHNESS:.0%} uncertain; depth stays metric, but widths across the image "
         "and slopes are wrong by as much, and so are normals and the relief"
     )
-    if misread := [path.name for path in files.texts if named_intrinsics(path.stem)]:
+    stems = (named_intrinsics, names_lens)
+    if misread := [p.name for p in files.texts if any(named(p.stem) for named in stems)]:
         message += f"; no intrinsics were found in {listed(misread)}"
     remedy = "calibrate the camera and put its intrinsics beside the photographs"
     return camera.resized(width, height), (Finding("warning", EXIF_FOCAL, message, remedy),)

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-from rakelight.capture.intrinsics import Size, alike, named_intrinsics, parse_intrinsics
+from rakelight.capture.intrinsics import (
+    Size,
+    alike,
+    named_intrinsics,
+    parse_intrinsics,
+    parse_lens,
+)
+from rakelight.capture.lens_tables import names_lens, surely_lens
 from rakelight.errors import CaptureError
-from rakelight.model import Camera
+from rakelight.model import Camera, Distortion
 
 # Names, without ending, of files that hold intrinsics or are a mistake.
 _SURELY_INTRINSICS = ("intrinsics", "intrinsic", "calibration", "calib", "camera", "cameras", "k")
@@ -25,15 +34,21 @@ def stated_camera(
     """The name of a file and the intrinsics in it; None where none of the texts states any.
 
     texts : content of each file in `folder`; size : (width, height) of the photographs
-    Raises CaptureError where a name promises some that are not there, and for two that differ.
+    The lens may be stated in a file of its own.  Raises CaptureError where a name promises some
+    that are not there, and for two that differ.
     """
     found: dict[str, Camera] = {}
+    lenses: dict[str, Distortion] = {}
     for path, data in texts.items():
         name = path.relative_to(folder).as_posix()
         source = f"{folder}/{name}"
-        camera = parse_intrinsics(data, source, named_intrinsics(path.stem), size)
-        if camera is not None:
-            found[name] = camera
+        read = camera_or_lens(
+            path.stem, data, source, partial(parse_intrinsics, data, source, size=size)
+        )
+        if isinstance(read, Camera):
+            found[name] = read
+        elif read is not None:
+            lenses[name] = read
         elif path.stem.lower() in _SURELY_INTRINSICS:  # no other source is what is meant
             raise CaptureError(
                 "no intrinsics in it",
@@ -42,6 +57,7 @@ def stated_camera(
                 needed=FORMATS,
                 remedy=f"write {MATRIX}",
             )
+    found = with_lenses(found, lenses, str(folder))
     sized = {name: camera for name, camera in found.items() if camera.width}
     sizes = {camera.shape for camera in sized.values()}
     if len(sizes) > 1 or (found and not alike(found.values())):
@@ -53,3 +69,43 @@ def stated_camera(
             remedy="keep one of them",
         )
     return next(iter((sized or found).items()), None)
+
+
+def camera_or_lens(
+    stem: str, data: bytes, source: str, parse: Callable[[bool], Camera | None]
+) -> Camera | Distortion | None:
+    """What a file holds: a camera, or a lens alone where its name says so; None for neither.
+
+    stem : its name, without ending
+    parse : reads the camera; given whether the name says that intrinsics are in it
+    """
+    named = named_intrinsics(stem)
+    if not names_lens(stem):
+        return parse(named)
+    read = parse(False) or parse_lens(data, source, surely_lens(stem))
+    return read or (parse(True) if named else None)
+
+
+def with_lenses(
+    cameras: Mapping[str, Camera], lenses: Mapping[str, Distortion], source: str
+) -> dict[str, Camera]:
+    """The cameras by their files' names, with the lens that files of its own state.
+
+    Raises CaptureError where these differ, or a camera has another one.
+    """
+    own = {name: camera.distortion for name, camera in cameras.items() if camera.distortion}
+    stated = {**own, **lenses}
+    if not cameras or not lenses:
+        return dict(cameras)
+    if len(set(stated.values())) > 1:
+        raise CaptureError(
+            "several files with the distortion of a lens",
+            source=source,
+            seen=", ".join(stated),
+            needed="that of the camera's lens",
+            remedy="keep one of them",
+        )
+    name, lens = next(iter(lenses.items()))
+    if lens.is_none:
+        return dict(cameras)
+    return {f"{of} and {name}": replace(c, distortion=lens) for of, c in cameras.items()}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +20,10 @@ from rakelight.capture.intrinsics import (
     small_texts,
 )
 from rakelight.capture.loose_files import LooseFiles
+from rakelight.capture.readers.stated_camera import camera_or_lens, with_lenses
 from rakelight.capture.text_tables import text_of
 from rakelight.errors import InputError, listed, printable
-from rakelight.model import Camera, Finding, RigidTransform
+from rakelight.model import Camera, Distortion, Finding, RigidTransform
 
 # Pixels of depth by which focal lengths and centres of one view may differ: rounding.
 _SAME_VIEW_PX = 0.5
@@ -102,22 +104,33 @@ def _cameras(
 ) -> tuple[dict[str, Camera], dict[str, str]]:
     """Depth cameras by the names of the files that state them, and why others are not used."""
     (h, w), found, unused = shape, dict[str, Camera](), dict[str, str]()
+    lenses = dict[str, Distortion]()
     for name, text in data.items():
         source, stem = f"{folder}/{name}", Path(name).stem
-        of_depth = names_depth(stem)
+        whole = names_depth(stem)
+        parse = partial(parse_depth_intrinsics, text, source, whole, size=(w, h))
         try:
-            named = named_intrinsics(stem)
-            camera = parse_depth_intrinsics(text, source, of_depth, named, (w, h))
-            if camera is None:
-                continue
-            if camera.width and camera.shape != shape:
-                unused[name] = f"for {camera.width}x{camera.height}, the depth is {w}x{h}"
-                continue
-            camera = replace(camera, width=w, height=h)
-            validate.check_camera(camera, shape, source, "intrinsics")
-            found[name] = camera
+            read = camera_or_lens(stem, text, source, parse) if whole else parse(False)
+            if isinstance(read, Distortion):
+                lenses[name] = read
+            elif read is not None and read.width and read.shape != shape:
+                unused[name] = f"for {read.width}x{read.height}, the depth is {w}x{h}"
+            elif read is not None:
+                found[name] = replace(read, width=w, height=h)
         except InputError as error:
             unused[name] = error.what
+    try:
+        found = with_lenses(found, lenses, str(folder))
+    except InputError as error:
+        return {}, unused | dict.fromkeys((*found, *lenses), error.what)
+    for name, camera in list(found.items()):
+        try:
+            validate.check_camera(camera, shape, f"{folder}/{name}", "intrinsics")
+        except InputError as error:
+            unused[name] = error.what
+            del found[name]
+    if not found:
+        unused = dict.fromkeys(lenses, "no depth intrinsics beside it") | unused
     return found, unused
 
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from rakelight.capture import validate
 from rakelight.capture.intrinsics import named_intrinsics, names_depth
+from rakelight.capture.lens_tables import names_lens
 from rakelight.capture.readers.base import Reader
 from rakelight.capture.readers.beside import texts_beside, values_per_metre
 from rakelight.capture.readers.depth_place import recording_of_one_view
@@ -135,7 +136,7 @@ def _camera(path: Path, shape: tuple[int, int]) -> tuple[Camera, tuple[Finding, 
     texts = {
         file: data
         for file, data in texts_beside(path).items()
-        if named_intrinsics(file.stem) and not names_depth(file.stem)
+        if (named_intrinsics(file.stem) or names_lens(file.stem)) and not names_depth(file.stem)
     }
     stated = stated_camera(path, texts, shape[::-1])
     if stated is not None:

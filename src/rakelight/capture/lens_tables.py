@@ -1,0 +1,250 @@
+"""What tables of other programs state of a lens: its model and its coefficients, by their names.
+
+Coefficients are a list in OpenCV's order, or k1, k2, p1, p2 ... by name.  Numbers under other names
+of a lens (radial_distortion, lensDistortion) are refused: their order differs from one program to
+the next.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import ChainMap
+from collections.abc import Mapping
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from rakelight.capture.text_tables import (
+    NUMBER,
+    Table,
+    number_of,
+    numbers_of,
+    plain_key,
+    plain_table,
+)
+from rakelight.errors import CaptureError
+from rakelight.model import Floats, LensModel
+
+COUNTS = (4, 5, 8, 12, 14)
+"""How many coefficients OpenCV writes."""
+
+DEPTH, COLOR = "depth|infra(?:red)?1?", "colou?r|rgb"
+"""Words in the names of what is of the depth camera, and of the photographs'."""
+
+_SIDES = re.compile(f"{DEPTH}|{COLOR}")
+_KEYS = re.compile(
+    r"(?:camera)?distor[ts]ion(?:coef\w*|param\w*)?|(?:camera)?dist(?:coef\w*|param\w*)"
+    r"|dist|disto|d|kc|coeffs|coefficients"
+)
+# Of these: one number alone under them is something else, and a list of another length.
+_OTHERS_TOO = ("d", "dist", "disto", "kc", "coeffs", "coefficients")
+_BY_NAME = re.compile(r"(?:camera1?)?(?:dist(?:or[ts]ion)?)?([kp][1-6])")
+_OF_A_LENS = re.compile(r"(?<!un)distor|^(?:lens)?radial|^tangential")
+_NOT_ZERO = re.compile(r"[1-9]|\b(?:nan|inf)\b", re.IGNORECASE)
+_WORDS_KEYS = ("distortion", "distorsion")  # under which the model's name may stand
+_MODEL_KEYS = ("distortionmodel", "distmodel", "cameramodel", "cameratype", "model")
+# Whether the model is the fisheye's: OpenCV's calibration sample, instant-ngp.
+_FISHEYE_KEYS = ("fisheyemodel", "isfisheye", "usefisheye", "fisheye")
+
+# Models of distortion by the words of their names, OpenCV's coefficients in OpenCV's order.
+_BROWN_CONRADY = re.compile("|".join((
+    "", "plumbbob", "radtan", "radialtangential", "rationalpolynomial", "(simple)?pinhole",
+    "perspective",
+    "(simple)?radial", "(full)?opencv", "(distortion)?(none|brownconrady)",
+)))  # fmt: skip
+_INVERSE = re.compile("(distortion)?inversebrownconrady")
+KANNALA_BRANDT = re.compile("equidistant|(opencv)?fisheye|(distortion)?kannalabrandt[0-9]?")
+
+_ORDERS: dict[LensModel, tuple[str, ...]] = {
+    "brown-conrady": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+    "inverse-brown-conrady": ("k1", "k2", "p1", "p2", "k3"),
+    "kannala-brandt": ("k1", "k2", "k3", "k4"),
+}
+
+
+def names_lens(stem: str) -> bool:
+    """Whether a file's name, without ending, says that it holds the distortion of a lens.
+
+    >>> [names_lens(stem) for stem in ("dist", "calib_dist", "cameraDistortion", "dist_coeffs")]
+    [True, True, True, True]
+    >>> [names_lens(stem) for stem in ("distances", "undistorted", "lens")]
+    [False, False, False]
+    """
+    return surely_lens(stem) or re.search(r"(?<![a-z])dist(?![a-z])", stem.lower()) is not None
+
+
+def surely_lens(stem: str) -> bool:
+    """Whether a name that `names_lens` is not one of distances as well: dist.
+
+    >>> surely_lens("dist_coeffs"), surely_lens("dist")
+    (True, False)
+    """
+    return re.search(r"(?<!un)distor[ts]ion|dist[-_ ]?coef", stem.lower()) is not None
+
+
+def is_lens(key: str) -> bool:
+    """Whether what stands under a name, as `plain_key` has it, is a lens and no camera."""
+    return _KEYS.fullmatch(key) is not None or _OF_A_LENS.search(key) is not None
+
+
+def lens_part(table: Table) -> Table:
+    """What a table states of a lens, with the name of its model; empty where it is nothing.
+
+    >>> lens_part({"fx": 500, "d": 0.6, "distortion": [0.1, 0, 0, 0], "model": "radtan"})
+    {'distortion': [0.1, 0, 0, 0], 'model': 'radtan'}
+    """
+    by_name = {key: value for key, value in table.items() if _BY_NAME.fullmatch(key)}
+    by_name = {key: value for key, value in by_name.items() if number_of(value) is not None}
+    part = by_name if any(key.endswith("k1") for key in by_name) else {}
+    part |= {key: value for key, value in table.items() if _states(key, value)}
+    names = (*_MODEL_KEYS, *_FISHEYE_KEYS) if part else ()
+    return part | {key: table[key] for key in names if key in table}
+
+
+def with_lens(table: Table, beside: Table) -> Table:
+    """The table, with a lens that is stated beside it where it states none itself."""
+    if not beside or lens_part(table):
+        return table
+    lens = {key: value for key, value in beside.items() if key not in _MODEL_KEYS}
+    return beside | table | lens
+
+
+def sure_names(part: Table) -> list[str]:
+    """The names of what a table states of a lens, if that distorts and can be nothing else."""
+    other = ("d", "coeffs", "coefficients", *_MODEL_KEYS, *_FISHEYE_KEYS)
+    return [key for key, value in part.items() if key not in other and distorts(value)]
+
+
+def distorts(value: Any) -> bool:
+    """Whether there is a number other than 0 in a value, or in what is in it."""
+    if isinstance(value, (dict, list)):
+        return any(map(distorts, value.values() if isinstance(value, dict) else value))
+    return bool(number_of(value))
+
+
+def coefficients_of(table: Table, source: str) -> tuple[list[float], LensModel]:
+    """The coefficients that a table states, none where it does not, and their model.
+
+    Raises CaptureError where it states some that are not understood, or of another model.
+    """
+    named = {key: value for key, value in table.items() if _KEYS.fullmatch(key)}
+    inner = [plain_table(each) for each in named.values() if isinstance(each, dict)]
+    whole = ChainMap(table, *inner)
+    name = _model(whole)
+    model = _model_called(name)
+    stated = chain(named.items(), *(each.items() for each in inner))
+    lists = (_coefficients(key, value, source) for key, value in stated if _KEYS.fullmatch(key))
+    numbers = next((each for each in lists if each is not None), None)
+    if numbers is None:
+        for key, value in whole.items():
+            if _unread(key, value):
+                raise not_understood(key, value, source)
+        numbers = np.array(_in_order(whole, model or "brown-conrady"))
+    if np.any(numbers) and model is None:
+        raise CaptureError(
+            "this model of distortion is not read",
+            source=source,
+            seen=name[:60],
+            needed="OpenCV's, its fisheye model, librealsense's inverse Brown-Conrady, or none",
+            remedy="calibrate with one of these",
+        )
+    return numbers.ravel().tolist(), model or "brown-conrady"
+
+
+def not_understood(key: str, value: Any, source: str) -> CaptureError:
+    """The error for numbers of a lens that may mean anything, under a name."""
+    stated = str(list(value.values()) if isinstance(value, dict) else value)
+    return CaptureError(
+        "the distortion is not understood",
+        source=source,
+        seen=f"{key} {stated[:60]}",
+        needed="OpenCV's coefficients: a list of numbers, or k1, k2, p1, p2, k3 by name",
+        remedy="write it so, or take it out where the lens does not distort",
+    )
+
+
+def _states(key: str, value: Any) -> bool:
+    """Whether a name and what stands under it state coefficients, not a model's name."""
+    if key in _OTHERS_TOO:
+        numbers = numbers_of(value)
+        return isinstance(value, dict) or (numbers is not None and numbers.size in COUNTS)
+    if _KEYS.fullmatch(key):
+        return not isinstance(value, str) or bool(_words(value))
+    return _unread(key, value)
+
+
+def _unread(key: str, value: Any) -> bool:
+    """Whether numbers are those of a lens by their name, which does not say which is which."""
+    if _KEYS.fullmatch(key) or _BY_NAME.fullmatch(key) or _SIDES.search(key):
+        return False
+    if not _OF_A_LENS.search(key):
+        return False
+    return (isinstance(value, (list, dict)) or key[-1].isdigit()) and distorts(value)
+
+
+def _in_order(table: Mapping[str, Any], model: LensModel) -> list[float]:
+    """Coefficients by their names in the model's order; none where none is stated."""
+    found = ((_BY_NAME.fullmatch(key), number_of(value)) for key, value in table.items())
+    stated = {match[1]: number for match, number in found if match and number is not None}
+    return in_order(stated, model)
+
+
+def in_order(stated: Mapping[str, float], model: LensModel) -> list[float]:
+    """Coefficients by their names in the model's order; none where none is stated."""
+    order = _ORDERS[model]
+    given = any(name in stated for name in order)
+    return [float(stated.get(name, 0.0)) for name in order] if given else []
+
+
+def _model_called(name: str) -> LensModel | None:
+    """The model that another program calls so; None where it is none that is read."""
+    if KANNALA_BRANDT.fullmatch(plain_key(name)):
+        return "kannala-brandt"
+    if _INVERSE.fullmatch(plain_key(name)):
+        return "inverse-brown-conrady"
+    return "brown-conrady" if _BROWN_CONRADY.fullmatch(plain_key(name)) else None
+
+
+def _model(table: Mapping[str, Any]) -> str:
+    """The name of the model of distortion that a table states, or says to be the fisheye's."""
+    model = next((table[key] for key in _MODEL_KEYS if isinstance(table.get(key), str)), "")
+    words = (table.get(key) for key in _WORDS_KEYS)
+    word = next((word for word in words if isinstance(word, str) and not _words(word)), "")
+    model = model or word
+    flags = (str(table.get(key, "")).strip().lower() for key in _FISHEYE_KEYS)
+    if not any(flag == "true" or number_of(flag) for flag in flags):
+        return model
+    if plain_key(model) in ("", "pinhole", "perspective"):
+        return "fisheye"
+    return model if KANNALA_BRANDT.fullmatch(plain_key(model)) else f"{model}, and fisheye"
+
+
+def _words(text: str) -> list[str]:
+    """The numbers of a text such as "0.1 -0.2, 0"; none where there is anything else in it."""
+    words = re.sub(r"[\s,;\[\]()]+", " ", text).split()
+    return words if all(re.fullmatch(NUMBER, word) for word in words) else []
+
+
+def _coefficients(key: str, value: Any, source: str) -> Floats | None:
+    """What stands under a name of distortion as a list; None where it states none.
+
+    Raises CaptureError where it states numbers in a way that is not read.
+    """
+    if key in _OTHERS_TOO and number_of(value) is not None:
+        return None
+    if isinstance(value, str):
+        listed = _words(value) or value
+    else:
+        listed = value if number_of(value) is None else [value]
+    numbers = numbers_of(listed, source, key)
+    inner = plain_table(value) if isinstance(value, dict) else {}
+    by_name = any(name in inner for name in _ORDERS["brown-conrady"]) or any(
+        map(_KEYS.fullmatch, inner)
+    )
+    if numbers is not None or by_name or key in _OTHERS_TOO:
+        return numbers
+    stated = str(list(inner.values()) if inner else value)
+    if _NOT_ZERO.search(stated) and not KANNALA_BRANDT.fullmatch(plain_key(value)):
+        raise not_understood(key, value, source)
+    return None
