@@ -25,6 +25,7 @@ from rakelight.capture.lens_tables import (
     in_order,
     is_lens,
     lens_part,
+    model_named,
     not_understood,
     sure_names,
     surely_lens,
@@ -234,6 +235,25 @@ def _lens(coefficients: list[float], source: str, model: LensModel = "brown-conr
     """The lens of coefficients in the model's order, checked."""
     lens = _made(np.eye(3), (0, 0), coefficients, source, model).distortion
     return lens or Distortion("brown-conrady", (0.0,) * 4)
+
+
+def lens_named(data: bytes, source: str = "") -> str | None:
+    """The model of distortion that a file names beside its camera, without coefficients.
+
+    "" where it states these, or that there is none; None where it says nothing of distortion.
+
+    >>> lens_named(b"fx=500\\ncx=319\\ncy=239\\nDistortion=Brown Conrady")
+    'Brown Conrady'
+    """
+    text = text_of(data) if len(data) <= MAX_BYTES else None
+    if text is None or not re.search("dist|coef", text, re.IGNORECASE):
+        return None
+    with parsing(source, "no camera matrix", CaptureError):
+        for content in contents(text, source):
+            named = [model_named(table) for table in _tables(content) if _has_matrix(table)]
+            if stated := [each for each in named if each is not None]:
+                return "" if "" in stated else stated[0]
+    return None
 
 
 def _made(

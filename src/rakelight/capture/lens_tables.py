@@ -116,6 +116,22 @@ def sure_names(part: Table) -> list[str]:
     return [key for key, value in part.items() if key not in other and distorts(value)]
 
 
+def model_named(table: Table) -> str | None:
+    """The model that a table names without its coefficients.
+
+    "" where it states them, or that there is none; None where it says nothing of distortion.
+
+    >>> model_named({"distortion": "Brown Conrady"}), model_named({"d": [], "distmodel": "radtan"})
+    ('Brown Conrady', '')
+    """
+    listed = (v for k, v in table.items() if _KEYS.fullmatch(k) and isinstance(v, (list, dict)))
+    if lens_part(table) or next(listed, None) is not None:
+        return ""
+    words = (table.get(key) for key in (*_WORDS_KEYS, "distortionmodel", "distmodel"))
+    named = next((word for word in words if isinstance(word, str) and word), None)
+    return "" if named is not None and plain_key(named).endswith("none") else named
+
+
 def distorts(value: Any) -> bool:
     """Whether there is a number other than 0 in a value, or in what is in it."""
     if isinstance(value, (dict, list)):

@@ -27,6 +27,8 @@ Table = dict[str, Any]
 """Names, and what the file has under them."""
 
 _MAX_ENUMERATED_BYTES = 300_000  # of a camera with a hundred sizes, three times as long as they are
+# Names of the model of distortion, librealsense's Viewer's spelling among them.
+_MODEL = re.compile(r"dist(?:or[ts]ion)?_?model|distor[ts]ion", re.IGNORECASE)
 _LONGEST_ROW = 16  # numbers in a line after its name: those of a matrix, 4 x 4
 
 
@@ -145,21 +147,23 @@ def _enumerated(text: str) -> Table:
 def _pairs(text: str) -> Table:
     """The names and numbers of lines such as `fx = 500`, or of a row of names over one of numbers.
 
-    Of a name with the numbers of a vector or matrix, a list.  Empty where a name has two values.
+    Of a name with the numbers of a vector or matrix, a list; of the model of distortion its words.
+    Empty where a name has two values.
 
-    >>> _pairs("fx = 500  # pixels")
-    {'fx': '500'}
+    >>> _pairs("fx = 500  # pixels"), _pairs("of a D455\\nDistorsion,Inverse Brown Conrady")
+    ({'fx': '500'}, {'Distorsion': 'Inverse Brown Conrady'})
     """
     lines = text[:MAX_TABLE_BYTES].splitlines()
     rows = [row for line in lines if (row := re.findall(r"[^\s,;=:]+", line.split("#")[0]))]
     if len(rows) == 2 and len(rows[0]) == len(rows[1]) > 2:
         rows = [list(pair) for pair in zip(*rows, strict=True)]
     pairs: Table = {}
-    for name, *numbers in rows:
-        if 0 < len(numbers) <= _LONGEST_ROW and all(
-            re.fullmatch(NUMBER, number) for number in numbers
-        ):
-            value = numbers[0] if len(numbers) == 1 else numbers
+    for name, *words in rows:
+        if not 0 < len(words) <= _LONGEST_ROW:
+            continue
+        numbers = all(re.fullmatch(NUMBER, word) for word in words)
+        if numbers or _MODEL.fullmatch(name):
+            value = words if numbers and len(words) > 1 else " ".join(words)
             if pairs.setdefault(name, value) != value:
                 return {}
     return pairs

@@ -64,6 +64,7 @@ FINDINGS = (
     Row(("single-photograph",)),
     Row(("depth-unit",), depth_findings),
     Row(("off-centre",)),
+    Row(("lens-missing",)),
     Row(("depth-holes",), depth_findings, instead_of=("depth-missing", "holes-carried")),
     Row(("depth-missing",)),
     Row(("holes-left-out",), depth_findings),

@@ -9,6 +9,7 @@ import pytest
 from rakelight import load_capture
 from rakelight.capture.extrinsics import depth_to_color
 from rakelight.capture.images import encode_png, encode_tiff
+from rakelight.capture.intrinsics import parse_intrinsics
 from rakelight.errors import CaptureError
 from rakelight.model import Camera, Distortion
 from tests.capture.readers.test_photographs import codes, fill
@@ -363,3 +364,42 @@ def test_a_lens_without_its_depth_camera_is_named(tmp_path):
     )
     (warning,) = [f for f in capture.findings if f.code == "ignored-files"]
     assert "depth_distortion.txt: no depth intrinsics beside it" in warning.message
+
+
+def test_a_lens_that_is_named_without_its_coefficients(tmp_path):
+    """The RealSense Viewer saves the model alone; rs-enumerate-devices prints its coefficients."""
+    snapshots(tmp_path, DEPTH)
+    capture = load_capture(tmp_path)
+    assert capture.camera.distortion is None
+    (warning,) = [f for f in capture.findings if f.code == "lens-missing"]
+    assert warning.severity == "warning"
+    assert "(Brown Conrady)" in warning.message
+    assert "s0_Color_metadata.csv" in warning.message
+    assert "Depth" not in warning.message
+    assert "rs-enumerate-devices -c" in warning.remedy
+    (tmp_path / "calibration.txt").write_text(ENUMERATED)
+    assert "lens-missing" not in codes(load_capture(tmp_path))
+    color, lens = "Inverse Brown Conrady\n  Coeffs:     \t", "-0.05 \t0.06 \t0.001 \t0 \t-0.02"
+    zeros = "0  \t0  \t0  \t0  \t0"
+    (tmp_path / "calibration.txt").write_text(ENUMERATED.replace(color + zeros, color + lens))
+    capture = load_capture(tmp_path)
+    assert capture.camera.distortion.model == "inverse-brown-conrady"
+    assert "lens-missing" not in codes(capture)
+
+
+def test_a_model_without_coefficients_and_a_lens_beside_it(tmp_path):
+    facts = {**COLOR_FACTS, "distortion_model": "plumb_bob"}
+    made = folder(tmp_path, (12, 16), intrinsics_json=facts)
+    assert "lens-missing" in codes(load_capture(made))
+    (tmp_path / "dist.txt").write_text("0 0 0 0 0")
+    assert "lens-missing" not in codes(load_capture(made))
+    (tmp_path / "dist.txt").unlink()
+    for more in ({"D": []}, {"distortion_model": "none"}, {"distortion": [0] * 5}, {"k1": 0}):
+        (tmp_path / "intrinsics.json").write_text(json.dumps({**facts, **more}))
+        assert "lens-missing" not in codes(load_capture(made))
+
+
+def test_the_model_in_lines_of_names_and_numbers():
+    """A model that is named in words is that of the coefficients in the other lines."""
+    text = "fx = 400\ncx = 160\ncy = 120\ndistortion_model = fisheye\nk1 = 0.1\n"
+    assert parse_intrinsics(text.encode()).distortion.model == "kannala-brandt"

@@ -129,14 +129,14 @@ def _camera(folder: Path, files: LooseFiles, photos: Photos) -> tuple[Camera, tu
     texts = small_texts(path for path in files.texts if not names_depth(path.stem))
     stated = stated_camera(folder, texts, photos.full)
     if stated is not None:
-        name, camera = stated
+        camera = stated.camera
         if not camera.width:
             camera = replace(camera, width=full_width, height=full_height)
         shape = (full_height, full_width)
         if camera.shape == (height, width):
             shape = (height, width)
-        validate.check_camera(camera, shape, f"{folder}/{name}", "intrinsics")
-        return camera.resized(width, height), ()
+        validate.check_camera(camera, shape, f"{folder}/{stated.name}", "intrinsics")
+        return camera.resized(width, height), stated.findings
     found = camera_of(photos.exif, full_width, full_height)
     if found is None:
         names = [path.name for path in files.texts]

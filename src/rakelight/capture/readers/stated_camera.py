@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 from rakelight.capture.intrinsics import (
     Size,
     alike,
+    lens_named,
     named_intrinsics,
     parse_intrinsics,
     parse_lens,
 )
 from rakelight.capture.lens_tables import names_lens, surely_lens
-from rakelight.errors import CaptureError
-from rakelight.model import Camera, Distortion
+from rakelight.errors import CaptureError, listed, printable
+from rakelight.model import Camera, Distortion, Finding
 
 # Names, without ending, of files that hold intrinsics or are a mistake.
 _SURELY_INTRINSICS = ("intrinsics", "intrinsic", "calibration", "calib", "camera", "cameras", "k")
@@ -28,10 +29,17 @@ MATRIX = "fx 0 cx / 0 fy cy / 0 0 1 (pixels, three lines)"
 """What is to be written where none is read, for messages."""
 
 
-def stated_camera(
-    folder: Path, texts: Mapping[Path, bytes], size: Size
-) -> tuple[str, Camera] | None:
-    """The name of a file and the intrinsics in it; None where none of the texts states any.
+@dataclass(frozen=True, slots=True)
+class StatedCamera:
+    """name : of the file, or files, that state it; findings : what is not stated of its lens."""
+
+    name: str
+    camera: Camera
+    findings: tuple[Finding, ...] = ()
+
+
+def stated_camera(folder: Path, texts: Mapping[Path, bytes], size: Size) -> StatedCamera | None:
+    """The camera in the texts; None where none of them states any.
 
     texts : content of each file in `folder`; size : (width, height) of the photographs
     The lens may be stated in a file of its own.  Raises CaptureError where a name promises some
@@ -39,6 +47,7 @@ def stated_camera(
     """
     found: dict[str, Camera] = {}
     lenses: dict[str, Distortion] = {}
+    models: dict[str, str | None] = {}
     for path, data in texts.items():
         name = path.relative_to(folder).as_posix()
         source = f"{folder}/{name}"
@@ -47,6 +56,7 @@ def stated_camera(
         )
         if isinstance(read, Camera):
             found[name] = read
+            models[name] = "" if read.distortion else lens_named(data, source)
         elif read is not None:
             lenses[name] = read
         elif path.stem.lower() in _SURELY_INTRINSICS:  # no other source is what is meant
@@ -57,6 +67,8 @@ def stated_camera(
                 needed=FORMATS,
                 remedy=f"write {MATRIX}",
             )
+    found = _as_said(found, models)
+    missing = () if lenses else _lens_missing(models)
     found = with_lenses(found, lenses, str(folder))
     sized = {name: camera for name, camera in found.items() if camera.width}
     sizes = {camera.shape for camera in sized.values()}
@@ -68,7 +80,37 @@ def stated_camera(
             needed="those of the camera that took the photographs",
             remedy="keep one of them",
         )
-    return next(iter((sized or found).items()), None)
+    name, camera = next(iter((sized or found).items()), ("", None))
+    return None if camera is None else StatedCamera(name, camera, missing)
+
+
+def _as_said(cameras: Mapping[str, Camera], models: Mapping[str, str | None]) -> dict[str, Camera]:
+    """The cameras, with the lens of the files that say it where others name its model alone."""
+    said = [camera.distortion for name, camera in cameras.items() if models[name] == ""]
+    return {
+        name: replace(camera, distortion=said[0]) if said and models[name] else camera
+        for name, camera in cameras.items()
+    }
+
+
+def _lens_missing(models: Mapping[str, str | None]) -> tuple[Finding, ...]:
+    """A warning where files name the model of distortion, and none says its coefficients.
+
+    models : what `lens_named` says of each file
+    """
+    names = {name: model for name, model in models.items() if model}
+    if not names or "" in models.values():
+        return ()
+    model = printable(next(iter(names.values()))[:60])
+    message = (
+        f"the model of the lens's distortion is named ({model}), its coefficients are not in "
+        f"{listed(list(names))}: distortion is not taken out"
+    )
+    remedy = (
+        "write the coefficients there (coeffs: [...]); of a RealSense put what "
+        "rs-enumerate-devices -c prints beside the photographs"
+    )
+    return (Finding("warning", "lens-missing", message, remedy),)
 
 
 def camera_or_lens(

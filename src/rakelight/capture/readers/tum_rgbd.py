@@ -140,11 +140,11 @@ def _camera(path: Path, shape: tuple[int, int]) -> tuple[Camera, tuple[Finding, 
     }
     stated = stated_camera(path, texts, shape[::-1])
     if stated is not None:
-        name, camera = stated
+        camera = stated.camera
         if not camera.width:
             camera = replace(camera, width=shape[1], height=shape[0])
-        validate.check_camera(camera, shape, f"{path}/{name}", "intrinsics")
-        return camera, ()
+        validate.check_camera(camera, shape, f"{path}/{stated.name}", "intrinsics")
+        return camera, stated.findings
     misread = f"; none were found in {listed([file.name for file in texts])}" if texts else ""
     if shape != _DEFAULT_SHAPE:
         raise CaptureError(
