@@ -470,13 +470,14 @@ def test_the_inverse_model_of_librealsense(text):
 
 
 @pytest.mark.parametrize("name", ["{}_color", "{}_rgb", "color_{}", "rgb{}"])
+@pytest.mark.parametrize("prefix", ["", "distortion_"])
 @pytest.mark.parametrize("read", [parse_intrinsics, parse_depth_intrinsics])
-def test_no_coefficient_of_a_camera_is_lost(name, read):
+def test_no_coefficient_of_a_camera_is_lost(name, prefix, read):
     """k2_color is no pose from k to the colour camera."""
     if read is parse_depth_intrinsics:
         name = name.replace("color", "depth").replace("rgb", "depth")
     coefficients = {"k1": 0.1, "k2": 0.02, "p1": 0.003, "p2": -0.004, "k3": 0.05}
-    facts = {**FIGURES, **coefficients}
+    facts = FIGURES | {prefix + key: value for key, value in coefficients.items()}
     text = json.dumps({name.format(key): value for key, value in facts.items()})
     assert read(text.encode()) == replace(NO_SIZE, distortion=lens(*coefficients.values(), 0, 0, 0))
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from rakelight.capture import npy
 from rakelight.capture.lens_tables import (
+    BY_NAME,
     COLOR,
     COUNTS,
     DEPTH,
@@ -75,8 +76,7 @@ _COLMAP = {
 
 Size = tuple[int, int]
 
-# In names of what is no camera, color2depth; k2_color is a coefficient of its lens.
-_POSE = re.compile(r"(?:to|(?<!^[kp])2)(?:depth|infra|colou?r|rgb)")
+_POSE = re.compile(r"(?:to|2)(?:depth|infra|colou?r|rgb)")  # in names of what is no camera
 
 
 def named_intrinsics(stem: str) -> bool:
@@ -546,12 +546,14 @@ def _has_matrix(table: Table) -> bool:
 
 
 def _sided(table: Table, words: str) -> Table:
-    """What the names say that is of one camera, without these words: fx_color, depth_width."""
+    """What the names say that is of one camera, without these words: fx_color, depth_width.
+
+    A pose, color2depth, is of no camera; k2_color is a coefficient of its lens.
+    """
     ends = re.compile(f"^(?:{words})|(?:{words})$")
+    sided = [(ends.sub("", key), key) for key in table if ends.search(key)]
     return {
-        ends.sub("", key): value
-        for key, value in table.items()
-        if ends.search(key) and not _POSE.search(key)
+        name: table[key] for name, key in sided if BY_NAME.fullmatch(name) or not _POSE.search(key)
     }
 
 

@@ -32,6 +32,9 @@ COUNTS = (4, 5, 8, 12, 14)
 DEPTH, COLOR = "depth|infra(?:red)?1?", "colou?r|rgb"
 """Words in the names of what is of the depth camera, and of the photographs'."""
 
+BY_NAME = re.compile(r"(?:camera1?)?(?:dist(?:or[ts]ion)?)?([kp][1-6])")
+"""The name of a coefficient: k1, Camera.p2, distortion_k3."""
+
 _SIDES = re.compile(f"{DEPTH}|{COLOR}")
 _KEYS = re.compile(
     r"(?:camera)?distor[ts]ion(?:coef\w*|param\w*)?|(?:camera)?dist(?:coef\w*|param\w*)"
@@ -39,7 +42,6 @@ _KEYS = re.compile(
 )
 # Of these: one number alone under them is something else, and a list of another length.
 _OTHERS_TOO = ("d", "dist", "disto", "kc", "coeffs", "coefficients")
-_BY_NAME = re.compile(r"(?:camera1?)?(?:dist(?:or[ts]ion)?)?([kp][1-6])")
 _OF_A_LENS = re.compile(r"(?<!un)distor|^(?:lens)?radial|^tangential")
 _NOT_ZERO = re.compile(r"[1-9]|\b(?:nan|inf)\b", re.IGNORECASE)
 _WORDS_KEYS = ("distortion", "distorsion")  # under which the model's name may stand
@@ -94,7 +96,7 @@ def lens_part(table: Table) -> Table:
     >>> lens_part({"fx": 500, "d": 0.6, "distortion": [0.1, 0, 0, 0], "model": "radtan"})
     {'distortion': [0.1, 0, 0, 0], 'model': 'radtan'}
     """
-    by_name = {key: value for key, value in table.items() if _BY_NAME.fullmatch(key)}
+    by_name = {key: value for key, value in table.items() if BY_NAME.fullmatch(key)}
     by_name = {key: value for key, value in by_name.items() if number_of(value) is not None}
     part = by_name if any(key.endswith("k1") for key in by_name) else {}
     part |= {key: value for key, value in table.items() if _states(key, value)}
@@ -192,7 +194,7 @@ def _states(key: str, value: Any) -> bool:
 
 def _unread(key: str, value: Any) -> bool:
     """Whether numbers are those of a lens by their name, which does not say which is which."""
-    if _KEYS.fullmatch(key) or _BY_NAME.fullmatch(key) or _SIDES.search(key):
+    if _KEYS.fullmatch(key) or BY_NAME.fullmatch(key) or _SIDES.search(key):
         return False
     if not _OF_A_LENS.search(key):
         return False
@@ -201,7 +203,7 @@ def _unread(key: str, value: Any) -> bool:
 
 def _in_order(table: Mapping[str, Any], model: LensModel) -> list[float]:
     """Coefficients by their names in the model's order; none where none is stated."""
-    found = ((_BY_NAME.fullmatch(key), number_of(value)) for key, value in table.items())
+    found = ((BY_NAME.fullmatch(key), number_of(value)) for key, value in table.items())
     stated = {match[1]: number for match, number in found if match and number is not None}
     return in_order(stated, model)
 
