@@ -278,6 +278,17 @@ def test_a_jpeg_that_only_keeps_a_decoder_busy():
     assert "200 scans" in refusal(data[:-2] + last * 200 + b"\xff\xd9")
 
 
+@pytest.mark.parametrize("progressive", [False, True])
+def test_what_follows_the_end_of_a_jpeg_is_no_part_of_it(progressive):
+    """A phone's motion photo is a JPEG with its video behind it, in which any bytes may be."""
+    file = io.BytesIO()
+    Image.fromarray(SMOOTH).save(file, "JPEG", quality=95, progressive=progressive)
+    data = file.getvalue()
+    moving = data + b"\0\0\0\x1cftypisom" + b"\xff\xda\xff\xd9" * 300
+    np.testing.assert_array_equal(decode_image(moving), decode_image(data))
+    assert "the end of the JPEG is missing" in refusal(data[:-2])
+
+
 def test_every_flipped_bit_of_deflate_in_tiles_is_seen():
     data = tiff(NOISY, tile=(16, 16), compression="zlib")
     start = len(data) - len(zlib.compress(NOISY[:16, :16].tobytes()))

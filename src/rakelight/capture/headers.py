@@ -6,6 +6,7 @@ accept any size that a file states.  So the few bytes that matter are read here.
 
 from __future__ import annotations
 
+import re
 import struct
 import zlib
 from collections.abc import Iterator
@@ -23,6 +24,10 @@ MAX_PIXELS = 100_000_000
 # A JPEG is decoded once per scan; progressive ones have about ten, and more than this only to
 # keep a decoder busy.
 _MOST_SCANS = 200
+# A marker of JPEG: not the 0 that escapes a coded 255, nor a restart among coded pixels, nor
+# padding.
+_JPEG_MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
+_JPEG_END, _JPEG_SCAN, _JPEG_WITHOUT_LENGTH = 0xD9, 0xDA, (0x01, 0xD8)
 
 _HEIC = "HEIC or a video"
 _OTHER_IMAGES = (
@@ -290,16 +295,32 @@ def _jpeg_header(data: bytes, source: str) -> Header:
             header = _jpeg_frame(data, at + 4, source)
         elif marker == 0xE1 and data[at + 4 : at + 10] == b"Exif\0\0":
             orientation = _exif_orientation(data[at + 10 : at + 2 + length])
-        elif marker == 0xDA:
+        elif marker == _JPEG_SCAN:
             break
         at += 2 + length
     if header is None:
         raise damaged(source, "no valid JPEG header")
-    if data.rfind(b"\xff\xd9") < at:
-        raise damaged(source, "the end of the JPEG is missing")
-    if data.count(b"\xff\xda", at) > _MOST_SCANS:
-        raise damaged(source, f"more than {_MOST_SCANS} scans")
+    _check_scans(data, at, source)
     return Header("JPEG", header.width, header.height, header.channels, header.dtype, orientation)
+
+
+def _check_scans(data: bytes, at: int, source: str) -> None:
+    """Raise CaptureError unless the JPEG ends, after few scans, the first of them at `at`.
+
+    What follows its end is not looked at: the video of a phone's motion photo, other pictures.
+    """
+    scans = 0
+    while scans <= _MOST_SCANS:
+        marker = _JPEG_MARKER.search(data, at)
+        if marker is None:
+            raise damaged(source, "the end of the JPEG is missing")
+        kind, at = marker[0][1], marker.end()
+        if kind == _JPEG_END:
+            return
+        scans += kind == _JPEG_SCAN
+        if kind not in _JPEG_WITHOUT_LENGTH:
+            at += int(struct.unpack_from(">H", data, at)[0])
+    raise damaged(source, f"more than {_MOST_SCANS} scans")
 
 
 def _jpeg_frame(data: bytes, at: int, source: str) -> Header:
