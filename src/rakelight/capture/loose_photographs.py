@@ -60,6 +60,13 @@ class _One:
     exif: Exif
     facts: dict[str, Any]
 
+    @property
+    def turned(self) -> str:
+        """What is done about its orientation by EXIF; nothing where it says none."""
+        if self.exif.orientation == 1:
+            return ""
+        return "applied" if self.facts.get("turned") else "ignored"
+
 
 def read_loose_photographs(
     files: LooseFiles, decoder: DecoderProcess, depth_width: int, progress: ProgressCallback
@@ -89,7 +96,7 @@ def read_loose_photographs(
     count = len(files.photographs)
     stack = allocate((len(everything), *shape), dtype, folder)
     stack[0] = first.pixels
-    turned = [first.exif.orientation != 1]
+    turned = [first.turned]
     for i, one in enumerate(ones, start=1):
         progress(Progress("read", i, len(everything)))
         if one.pixels.shape != shape or str(one.pixels.dtype) != dtype:
@@ -101,7 +108,7 @@ def read_loose_photographs(
                 remedy="take all with the same settings, and leave out the odd ones",
             )
         stack[i] = one.pixels
-        turned.append(one.exif.orientation != 1)
+        turned.append(one.turned)
     findings = _findings(files.photographs, turned[:count], first)
     if dtype == "float32":
         stack, scaled = _sixteen_bit(stack, count)
@@ -196,21 +203,23 @@ def _sixteen_bit(light: Floats, count: int) -> tuple[Array, tuple[Finding, ...]]
 
 
 def _findings(
-    files: Sequence[LooseFile], turned: Sequence[bool], first: _One
+    files: Sequence[LooseFile], turned: Sequence[str], first: _One
 ) -> tuple[Finding, ...]:
-    """What a person should know of the photographs' formats."""
+    """What a person should know of the photographs' formats.
+
+    turned : of each file, what was done about its orientation
+    """
     found: list[Finding] = []
     names, kind = [file.name for file in files], files[0].kind
     if any(turned):
-        how = "applied" if kind == "heic" else "ignored"
-        found.append(
-            Finding(
-                "warning",
-                "exif-orientation",
-                f"orientation {how} in {listed(names, turned)}",
-                "make sure that depth and photographs are the same way up",
-            )
+        each = (
+            f"{how} in {listed(names, [one == how for one in turned])}"
+            for how in ("applied", "ignored")
+            if how in turned
         )
+        message = f"orientation {', '.join(each)}"
+        remedy = "make sure that depth and photographs are the same way up"
+        found.append(Finding("warning", "exif-orientation", message, remedy))
     if kind in ("JPEG", "heic"):
         what = "JPEG" if kind == "JPEG" else "HEIC"
         message = f"{len(files)} {what} photographs; their compression looks like relief"

@@ -17,7 +17,7 @@ from rakelight.capture.readers import find_reader
 from rakelight.errors import CaptureError, InputError
 from rakelight.model import Distortion
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
-from tests.capture.capture_builder import small_capture
+from tests.capture.capture_builder import exif, small_capture
 from tests.capture.photo_files import dng, exr, heic, heic_of, mosaic_of, pfm
 
 K = b"40 0 15.25\n0 40.5 11.75\n0 0 1\n"
@@ -582,6 +582,22 @@ def test_damaged_heic_is_one_clear_line(tmp_path):
         (tmp_path / f"img{9 + i}.png").unlink()
         (tmp_path / f"img{9 + i}.heic").write_bytes(heic(pixels)[: 4000 if i else None][:900])
     refusal(tmp_path, "img9.heic", "damaged")
+
+
+def test_an_orientation_is_applied_where_the_heics_container_says_so(tmp_path):
+    made = fill(tmp_path)
+    turned, noted = exif(3), heic(made.photographs[0], exif=exif(1)).replace(exif(1), exif(3))
+    for i, pixels in enumerate(made.photographs):
+        (tmp_path / f"img{9 + i}.png").unlink()
+        data = heic(pixels, exif=turned) if i else noted
+        (tmp_path / f"img{9 + i}.heic").write_bytes(data)
+    capture = load_capture(tmp_path)
+    off = capture.photographs.astype(int) - made.photographs
+    upside_down = capture.photographs[:, ::-1, ::-1].astype(int) - made.photographs
+    assert [np.abs(each).mean() < 3 for each in off] == [True, False, False, False]
+    assert [np.abs(each).mean() < 3 for each in upside_down] == [False, True, True, True]
+    said = next(f.message for f in capture.findings if f.code == "exif-orientation")
+    assert said == "orientation applied in img10.heic, img11.heic, img12.heic, ignored in img9.heic"
 
 
 # --- end to end ---
