@@ -12,8 +12,11 @@ from rakelight.model import Camera
 
 # Half the range, relative, in which the focal length in pixels lies when EXIF gives it: 35 mm
 # equivalents are whole millimetres (2 % at 26), lenses move when they focus (f / distance, 2 % of a
-# 26 mm equivalent's 6 mm at 0.3 m, more for cameras), and firmware crops without saying so.
+# 26 mm equivalent's 6 mm at 0.3 m, more for cameras), and firmware crops some without saying so.
 ROUGHNESS = 0.05
+# Longer side over shorter of nearly all sensors, and the share by which images of whole ones are
+# off these (4928x3264 by 0.7 %, a mosaic with its margins, 5344x3516, by 1.3 %).
+_SENSORS, _SAME_PROPORTIONS = (4 / 3, 3 / 2), 0.02
 _FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)  # 35 mm equivalents are by the diagonal (CIPA DCG-001)
 _AGREEING = 0.15  # focal plane resolutions of firmware that differ by more are wrong
 _FOCAL_PER_SIDE = (0.2, 50.0)  # over the longer side: 136 and 1 degrees
@@ -33,7 +36,7 @@ class Exif:
 
     orientation : 1 = as stored
     focal_mm, focal_35mm : of the lens, and of the lens for 35 mm film with this field of view
-    pixels_per_mm : on the sensor, of an image whose longer side is `longer` (0: of this one)
+    pixels_per_mm : on the sensor, of an image with the sides `longer`, `shorter` (0: of this one)
     """
 
     orientation: int = 1
@@ -41,6 +44,7 @@ class Exif:
     focal_35mm: float = 0.0
     pixels_per_mm: float = 0.0
     longer: int = 0
+    shorter: int = 0
 
 
 def exif_of(data: bytes) -> Exif:
@@ -64,7 +68,7 @@ def parse_exif(block: bytes) -> Exif:
     """Of an EXIF block, which is a small TIFF; empty where it cannot be read.
 
     >>> parse_exif(b"no such thing")
-    Exif(orientation=1, focal_mm=0.0, focal_35mm=0.0, pixels_per_mm=0.0, longer=0)
+    Exif(orientation=1, focal_mm=0.0, focal_35mm=0.0, pixels_per_mm=0.0, longer=0, shorter=0)
     """
     if block.startswith(b"Exif\0\0"):  # as HEIC keeps it
         block = block[6:]
@@ -85,6 +89,7 @@ def parse_exif(block: bytes) -> Exif:
         focal_35mm=tags.get(_FOCAL_35MM, 0.0),
         pixels_per_mm=tags.get(_PLANE_X, 0.0) / unit_mm,
         longer=int(max(tags.get(_WIDTH, 0), tags.get(_HEIGHT, 0))),
+        shorter=int(min(tags.get(_WIDTH, 0), tags.get(_HEIGHT, 0))),
     )
 
 
@@ -116,12 +121,50 @@ def camera_of(exif: Exif, width: int, height: int) -> tuple[Camera, str] | None:
     3029
     """
     longer = max(width, height)
-    by_film = exif.focal_35mm * math.hypot(width, height) / _FILM_DIAGONAL_MM
-    by_plane = exif.focal_mm * exif.pixels_per_mm * longer / (exif.longer or longer)
-    why = f"its 35 mm equivalent, {exif.focal_35mm:g} mm"
-    focal = by_film
-    if by_plane and (not by_film or abs(by_plane / by_film - 1) < _AGREEING):
-        focal, why = by_plane, f"{exif.focal_mm:g} mm and its focal plane resolution"
+    focal, why = _focal_px(exif, longer, min(width, height))
     if not _FOCAL_PER_SIDE[0] <= focal / longer <= _FOCAL_PER_SIDE[1]:
         return None
     return Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2), why
+
+
+def roughness_of(exif: Exif, width: int, height: int) -> float:
+    """By how much, relative, the focal length of `camera_of` may be off.
+
+    More than ROUGHNESS where the image is, or looks, cut out of a whole one: its focal length is
+    then taken for that of the whole one's field of view.
+
+    >>> round(roughness_of(Exif(focal_35mm=26.0), 4032, 3024), 3)
+    0.05
+    >>> round(roughness_of(Exif(focal_35mm=26.0), 4032, 2268), 3)
+    0.139
+    """
+    sides = max(width, height), min(width, height)
+    focal, _ = _focal_px(exif, *sides)
+    of_whole = (_focal_px(exif, *whole)[0] for whole in _wholes(exif, *sides))
+    return ROUGHNESS + max(max(of_whole, default=focal) / focal - 1, 0)
+
+
+def _focal_px(exif: Exif, longer: float, shorter: float) -> tuple[float, str]:
+    """The focal length of an image with these sides, 0 where it is not said, and by what."""
+    by_film = exif.focal_35mm * math.hypot(longer, shorter) / _FILM_DIAGONAL_MM
+    by_plane = exif.focal_mm * exif.pixels_per_mm * longer / (exif.longer or longer)
+    if by_plane and (not by_film or abs(by_plane / by_film - 1) < _AGREEING):
+        return by_plane, f"{exif.focal_mm:g} mm and its focal plane resolution"
+    return by_film, f"its 35 mm equivalent, {exif.focal_35mm:g} mm"
+
+
+def _wholes(exif: Exif, longer: int, shorter: int) -> list[tuple[float, float]]:
+    """Longer and shorter sides of the images that this one may be cut out of; none if it is whole.
+
+    By the proportions that EXIF states where they are others, else by those of sensors.
+    """
+
+    def differs(proportions: float) -> bool:
+        return abs(proportions * shorter / longer - 1) > _SAME_PROPORTIONS
+
+    stated = exif.longer / exif.shorter if exif.shorter else longer / shorter
+    if differs(stated):
+        possible: tuple[float, ...] = (stated,)
+    else:
+        possible = _SENSORS if all(map(differs, _SENSORS)) else ()
+    return [(max(longer, each * shorter), max(shorter, longer / each)) for each in possible]

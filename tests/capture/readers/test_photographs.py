@@ -11,7 +11,7 @@ from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 from rakelight import MultiLight, evaluate, load_capture, refine
-from rakelight.capture.exif import camera_of, exif_of
+from rakelight.capture.exif import ROUGHNESS, Exif, camera_of, exif_of, roughness_of
 from rakelight.capture.images import encode_jpeg, encode_png, encode_tiff
 from rakelight.capture.readers import find_reader
 from rakelight.errors import CaptureError, InputError
@@ -495,7 +495,7 @@ def test_intrinsics_by_exif_say_how_rough_they_are(tmp_path):
     assert capture.camera.fx == pytest.approx(43 * np.hypot(32, 24) / np.hypot(36, 24))
     assert (capture.camera.cx, capture.camera.cy) == (15.5, 11.5)
     warning = next(f for f in capture.findings if f.code == "intrinsics-from-exif")
-    assert "5% uncertain" in warning.message
+    assert "about 5% uncertain; depth" in warning.message
     assert "jpeg" in codes(capture)
 
 
@@ -507,6 +507,33 @@ def test_exif_of_a_photograph_that_was_turned_by_software():
         data = jpeg(np.zeros((8, 8, 3), np.uint8), t40962=width, t40963=height, **figures)
         camera, _ = camera_of(exif_of(data), width, height)
         assert camera.fx == pytest.approx(8 / 6.4 * 3000)
+
+
+@pytest.mark.parametrize("sensor", [(4032, 3024), (6000, 4000)])
+@pytest.mark.parametrize("proportions", [(16, 9), (1, 1), (2, 1)])
+def test_a_photograph_that_was_cut_has_a_rougher_focal_length(sensor, proportions):
+    exif = Exif(focal_35mm=26.0)
+    known = camera_of(exif, *sensor)[0].fx
+    assert [roughness_of(exif, *size) for size in (sensor, sensor[::-1])] == [ROUGHNESS] * 2
+    scale = min(side / part for side, part in zip(sensor, proportions, strict=True))
+    cut = [int(scale * part) for part in proportions]
+    off = known / camera_of(exif, *cut)[0].fx - 1
+    assert ROUGHNESS + off - 0.005 < roughness_of(exif, *cut) < ROUGHNESS + off + 0.11
+    assert roughness_of(exif, *cut[::-1]) == roughness_of(exif, *cut)
+    # Cut by a program that keeps the EXIF.
+    kept = Exif(focal_35mm=26.0, longer=max(sensor), shorter=min(sensor))
+    assert roughness_of(kept, *cut) == pytest.approx(ROUGHNESS + off, abs=0.005)
+    assert roughness_of(kept, *sensor) == ROUGHNESS
+
+
+def test_a_rougher_focal_length_is_said(tmp_path):
+    made = fill(tmp_path, depth=False, texts=False)
+    (tmp_path / "depth.tiff").write_bytes(encode_tiff(made.depth_m[0, :9]))
+    for i, pixels in enumerate(made.photographs):
+        (tmp_path / f"img{9 + i}.png").unlink()
+        (tmp_path / f"img{9 + i}.jpg").write_bytes(jpeg(pixels[:18], t41989=43))
+    warning = next(f for f in load_capture(tmp_path).findings if f.code == "intrinsics-from-exif")
+    assert "about 14% uncertain, as the photographs look cut out of larger ones" in warning.message
 
 
 def test_a_calibration_that_is_not_understood_is_named_beside_exif(tmp_path):

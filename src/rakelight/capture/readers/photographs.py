@@ -9,7 +9,7 @@ from pathlib import Path
 from rakelight.capture import validate
 from rakelight.capture.config import CONFIG
 from rakelight.capture.decoder_process import DecoderProcess
-from rakelight.capture.exif import ROUGHNESS, camera_of
+from rakelight.capture.exif import ROUGHNESS, camera_of, roughness_of
 from rakelight.capture.from_arrays import capture_from_arrays
 from rakelight.capture.intrinsics import may_state, named_intrinsics, names_depth, small_texts
 from rakelight.capture.lens_tables import names_lens
@@ -148,10 +148,12 @@ def _camera(folder: Path, files: LooseFiles, photos: Photos) -> tuple[Camera, tu
             remedy=f"write {MATRIX} into intrinsics.txt",
         )
     camera, why = found
+    rough = roughness_of(photos.exif, full_width, full_height)
+    cut = ", as the photographs look cut out of larger ones" if rough > ROUGHNESS else ""
     message = (
         f"focal length {camera.fx:.0f} px from {why} in EXIF, the principal point taken for the "
-        f"middle: about {ROUGHNESS:.0%} uncertain; depth stays metric, but widths across the image "
-        "and slopes are wrong by as much, and so are normals and the relief"
+        f"middle: about {rough:.0%} uncertain{cut}; depth stays metric, but widths across "
+        "the image and slopes are wrong by as much, and so are normals and the relief"
     )
     stems = (named_intrinsics, names_lens)
     if misread := [p.name for p in files.texts if any(named(p.stem) for named in stems)]:
