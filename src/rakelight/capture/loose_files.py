@@ -35,6 +35,12 @@ _NOT_READ: dict[Role, str] = {
     "confidence": r"(?<![a-z])conf(idence)?(?![a-z])",
     "disparity": r"(?<![a-z])disp(arity|arities)?(?![a-z])",
 }
+# Of what there is one each, and folders' names that say the same: BOP has mask/ and mask_visib/.
+_ONE_EACH: dict[Role, str] = {
+    "mask": r"masks?(?![a-z]).*",
+    "ambient": r"ambients?",
+    "flat": r"flats?",
+}
 _TO_DEPTH = "save focal length (pixels) x baseline (metres) / disparity as depth.tiff"
 _MOST_FILES = 2000  # that are looked at; more are a recording or a disk
 _WHERE = "put the photographs in one folder, or name the others depth, mask, ambient, flat"
@@ -125,6 +131,8 @@ def role_of(name: str) -> Role | None:
 
     >>> role_of("depth/000.png"), role_of("IMG_1.jpg"), role_of("object mask.png")
     ('depth', None, 'mask')
+    >>> role_of("mask_visib/000000_000000.png"), role_of("masked/0.png")
+    ('mask', None)
     >>> role_of("conf_00000.png"), role_of("confidence/0.png"), role_of("confetti.png")
     ('confidence', 'confidence', None)
     """
@@ -132,10 +140,9 @@ def role_of(name: str) -> Role | None:
     for role, words in _NOT_READ.items():
         if re.search(words, path.stem) or re.search(words, path.parent.name):
             return role
-    for word in ("mask", "ambient", "flat"):
-        if re.search(rf"(?<![a-z]){word}(?![a-z])", path.stem) or path.parent.name in (
-            word,
-            f"{word}s",
+    for word, folders in _ONE_EACH.items():
+        if re.search(rf"(?<![a-z]){word}(?![a-z])", path.stem) or re.fullmatch(
+            folders, path.parent.name
         ):
             return word
     return "depth" if "depth" in path.stem or "depth" in path.parent.name else None
@@ -196,16 +203,9 @@ def list_loose_files(folder: Path, photographs: Sequence[str] = ()) -> LooseFile
     roles = {file.name: stated.get(file.name) or role_of(file.name) for file in images}
     named = {
         word: [file for file in images if roles[file.name] == word]
-        for word in ("depth", "mask", "ambient", "flat", "confidence", "disparity")
+        for word in ("depth", *_ONE_EACH, *_NOT_READ)
     }
-    for word in ("mask", "ambient", "flat"):
-        if len(named[word]) > 1:
-            raise CaptureError(
-                f"more than one {word}",
-                source=str(folder),
-                seen=_names(named[word]),
-                remedy=f"keep one of them; give photographs a name without {word}",
-            )
+    one = {word: _the_one(folder, word, named[word]) for word in _ONE_EACH}
     rest = [file for file in images if roles[file.name] is None]
     known = {file.name for file in images}
     names = [p.relative_to(folder).as_posix() for p in paths]
@@ -221,7 +221,7 @@ def list_loose_files(folder: Path, photographs: Sequence[str] = ()) -> LooseFile
         rest = _listed(folder, images, photographs)
     taken, paired = _without_pairs([file for file in rest if file not in depth])
     _check_photographs(folder, taken, depth, unread)
-    one = {word: next(iter(named[word]), None) for word in ("mask", "ambient", "flat")}
+    more = [file for word in _ONE_EACH for file in named[word] if file is not one[word]]
     return LooseFiles(
         tuple(taken),
         tuple(depth),
@@ -232,7 +232,7 @@ def list_loose_files(folder: Path, photographs: Sequence[str] = ()) -> LooseFile
         scales[0] if scales else None,
         (
             *(name for name in of_depth if Path(name).suffix.lower() not in intrinsics.SUFFIXES),
-            *(file.name for file in (*unused, *named["disparity"], *paired)),
+            *(file.name for file in (*unused, *named["disparity"], *paired, *more)),
         ),
         tuple(named["confidence"]),
         tuple(unread),
@@ -285,6 +285,23 @@ def _listed(folder: Path, images: Sequence[LooseFile], names: Sequence[str]) -> 
                 remedy="put it there, or take its line out of all lists",
             )
     return [there[name] for name in names]
+
+
+def _the_one(folder: Path, word: str, files: Sequence[LooseFile]) -> LooseFile | None:
+    """Of several masks, or the like, the only one in the folder itself; None where there is none.
+
+    Raises CaptureError where it is not clear which of them is meant.
+    """
+    itself = [file for file in files if file.path.parent == folder]
+    found = itself if len(itself) == 1 else files
+    if len(found) > 1:
+        raise CaptureError(
+            f"more than one {word}", source=str(folder), seen=_names(files),
+            needed=f"one {word} for all photographs",
+            remedy=f"save the one that is meant as {word}.png in {folder}; give photographs a name "
+            f"without {word}",
+        )  # fmt: skip
+    return found[0] if found else None
 
 
 def _depth_among(

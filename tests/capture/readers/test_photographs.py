@@ -238,6 +238,24 @@ def test_other_refusals(tmp_path):
     refusal(tmp_path, "no intrinsics", "intrinsics.txt")
 
 
+@pytest.mark.parametrize("folders", [["mask"], ["mask_visib"], ["mask", "mask_visib"], ["masks"]])
+def test_of_the_masks_of_several_objects_the_one_in_the_folder_itself_is_taken(tmp_path, folders):
+    """As BOP has them, in folders beside the photographs."""
+    made, of_another = fill(tmp_path), encode_png(np.full((24, 32), 255, np.uint8))
+    for name in folders:
+        (tmp_path / name).mkdir()
+        for number in range(2):
+            (tmp_path / name / f"00000{number}_000000.png").write_bytes(of_another)
+    refusal(tmp_path, "more than one mask", f"{folders[0]}/000000_000000.png", "as mask.png in")
+    mask = made.mask & (np.arange(32) < 16)
+    (tmp_path / "mask.png").write_bytes(encode_png(mask.astype(np.uint8)))
+    capture = load_capture(tmp_path)
+    assert np.array_equal(capture.mask, mask)
+    assert len(capture.photographs) == 4
+    said = next(f.message for f in capture.findings if f.code == "ignored-files")
+    assert f"{folders[0]}/000000_000000.png" in said
+
+
 def test_a_capture_folder_without_its_table_is_still_one(tmp_path):
     for name in ("rgb", "depth"):
         fill(tmp_path / name, depth=False, texts=False)
