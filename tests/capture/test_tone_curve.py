@@ -13,9 +13,13 @@ from rakelight.capture import load_capture, write_capture
 from rakelight.capture.headers import PNG_MAGIC
 from rakelight.capture.images import encode_png
 from rakelight.capture.png import chunk
+from rakelight.capture.readers import open3d_recorder, tum_rgbd
+from rakelight.capture.readers.image_files import color_stream
 from rakelight.capture.tone_curve import half_light
 from rakelight.errors import CaptureError
+from rakelight.prepare.linear import to_linear
 from tests.capture.capture_builder import edit_config, small_capture
+from tests.capture.readers.phone_sources import frames, write_open3d, write_tum
 
 SMALL = small_capture(dtype=np.uint16, maps=1)
 SRGB = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
@@ -177,3 +181,65 @@ def test_linear_8_bit_beside_sRGB_is_refused(tmp_path):
     files = [png(EIGHT.photographs[0], *gama(100_000)), *map(png, EIGHT.photographs[1:])]
     with pytest.raises(CaptureError, match=r"tone curve.*0\.50.*001\.png without"):
         load_capture(folder(tmp_path / "c", files, True, EIGHT))
+
+
+# Recordings as image files in a folder
+
+
+def recorded(path, write, images, *chunks):
+    """A folder of a recording whose colour frames are these, with these chunks; returns it."""
+    write(path)
+    files = sorted([*path.glob("color/*.png"), *path.glob("rgb/*.png")])
+    for file, image in zip(files, images, strict=True):
+        file.write_bytes(png(image, *chunks))
+    return path
+
+
+LINEAR_16 = np.rint(65535 * to_linear(frames(), "srgb")).astype(np.uint16)
+
+
+@pytest.mark.parametrize(
+    ("read", "write"),
+    [(open3d_recorder, write_open3d), (tum_rgbd, write_tum)],
+    ids=["Open3D", "TUM"],
+)
+@pytest.mark.parametrize(
+    ("images", "chunks", "encoding", "says"),
+    [
+        (frames(), (), "srgb", []),
+        (LINEAR_16, (), "linear", ["encoding-assumed"]),
+        (LINEAR_16, P_LINEAR, "linear", []),
+        (257 * frames().astype(np.uint16), C_SRGB, "srgb", []),
+        (np.rint(LINEAR_16 / 257).astype(np.uint8), gama(100_000), "linear", ["linear-8-bit"]),
+    ],
+    ids=["8 bit", "16 bit", "16 bit, linear", "16 bit, sRGB", "8 bit, linear"],
+)
+def test_frames_have_the_encoding_that_photographs_would_have(
+    tmp_path, read, write, images, chunks, encoding, says
+):
+    recording, _ = read.recording(recorded(tmp_path / "a", write, images, *chunks))
+    assert recording.color.encoding == encoding
+    codes = [finding.code for finding in recording.findings]
+    assert [code for code in codes if code in ("encoding-assumed", "linear-8-bit")] == says
+    ((_, first),) = recording.color.walk([0])
+    assert np.array_equal(first, images[0])
+
+
+def test_linear_frames_give_the_light_of_those_in_sRGB(tmp_path):
+    light = [
+        load_capture(recorded(tmp_path / name, write_open3d, images)).photographs.astype(int)
+        for name, images in (("8", frames()), ("16", LINEAR_16))
+    ]
+    assert np.abs(light[0] - light[1]).max() < 2
+
+
+def test_frames_of_another_tone_curve_are_refused(tmp_path):
+    images = LINEAR_16[:, ::8, ::8]
+    path = recorded(tmp_path / "a", write_open3d, images, *P_LINEAR)
+    (path / "color/000007.png").write_bytes(png(images[7], *C_SRGB))
+    color, _ = color_stream(path, [f"color/{i:06d}.png" for i in range(12)], np.arange(12.0))
+    with pytest.raises(CaptureError, match=r"tone curve.*0\.50.*color/000007\.png.*0\.21"):
+        list(color.walk(range(12)))
+    path = recorded(tmp_path / "b", write_open3d, images, b"iCCP", iccp(GAMMA_18))
+    with pytest.raises(CaptureError, match=r"tone curve.*half of white is 0\.29"):
+        open3d_recorder.recording(path)

@@ -43,11 +43,13 @@ class Stream:
     walk : of numbers of frames from 0, rising: each frame with its number, one at a time.  Colour
         is (H, W, 3) uint8 or uint16 RGB as stored, depth (h, w) float32 metres with NaN = no
         measurement.  What cannot be decoded raises CaptureError.
+    encoding : of colour
     """
 
     times_s: Floats
     shape: tuple[int, int]
     walk: Callable[[Sequence[int]], Iterator[tuple[int, Array]]]
+    encoding: Encoding = "srgb"
 
     def __len__(self) -> int:
         return len(self.times_s)
@@ -71,7 +73,6 @@ class Recording:
     depth_camera: Camera | None = None
     depth_to_color: RigidTransform | None = None
     depth_noise: SensorNoise | None = None
-    encoding: Encoding = "srgb"
     names: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
 

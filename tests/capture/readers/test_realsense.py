@@ -69,7 +69,7 @@ def test_frames_come_back_bit_by_bit(tmp_path, name, form, compressed):
     else:
         write_db3(tmp_path / name, take)
     recording, color, depth_m = recording_of(tmp_path / name)
-    assert recording.encoding == "srgb"
+    assert recording.color.encoding == "srgb"
     expected = np.stack([shown(form, frame) for frame in take.color])
     off = np.abs(color.astype(int) - expected).max()
     assert off <= (1 if form in ("yuyv", "uyvy") else 0)

@@ -8,11 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from rakelight.capture.defaults import chosen_encoding
 from rakelight.capture.headers import Header, read_header
 from rakelight.capture.images import as_rgb, decode_image
 from rakelight.capture.listing import SUFFIXES
 from rakelight.capture.npy import decode_npy
 from rakelight.capture.recording import Stream
+from rakelight.capture.tone_curve import read_photograph_header, stated_encoding
 from rakelight.errors import CaptureError
 from rakelight.files import MAX_BYTES, clear_errors, read_bytes
 from rakelight.model import Array, Finding, Floats
@@ -20,6 +22,7 @@ from rakelight.model import Array, Finding, Floats
 NPY = ".npy"
 # What a sensor writes into 16 bit that is too far.
 _TOO_FAR = 65535
+_SAY_ENCODING = "where they are srgb, export them with an sRGB profile, or as 8-bit PNG"
 JPEG_FINDING = Finding("note", "compressed", "frames are JPEG; its compression looks like relief")
 
 
@@ -89,9 +92,11 @@ def numbered_files(
     return dict(sorted(found.items()))
 
 
-def color_stream(root: Path, names: Sequence[str], times_s: Floats) -> Stream:
-    """The stream of colour images; they are of one size."""
-    first = _header(root, names[0])
+def color_stream(
+    root: Path, names: Sequence[str], times_s: Floats
+) -> tuple[Stream, tuple[Finding, ...]]:
+    """The stream of colour images, of one size and encoding, and what to say of them."""
+    first = read_photograph_header(read_within(root, names[0]), f"{root}/{names[0]}")
     if first.dtype not in ("uint8", "uint16"):
         raise CaptureError(
             "this kind of image is not read",
@@ -103,12 +108,21 @@ def color_stream(root: Path, names: Sequence[str], times_s: Floats) -> Stream:
 
     def walk(wanted: Sequence[int]) -> Iterator[tuple[int, Array]]:
         for number in wanted:
-            source = f"{root}/{names[number]}"
-            pixels = as_rgb(decode_image(read_within(root, names[number]), source))
+            name, source = names[number], f"{root}/{names[number]}"
+            data = read_within(root, name)
+            pixels = as_rgb(decode_image(data, source))
             check_same(pixels, (first.height, first.width, 3), first.dtype, source)
+            header = read_photograph_header(data, source)
+            stated_encoding({names[0]: first, name: header}, str(root))
             yield number, pixels
 
-    return Stream(times_s, (first.height, first.width), walk)
+    stated = stated_encoding({names[0]: first}, str(root))
+    kind = "8-bit" if first.dtype == "uint8" else "16-bit"
+    encoding, said = chosen_encoding(stated, kind, _SAY_ENCODING)
+    if encoding == "srgb":  # as the frames of recordings of every kind
+        said = ()
+    stream = Stream(times_s, (first.height, first.width), walk, encoding)
+    return stream, (*said, *compressed_finding(names))
 
 
 def depth_stream(

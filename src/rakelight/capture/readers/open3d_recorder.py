@@ -18,7 +18,6 @@ from rakelight.capture.readers.beside import values_per_metre
 from rakelight.capture.readers.depth_place import recording_of_one_view
 from rakelight.capture.readers.image_files import (
     color_stream,
-    compressed_finding,
     depth_stream,
     numbered_files,
     read_within,
@@ -58,7 +57,7 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
             needed="depth values per metre, or metres per value",
             remedy=f"correct it, or write the depth values per metre into {SCALE}",
         )
-    color = color_stream(path, names, np.array(list(color_names)) / fps)
+    color, color_findings = color_stream(path, names, np.array(list(color_names)) / fps)
     times_s = np.array(list(depth_names)) / fps
     depth = depth_stream(path, list(depth_names.values()), times_s, per_metre)
     camera = open3d_camera(facts, color.shape, f"{path}/{name}")
@@ -69,7 +68,7 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
         depth,
         depth_source=f"{path}/depth",
         names=names,
-        findings=(*assumed, *compressed_finding(names)),
+        findings=(*assumed, *color_findings),
     )
     return made, None
 

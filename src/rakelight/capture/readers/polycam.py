@@ -18,7 +18,6 @@ from rakelight.capture.readers.base import Reader
 from rakelight.capture.readers.depth_place import recording_of_one_view
 from rakelight.capture.readers.image_files import (
     color_stream,
-    compressed_finding,
     depth_stream,
     numbered_files,
 )
@@ -69,7 +68,7 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
             remedy="export the raw data again, whole",
         )  # fmt: skip
     names = [images[number] for number in shown]
-    color = color_stream(root, names, np.array(shown) / _PER_SECOND)
+    color, color_findings = color_stream(root, names, np.array(shown) / _PER_SECOND)
     confidence = {i: sure[number] for i, number in enumerate(maps) if number in sure}
     moments = np.array(list(maps)) / _PER_SECOND
     depth = depth_stream(root, list(maps.values()), moments, _PER_METRE, confidence)
@@ -82,7 +81,7 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
         depth,
         depth_source=f"{root}/depth",
         names=names,
-        findings=compressed_finding(names),
+        findings=color_findings,
     )
     return made, poses_of([_number(facts[n].get(key)) for key in _PLACE] for n in shown)
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from rakelight.capture.readers.base import Reader
 from rakelight.capture.readers.depth_place import recording_of_one_view
-from rakelight.capture.readers.image_files import color_stream, compressed_finding, depth_stream
+from rakelight.capture.readers.image_files import color_stream, depth_stream
 from rakelight.capture.readers.numbers import number_in
 from rakelight.capture.readers.tracked_frames import (
     facts_of,
@@ -80,7 +80,7 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
             remedy="export the scan again, with all its data",
         )
     names = [files["photograph"][number] for number in shown]
-    color = color_stream(path, names, _times(facts, shown))
+    color, color_findings = color_stream(path, names, _times(facts, shown))
     confidence = {i: files["conf"][n] for i, n in enumerate(measured) if n in files["conf"]}
     maps = [files["depth"][number] for number in measured]
     depth = depth_stream(path, maps, _times(facts, measured), _PER_METRE, confidence)
@@ -94,7 +94,7 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
         depth,
         depth_source=f"{path}/{maps[0]}",
         names=names,
-        findings=compressed_finding(names),
+        findings=color_findings,
     )
     return made, poses_of(numbers_in(facts[n].get("cameraPoseARFrame"), 12) for n in shown)
 

@@ -25,7 +25,6 @@ from rakelight.capture.readers.beside import texts_beside, values_per_metre
 from rakelight.capture.readers.depth_place import recording_of_one_view
 from rakelight.capture.readers.image_files import (
     color_stream,
-    compressed_finding,
     depth_stream,
     read_within,
 )
@@ -54,7 +53,7 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
     of_color, of_depth = _lists(path)
     color_times, names = _listed(path, of_color, depth=False)
     depth_times, depth_names = _listed(path, of_depth, depth=True)
-    color = color_stream(path, names, color_times)
+    color, color_findings = color_stream(path, names, color_times)
     per_metre, assumed = values_per_metre(path, depth_names[0], _PER_METRE, "the benchmark's")
     depth = depth_stream(path, depth_names, depth_times, per_metre)
     camera, findings = _camera(path, color.shape)
@@ -65,7 +64,7 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
         depth,
         depth_source=f"{path}/{of_depth}",
         names=names,
-        findings=(*findings, *assumed, *compressed_finding(names)),
+        findings=(*findings, *assumed, *color_findings),
     )
     return made, None
 

@@ -99,7 +99,7 @@ def look_through(recording: Recording, progress: ProgressCallback) -> Frames:
         kept.sharpness[k] = sharpness(medium, sharp_mask)
         little = _resized(medium, fine)
         kept.detail[k] = detail(little)
-        linear = linear_table(little.dtype, recording.encoding).take(little)
+        linear = linear_table(little.dtype, recording.color.encoding).take(little)
         kept.small[k] = _resized(linear, small)
         kept.brightness[k] = np.quantile(kept.small[k][kept.mask].max(axis=-1), 0.9)
         seen = k + 1
@@ -135,7 +135,7 @@ def wanted_object(recording: Recording) -> Mask:
         depth_m=np.stack(depth),
         mask=everything,
         camera=recording.camera,
-        encoding=recording.encoding,
+        encoding=recording.color.encoding,
         depth_camera=recording.depth_camera,
         depth_to_color=recording.depth_to_color,
         depth_noise=recording.depth_noise,

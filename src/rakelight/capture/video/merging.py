@@ -59,7 +59,7 @@ def merged(
     photographs = allocate((len(groups), *recording.color.shape, 3), "uint16", recording.source)
     for done, (number, image) in enumerate(recording.color.walk(sorted(owner))):
         k = owner[number]
-        added = linear_table(image.dtype, recording.encoding).take(image)
+        added = linear_table(image.dtype, recording.color.encoding).take(image)
         saturated = image >= SATURATED * np.iinfo(image.dtype).max
         added *= scale[number] / len(groups[k])
         added[saturated] = np.inf
