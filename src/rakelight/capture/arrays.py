@@ -250,7 +250,8 @@ def _check_numbers(value: Any, source: str) -> None:
             )
 
 
-def _check_camera(camera: Camera, source: str) -> None:
+def _check_camera(camera: Camera, source: str, *, of_depth: bool = False) -> None:
+    """of_depth : as of `validate.check_camera`."""
     _check_numbers(camera, source)
     for key in ("width", "height", "fx", "fy"):
         if getattr(camera, key) <= 0:
@@ -281,13 +282,14 @@ def _check_camera(camera: Camera, source: str) -> None:
     if camera.distortion is not None:
         remedy = "rakelight.Camera.from_matrix(K, (height, width), distortion) makes one"
         check_is(camera.distortion, Distortion, f"{source}.distortion", remedy)
-        validate.check_distortion(camera, source, "distortion")
+        measured = np.zeros(camera.shape, bool) if of_depth else None
+        validate.check_distortion(camera, source, "distortion", measured)
 
 
 def _check_depth_camera(capture: Capture) -> None:
     camera, pose, noise = capture.depth_camera, capture.depth_to_color, capture.depth_noise
     if camera is not None:
-        _check_camera(camera, "depth_camera")
+        _check_camera(camera, "depth_camera", of_depth=True)
         if capture.depth_m.shape[1:] != camera.shape:
             raise CaptureError(
                 "this array does not fit the capture's depth camera",
@@ -296,6 +298,7 @@ def _check_depth_camera(capture: Capture) -> None:
                 needed=str(camera.shape),
                 remedy="give the depth camera's own intrinsics and image size",
             )
+        validate.check_depth_lens(camera, capture.depth_m, "depth_camera", "distortion")
     if pose is not None:
         if camera is None:
             raise CaptureError(

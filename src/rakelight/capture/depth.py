@@ -109,7 +109,7 @@ def depth_geometry(
             )
         return None, None
     camera = table.depth_intrinsics.camera("depth_intrinsics", source)
-    validate.check_camera(camera, shape, source, "depth_intrinsics")
+    validate.check_camera(camera, shape, source, "depth_intrinsics", of_depth=True)
     if table.depth_to_color is None:
         return camera, RigidTransform(np.eye(3), np.zeros(3))
     transform = RigidTransform(
@@ -140,9 +140,14 @@ def _numbers(values: object, shape: tuple[int, ...], source: str, key: str) -> F
     return numbers
 
 
-def read_depth(depth: Images, depth_scale: float | None) -> tuple[Floats, Array]:
+def read_depth(
+    depth: Images, depth_scale: float | None, camera: Camera | None = None, config: str = ""
+) -> tuple[Floats, Array]:
     """Metres (K, h, w) float32 with NaN = no measurement, and why: (K, h, w) indices into
-    rakelight.capture.validate.HOLES."""
+    rakelight.capture.validate.HOLES.
+
+    camera : of its own, as the file `config` has it, whose lens is checked by what is measured
+    """
     shape = (len(depth.names), *depth.shape)
     depth_m = allocate(shape, "float32", depth.source)
     holes = allocate(shape, "uint8", depth.source)
@@ -158,6 +163,8 @@ def read_depth(depth: Images, depth_scale: float | None) -> tuple[Floats, Array]
 
     in_threads(read, range(len(depth.names)))
     mark_no_distances(depth_m, holes)
+    if camera is not None:
+        validate.check_depth_lens(camera, depth_m, config, "key 'depth_intrinsics.distortion'")
     return depth_m, holes
 
 

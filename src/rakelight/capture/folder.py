@@ -100,7 +100,7 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
     names = tuple(map(printable, rgb.names))
     validate.check_not_twice(images, names, rgb.source)
     scale = table.depth_scale
-    depth_m, holes = read_depth(depth, scale)
+    depth_m, holes = read_depth(depth, scale, depth_camera, root.shown(CONFIG))
     encoding, assumed = chosen_encoding(
         table.encoding or stated_encoding(rgb.by_name, rgb.source),
         f"{8 * images.dtype.itemsize}-bit",

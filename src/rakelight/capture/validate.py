@@ -100,8 +100,13 @@ def check_same_kind(headers: Mapping[str, Header], source: str) -> None:
     )
 
 
-def check_camera(camera: Camera, shape: tuple[int, int], source: str, table: str) -> None:
+def check_camera(
+    camera: Camera, shape: tuple[int, int], source: str, table: str, *, of_depth: bool = False
+) -> None:
     """The intrinsics in `table` of capture.toml are plausible for images (height, width).
+
+    of_depth : whether they are a depth camera's, whose lens may fold where no depth is:
+        `check_depth_lens` says whether it does
 
     >>> swapped = Camera(640, 480, 319.5, 239.5, 525.0, 525.0)
     >>> check_camera(swapped, (480, 640), "capture.toml", "intrinsics")
@@ -131,13 +136,17 @@ def check_camera(camera: Camera, shape: tuple[int, int], source: str, table: str
     _check_camera_size(camera, shape, source, table)
     _check_field_of_view(camera, source, table)
     check_principal_point(camera, source, f"the principal point of [{table}]")
-    check_distortion(camera, source, f"key '{table}.distortion'")
+    measured = np.zeros(camera.shape, bool) if of_depth else None
+    check_distortion(camera, source, f"key '{table}.distortion'", measured)
 
 
-def check_distortion(camera: Camera, source: str, name: str) -> None:
+def check_distortion(camera: Camera, source: str, name: str, measured: Mask | None = None) -> None:
     """The lens model, which messages call `name`, is one that a lens can have.
 
     It does not fold inside the image, nor stretch it like no lens.
+
+    measured : (h, w) where a depth camera has depth, and its lens may not fold: outside the round
+        field of view of a wide one there is none.  Everywhere when None.
 
     >>> from rakelight.model import Distortion
     >>> lens = Distortion("brown-conrady", (-0.5, 0.0, 0.0, 0.0))
@@ -159,16 +168,27 @@ def check_distortion(camera: Camera, source: str, name: str) -> None:
             needed=f"at most {MOST_STRETCHED:g} times",
             remedy=remedy,
         )
-    folds_px = fold_px(camera)
+    folds_px = fold_px(camera, measured)
     if folds_px is None:
         return
+    needed = f"beyond the corners, {np.hypot(*corner_px(camera)):.0f} pixels from it"
+    if measured is not None:
+        v, u = np.nonzero(measured)
+        reach_px = np.hypot(u - camera.cx, v - camera.cy).max()
+        needed = f"beyond all depth, which reaches {reach_px:.0f} pixels from it"
     raise CaptureError(
         f"{name} folds inside the image",
         source=source,
         seen=f"{folds_px:.0f} pixels from the principal point",
-        needed=f"beyond the corners, {np.hypot(*corner_px(camera)):.0f} pixels from it",
+        needed=needed,
         remedy=remedy,
     )
+
+
+def check_depth_lens(camera: Camera, depth_m: Floats, source: str, name: str) -> None:
+    """`check_distortion` of a depth camera, by where its maps (K, h, w) measure something."""
+    measured = np.asarray(np.isfinite(depth_m).any(axis=0))
+    check_distortion(camera, source, name, measured)
 
 
 def _check_field_of_view(camera: Camera, source: str, table: str) -> None:

@@ -19,7 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rakelight.model import Camera, Distortion, Floats
+from rakelight.geometry.grid import outline
+from rakelight.model import Camera, Distortion, Floats, Mask
 
 # Tangent of the largest angle from the optical axis that is looked at, 84 degrees: an image
 # without distortion that showed more would be twenty focal lengths wide.
@@ -143,8 +144,10 @@ def corner_stretch(camera: Camera) -> float:
     return shown / without if without > 0 else 1.0
 
 
-def fold_px(camera: Camera) -> float | None:
+def fold_px(camera: Camera, among: Mask | None = None) -> float | None:
     """How far from the principal point, pixels, the lens model folds inside the image, or None.
+
+    among : (H, W) the pixels that count, all when None
 
     Beyond its fold a model shows further points nearer to the middle again: it is not that of the
     lens there.
@@ -157,9 +160,8 @@ def fold_px(camera: Camera) -> float | None:
     """
     if camera.distortion is None:
         return None
-    u, v = (each.ravel() for each in np.meshgrid(np.arange(camera.width), np.arange(camera.height)))
-    frame = (u == 0) | (v == 0) | (u == camera.width - 1) | (v == camera.height - 1)
-    u, v = u[frame], v[frame]
+    # What lies beyond the fold goes on outwards, so an outline has of it what the inside has.
+    v, u = np.nonzero(outline(np.ones(camera.shape, bool) if among is None else among))
     x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
     distance = np.hypot(x, y)
     reach = _Range.of(camera.distortion)

@@ -24,6 +24,17 @@ from rakelight.model import Array, Camera, Floats, Mask
 STEEPEST = tan(radians(85.0))
 
 
+def outline(mask: Mask) -> Mask:
+    """(H, W) the pixels of a mask that miss one of their four neighbours in it.
+
+    >>> outline(np.ones((3, 4), bool)).astype(int).tolist()
+    [[1, 1, 1, 1], [1, 0, 0, 1], [1, 1, 1, 1]]
+    """
+    padded = np.pad(mask, 1)
+    inner = padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]
+    return np.asarray(mask & ~inner)
+
+
 @dataclass(frozen=True, eq=False)
 class Links:
     """Which neighbours on a pixel grid lie on one surface.

@@ -19,6 +19,7 @@ from rakelight.errors import CaptureError
 from rakelight.files import in_threads
 from rakelight.geometry.camera import pixel_rays
 from rakelight.geometry.distortion import to_pixels, to_rays
+from rakelight.geometry.grid import outline
 from rakelight.memory import require_memory
 from rakelight.model import (
     BLACK,
@@ -122,9 +123,7 @@ def _ideal_camera(capture: Capture, whole: bool) -> Camera:
     camera = capture.camera
     ideal = replace(camera, distortion=None)
     # The lens maps the mask continuously, so its outline bounds it.
-    padded = np.pad(capture.mask, 1)
-    inner = padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]
-    rows, columns = (each.astype(float) for each in np.nonzero(capture.mask & ~inner))
+    rows, columns = (each.astype(float) for each in np.nonzero(outline(capture.mask)))
     u, v = to_pixels(*to_rays(columns, rows, camera), ideal)
     lost = not np.isfinite(u).all()
     step = _grows_by(capture)

@@ -162,7 +162,7 @@ def _camera(
         )
     lens = Distortion("brown-conrady", coefficients) if any(coefficients) else None
     camera = Camera(shape[1], shape[0], *pinhole, distortion=lens)
-    validate.check_camera(camera, shape, source, location)
+    validate.check_camera(camera, shape, source, location, of_depth=location == DEPTH)
     return camera
 
 

@@ -6,6 +6,8 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from rakelight.capture import validate
 from rakelight.capture.config import CONFIG
 from rakelight.capture.decoder_process import DecoderProcess
@@ -172,7 +174,8 @@ def _depth_place(
     CaptureError where a file that would say more of them is not used.
     """
     h, w = depth_m.shape[1:]
-    stated = stated_depth_camera(folder, files, camera, (h, w))
+    measured = np.asarray(np.isfinite(depth_m).any(axis=0))
+    stated = stated_depth_camera(folder, files, camera, measured)
     if stated.camera is not None:
         return stated.camera, stated.to_color, stated.findings
     factor = max(camera.width // w, 1)

@@ -23,7 +23,7 @@ from rakelight.capture.loose_files import LooseFiles
 from rakelight.capture.readers.stated_camera import camera_or_lens, with_lenses
 from rakelight.capture.text_tables import text_of
 from rakelight.errors import InputError, listed, printable
-from rakelight.model import Camera, Distortion, Finding, RigidTransform
+from rakelight.model import Camera, Distortion, Finding, Mask, RigidTransform
 
 # Pixels of depth by which focal lengths and centres of one view may differ: rounding.
 _SAME_VIEW_PX = 0.5
@@ -47,15 +47,15 @@ class StatedDepthCamera:
 
 
 def stated_depth_camera(
-    folder: Path, files: LooseFiles, color: Camera, shape: tuple[int, int]
+    folder: Path, files: LooseFiles, color: Camera, measured: Mask
 ) -> StatedDepthCamera:
-    """The depth camera of depth maps (h, w) = `shape` beside photographs of the camera `color`.
+    """The depth camera of maps that measure something (h, w) beside photographs by `color`.
 
     Depth of the photographs' size is taken to be registered to them: programs that register it
     write the sensor's own intrinsics beside it all the same.  The RealSense Viewer's never is.
     """
     data = _of_depth(folder, files)
-    cameras, unused = _cameras(folder, data, shape)
+    cameras, unused = _cameras(folder, data, measured)
     poses, unclear = _poses(folder, data)
     if cameras and not alike(cameras.values()):
         unused |= dict.fromkeys(cameras, "several depth cameras")
@@ -68,7 +68,7 @@ def stated_depth_camera(
     camera = next(iter(cameras.values()))
     if not poses and _same_view(camera, color):
         return StatedDepthCamera(findings=_not_used(unused))
-    if shape == color.shape and files.depth[0].kind != "z16":
+    if measured.shape == color.shape and files.depth[0].kind != "z16":
         registered = "depth of the photographs' size is taken to be registered to them"
         unused |= dict.fromkeys([*cameras, *poses], registered)
         return StatedDepthCamera(findings=_not_used(unused))
@@ -100,10 +100,10 @@ def _of_depth(folder: Path, files: LooseFiles) -> dict[str, bytes]:
 
 
 def _cameras(
-    folder: Path, data: dict[str, bytes], shape: tuple[int, int]
+    folder: Path, data: dict[str, bytes], measured: Mask
 ) -> tuple[dict[str, Camera], dict[str, str]]:
     """Depth cameras by the names of the files that state them, and why others are not used."""
-    (h, w), found, unused = shape, dict[str, Camera](), dict[str, str]()
+    (h, w), found, unused = measured.shape, dict[str, Camera](), dict[str, str]()
     lenses = dict[str, Distortion]()
     for name, text in data.items():
         source, stem = f"{folder}/{name}", Path(name).stem
@@ -113,7 +113,7 @@ def _cameras(
             read = camera_or_lens(stem, text, source, parse) if whole else parse(False)
             if isinstance(read, Distortion):
                 lenses[name] = read
-            elif read is not None and read.width and read.shape != shape:
+            elif read is not None and read.width and read.shape != (h, w):
                 unused[name] = f"for {read.width}x{read.height}, the depth is {w}x{h}"
             elif read is not None:
                 found[name] = replace(read, width=w, height=h)
@@ -125,7 +125,9 @@ def _cameras(
         return {}, unused | dict.fromkeys((*found, *lenses), error.what)
     for name, camera in list(found.items()):
         try:
-            validate.check_camera(camera, shape, f"{folder}/{name}", "intrinsics")
+            source = f"{folder}/{name}"
+            validate.check_camera(camera, camera.shape, source, "intrinsics", of_depth=True)
+            validate.check_distortion(camera, source, "lens distortion", measured)
         except InputError as error:
             unused[name] = error.what
             del found[name]
