@@ -57,7 +57,16 @@ def test_a_folder_in_capitals_is_told_its_name(tmp_path):
 
 @pytest.mark.parametrize(
     "name",
-    ["mask/000.png", "masks/0.png", "object mask.png", "dome.lp", "lights.txt", "conf/0.png"],
+    [
+        "mask/000.png",
+        "masks/0.png",
+        "object mask.png",
+        "dome.lp",
+        "lights.txt",
+        "conf/0.png",
+        "ambient/0.png",
+        "flat field.png",
+    ],
 )
 def test_what_a_capture_folder_does_not_read_is_named(tmp_path, name):
     folder = build(tmp_path / "c")

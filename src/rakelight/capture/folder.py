@@ -77,6 +77,8 @@ CAPTURE = file_list("capture")
 SYNTHETIC = file_list("synthetic capture")
 """By which one with truth is known: never a real capture."""
 
+_PICTURES = ("mask.png", "ambient.png", "flat.png")
+_READ_NAMES = "the mask is mask.png, directions of lights are lights.lp; or move them away"
 # Bytes of capture.toml: a full one takes a thousand.  The time of the TOML parser grows with the
 # square of some texts: 80,000 take it a minute.
 _LARGEST_CONFIG = 16_000
@@ -87,7 +89,7 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
     root = Root(folder)
     table = _read_config(root)
     camera = table.intrinsics.camera("intrinsics", root.shown(CONFIG))
-    refuse_misnamed(root, ("mask.png", "ambient.png", "flat.png"))
+    refuse_misnamed(root, _PICTURES)
 
     rgb, depth, lights, light_order = _list_all(root, table, photographs)
     validate.check_camera(camera, rgb.shape, root.shown(CONFIG), "intrinsics")
@@ -275,7 +277,8 @@ def _list_all(
     """
     rgb = list_images(root, "rgb", "photographs")
     lights, findings = read_lights(table.lights, root.path, root.shown, rgb.names)
-    findings += meant_otherwise(root, ("mask.png", "lights.json", *lights_files(table.lights)))
+    read = (*_PICTURES, "lights.json", *lights_files(table.lights))
+    findings += meant_otherwise(root, read, _READ_NAMES)
     if photographs is not None:
         count, rgb = len(rgb.names), rgb.chosen(photographs)
         if lights is not None and len(lights) == count:

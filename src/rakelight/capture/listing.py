@@ -25,9 +25,9 @@ UNREAD = {
     ".bmp", ".gif", ".pgm", ".ppm", ".webp", ".avif", ".heic", ".jp2", ".exr", ".hdr",
     ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw",
 }  # fmt: skip
-# What may be meant for a mask, for lights or for confidence, by names.
+# What may be meant for a mask, for lights, confidence, ambient light or a white card, by names.
 _MEANT = re.compile(
-    r"(?<![a-z])(masks?|conf(idence)?)(?![a-z])[^.]*(\.(png|jpe?g|tiff?|bmp|gif|psd|xcf|npy))?$"
+    r"(?<![a-z])(masks?|conf(idence)?|ambient|flat)(?![a-z])[^.]*(\.(png|jpe?g|tiff?|bmp|gif|psd|xcf|npy))?$"
     r"|^[^.].*\.lp$|light\w*\.(txt|csv|json)$",
     re.IGNORECASE,
 )
@@ -151,8 +151,8 @@ def _no_folder(root: Root, name: str, what: str) -> CaptureError:
     )
 
 
-def meant_otherwise(root: Root, read: Sequence[str]) -> tuple[Finding, ...]:
-    """A warning of what the folder holds of masks, lights and confidence beside what is `read`."""
+def meant_otherwise(root: Root, read: Sequence[str], remedy: str) -> tuple[Finding, ...]:
+    """A warning of what the folder holds of masks, lights and the like beside what is `read`."""
     names = root.names()
     copies = {Path(name).stem for name in read if name in names}
     others = [
@@ -163,7 +163,6 @@ def meant_otherwise(root: Root, read: Sequence[str]) -> tuple[Finding, ...]:
     if not others:
         return ()
     message = f"not read under these names: {printable(listed(others))}"
-    remedy = "the mask is mask.png, directions of lights are lights.lp; or move them away"
     return (Finding("warning", "ignored-files", message, remedy),)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rakelight.capture.listing import read_mask
+from rakelight.capture.listing import Root, meant_otherwise, read_mask
 from rakelight.capture.readers.base import Reading, Wanted
 from rakelight.errors import CaptureError
 from rakelight.model import (
@@ -29,6 +29,7 @@ from rakelight.model import (
 # Photographs that are made of a recording: within the 10 to 20 that the README asks people to take;
 # other numbers were not measured.
 PHOTOGRAPHS = 16
+_MASK_ALONE = "beside the frames of a recording mask.png alone is read; move the others away"
 _MASK_IN_CAPTURE = (
     "`rakelight import` it, and save the object, white on black, as mask.png in the capture folder"
 )
@@ -64,6 +65,7 @@ class Recording:
     color, depth : their streams; the times of both are on one clock
     depth_camera, depth_to_color : None where depth covers the field of view of the colour frames
     names : of the colour frames, for messages; "frame 12" where empty
+    beside : names of what is read in the recording's folder beside frames and mask.png
     """
 
     source: str
@@ -75,6 +77,7 @@ class Recording:
     depth_noise: SensorNoise | None = None
     names: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
+    beside: tuple[str, ...] = ()
 
 
 def capture_of(recording: Recording, wanted: Wanted) -> Reading:
@@ -107,7 +110,10 @@ def capture_of(recording: Recording, wanted: Wanted) -> Reading:
         depth_noise=recording.depth_noise,
     )
     findings = (*recording.findings, *taken.findings, *mask_findings, *capture.findings)
-    if not Path(recording.source).is_dir():
+    folder = Path(recording.source)
+    if folder.is_dir():
+        findings += meant_otherwise(Root(folder), ("mask.png", *recording.beside), _MASK_ALONE)
+    else:
         findings = tuple(
             replace(f, remedy=_MASK_IN_CAPTURE) if f.code == "no-mask" else f for f in findings
         )

@@ -15,7 +15,7 @@ from rakelight.capture.readers import find_reader, open3d_recorder, record3d, st
 from rakelight.capture.readers import tum_rgbd as tum
 from rakelight.capture.recording import Recording
 from rakelight.errors import CaptureError
-from rakelight.model import Distortion
+from rakelight.model import Camera, Distortion
 from tests.capture.readers.phone_sources import (
     CAMERA,
     DEPTH_HEIGHT,
@@ -34,7 +34,9 @@ from tests.capture.readers.phone_sources import (
     portrait,
     r3d_members,
     write_open3d,
+    write_polycam,
     write_r3d,
+    write_scanner_app,
     write_stray,
     write_tum,
 )
@@ -681,3 +683,57 @@ def test_a_phone_that_moved_is_warned_of(tmp_path):
     ]
     assert "3.0 degrees" in finding.message
     assert "by up to 12 pixels" in finding.message  # 225 px of focal length
+
+
+# What lies beside the frames
+
+OWN = {"width": 16, "height": 12, "fx": 22.0, "fy": 22.5, "cx": 8.25, "cy": 5.75}
+SHIFT_M = [0.03, 0.0, -0.002]
+
+
+@pytest.mark.parametrize(
+    ("read", "write"), [(open3d_recorder, write_open3d), (tum, write_tum)], ids=["Open3D", "TUM"]
+)
+def test_a_depth_camera_that_a_file_states_is_used(tmp_path, read, write):
+    path = write(tmp_path / "a", depth_m=depth_maps())
+    plain, _ = read.recording(path)
+    (path / "depth_intrinsics.json").write_text(json.dumps(OWN))
+    pose = {"rotation": np.eye(3).tolist(), "translation": SHIFT_M}
+    (path / "depth_to_color.json").write_text(json.dumps(pose))
+    made, _ = read.recording(path)
+    assert made.depth_camera == Camera(**OWN)
+    assert np.array_equal(made.depth_to_color.translation_m, SHIFT_M)
+    more = [finding for finding in made.findings if finding not in plain.findings]
+    assert [finding.code for finding in more] == ["depth-camera"]
+    # Of another size, and beside depth that is registered, it is named.
+    (path / "depth_intrinsics.json").write_text(json.dumps({**OWN, "width": 18}))
+    made, _ = read.recording(path)
+    assert (made.depth_camera, made.camera) == (plain.depth_camera, plain.camera)
+    warning = next(finding for finding in made.findings if finding.code == "ignored-files")
+    assert "for 18x12, the depth is 16x12" in warning.message
+    registered = write(tmp_path / "b")
+    whole = {"width": WIDTH, "height": HEIGHT, "fx": 165.0, "fy": 166.0, "cx": 60.0, "cy": 44.0}
+    (registered / "depth_intrinsics.json").write_text(json.dumps(whole))
+    made, _ = read.recording(registered)
+    assert made.depth_camera is None
+    warning = next(finding for finding in made.findings if finding.code == "ignored-files")
+    assert "taken to be registered" in warning.message
+
+
+def test_what_is_not_read_beside_frames_is_named(tmp_path):
+    path = write_open3d(tmp_path / "a")
+    for name in ("ambient.png", "flat.png", "lights.lp", "mask_old.png"):
+        (path / name).write_bytes(png(frames()[0]))
+    (path / "confidence").mkdir()
+    (path / "mask.png").write_bytes(png(np.full((HEIGHT, WIDTH), 255, np.uint8)))
+    (warning,) = (f for f in load_capture(path).findings if f.code == "ignored-files")
+    assert warning.severity == "warning"
+    assert "ambient.png, confidence, flat.png, lights.lp and 1 more" in warning.message
+
+
+@pytest.mark.parametrize("write", [write_stray, write_scanner_app, write_polycam])
+def test_what_an_app_writes_beside_its_frames_is_not_named(tmp_path, write):
+    path = write(tmp_path / "a")
+    assert "ignored-files" not in codes(path)
+    (path / "ambient.png").write_bytes(png(frames()[0]))
+    assert "ignored-files" in codes(path)

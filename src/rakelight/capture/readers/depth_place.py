@@ -1,4 +1,7 @@
-"""Recordings whose depth and colour show the same view, as those of phones and recorders."""
+"""Recordings whose depth and colour show the same view, as those of phones and recorders.
+
+Or one that a file beside the frames states.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rakelight.capture.readers.stated_depth_camera import stated_depth_camera
 from rakelight.capture.recording import Recording, Stream
 from rakelight.errors import CaptureError
 from rakelight.model import Camera, Finding, RigidTransform
@@ -21,15 +25,21 @@ def recording_of_one_view(
     depth_source: str,
     names: Sequence[str],
     findings: Sequence[Finding],
+    beside: Sequence[str] = (),
+    texts: Sequence[Path] = (),
 ) -> Recording:
     """The recording at `path` of a depth stream that covers the colour frames' field of view.
 
     camera : of the colour frames; depth_source : names the depth in messages
-    names : of the colour frames
+    names : of the colour frames; beside : as of Recording
+    texts : files that may state a depth camera of its own, which is then taken
 
     Raises CaptureError where the sides have other proportions, by more than a pixel of depth.
     """
-    depth_camera, depth_to_color = depth_place(camera, depth.shape, depth_source)
+    stated = stated_depth_camera(path, texts, camera, np.ones(depth.shape, bool))
+    depth_camera, depth_to_color = stated.camera, stated.to_color
+    if depth_camera is None:
+        depth_camera, depth_to_color = depth_place(camera, depth.shape, depth_source)
     return Recording(
         source=str(path),
         camera=camera,
@@ -38,7 +48,8 @@ def recording_of_one_view(
         depth_camera=depth_camera,
         depth_to_color=depth_to_color,
         names=tuple(names),
-        findings=tuple(findings),
+        findings=(*findings, *stated.findings),
+        beside=tuple(beside),
     )
 
 

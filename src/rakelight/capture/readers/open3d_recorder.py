@@ -14,7 +14,7 @@ import numpy as np
 
 from rakelight.capture.loose_depth import SCALE
 from rakelight.capture.readers.base import Reader
-from rakelight.capture.readers.beside import values_per_metre
+from rakelight.capture.readers.beside import texts_beside, values_per_metre
 from rakelight.capture.readers.depth_place import recording_of_one_view
 from rakelight.capture.readers.image_files import (
     color_stream,
@@ -69,6 +69,7 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
         depth_source=f"{path}/depth",
         names=names,
         findings=(*assumed, *color_findings),
+        texts=tuple(texts_beside(path)),
     )
     return made, None
 

@@ -175,7 +175,8 @@ def _depth_place(
     """
     h, w = depth_m.shape[1:]
     measured = np.asarray(np.isfinite(depth_m).any(axis=0))
-    stated = stated_depth_camera(folder, files, camera, measured)
+    raw = files.depth[0].kind == "z16"
+    stated = stated_depth_camera(folder, files.texts, camera, measured, raw=raw)
     if stated.camera is not None:
         return stated.camera, stated.to_color, stated.findings
     factor = max(camera.width // w, 1)

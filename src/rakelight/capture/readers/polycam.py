@@ -82,6 +82,7 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
         depth_source=f"{root}/depth",
         names=names,
         findings=color_findings,
+        beside=("confidence",),
     )
     return made, poses_of([_number(facts[n].get(key)) for key in _PLACE] for n in shown)
 

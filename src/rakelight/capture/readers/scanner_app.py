@@ -95,6 +95,7 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
         depth_source=f"{path}/{maps[0]}",
         names=names,
         findings=color_findings,
+        beside=tuple(files["conf"].values()),
     )
     return made, poses_of(numbers_in(facts[n].get("cameraPoseARFrame"), 12) for n in shown)
 

@@ -1,8 +1,9 @@
-"""The depth camera that a file beside loose photographs states: its intrinsics and its pose."""
+"""The depth camera that a file beside photographs or frames states: its intrinsics and its pose."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,7 +20,6 @@ from rakelight.capture.intrinsics import (
     parse_depth_intrinsics,
     small_texts,
 )
-from rakelight.capture.loose_files import LooseFiles
 from rakelight.capture.readers.stated_camera import camera_or_lens, with_lenses
 from rakelight.capture.text_tables import text_of
 from rakelight.errors import InputError, listed, printable
@@ -47,14 +47,16 @@ class StatedDepthCamera:
 
 
 def stated_depth_camera(
-    folder: Path, files: LooseFiles, color: Camera, measured: Mask
+    folder: Path, texts: Sequence[Path], color: Camera, measured: Mask, *, raw: bool = False
 ) -> StatedDepthCamera:
     """The depth camera of maps that measure something (h, w) beside photographs by `color`.
+
+    texts : files in the folder that may state it; raw : whether depth is known not to be registered
 
     Depth of the photographs' size is taken to be registered to them: programs that register it
     write the sensor's own intrinsics beside it all the same.  The RealSense Viewer's never is.
     """
-    data = _of_depth(folder, files)
+    data = _of_depth(folder, texts)
     cameras, unused = _cameras(folder, data, measured)
     poses, unclear = _poses(folder, data)
     if cameras and not alike(cameras.values()):
@@ -68,11 +70,11 @@ def stated_depth_camera(
     camera = next(iter(cameras.values()))
     if not poses and _same_view(camera, color):
         return StatedDepthCamera(findings=_not_used(unused))
-    if measured.shape == color.shape and files.depth[0].kind != "z16":
+    if measured.shape == color.shape and not raw:
         registered = "depth of the photographs' size is taken to be registered to them"
         unused |= dict.fromkeys([*cameras, *poses], registered)
         return StatedDepthCamera(findings=_not_used(unused))
-    beside = [path for path in files.texts if _POSES.search(path.stem.lower())]
+    beside = [path for path in texts if _POSES.search(path.stem.lower())]
     still = [is_identity(text) for text in small_texts(beside).values()]
     if not poses and beside and len(still) == len(beside) and all(still):
         poses = {path.name: RigidTransform(np.eye(3), np.zeros(3)) for path in beside}
@@ -89,10 +91,10 @@ def stated_depth_camera(
     return StatedDepthCamera(camera, pose, (used, *_not_used(unused)))
 
 
-def _of_depth(folder: Path, files: LooseFiles) -> dict[str, bytes]:
+def _of_depth(folder: Path, texts: Sequence[Path]) -> dict[str, bytes]:
     """The texts that speak of depth, in their names or their words, by their names."""
     found = {}
-    for path, data in small_texts(files.texts).items():
+    for path, data in small_texts(texts).items():
         words = f"{path.stem} {text_of(data) or ''}".lower()
         if names_depth(path.stem) or "depth" in words or "infra" in words:
             found[path.relative_to(folder).as_posix()] = data

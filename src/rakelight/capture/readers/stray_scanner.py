@@ -71,6 +71,7 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
         depth_source=f"{path}/depth",
         names=[f"{VIDEO} frame {number}" for number in range(len(color))],
         findings=[_COMPRESSED],
+        beside=("confidence",),
     )
     return made, poses
 

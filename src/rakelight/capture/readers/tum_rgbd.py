@@ -65,6 +65,7 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
         depth_source=f"{path}/{of_depth}",
         names=names,
         findings=(*findings, *assumed, *color_findings),
+        texts=[file for file in texts_beside(path) if file.name not in (of_color, of_depth)],
     )
     return made, None
 
