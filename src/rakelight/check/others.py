@@ -32,13 +32,24 @@ def combination(products: Floats, which: int) -> Floats:
     >>> combination(images @ images.T, 2).round(6).tolist()
     [1.0, 1.0, 0.0]
     """
+    return combinations(products, products[:, which : which + 1], which)[:, 0]
+
+
+def combinations(
+    products: Floats, wanted: Floats, which: int, components: int = COMPONENTS
+) -> Floats:
+    """(N, T) weights of N images but one that explain each of T others best; 0 for the one.
+
+    products : (N, N) inner products of the images; wanted : (N, T) theirs with the others
+    components : how many principal components of the images are taken
+    """
     others = np.arange(len(products)) != which
-    weights = np.zeros(len(products))
+    weights = np.zeros(wanted.shape)
     squares, turned = np.linalg.eigh(products[np.ix_(others, others)].astype(np.float64))
     kept = squares > ROUNDING * max(float(squares[-1]), np.finfo(float).tiny)
-    kept[:-COMPONENTS] = False
+    kept[:-components] = False
     along = turned[:, kept]
-    weights[others] = along @ ((along.T @ products[others, which]) / squares[kept])
+    weights[others] = along @ ((along.T @ wanted[others]) / squares[kept, None])
     return weights
 
 
@@ -48,16 +59,20 @@ def band(image: Array, fine_px: float, coarse_px: float) -> Array:
     return np.asarray(fine - coarse)
 
 
-def better_explained(before: Floats, after: Floats, which: int, where: Mask) -> float:
-    """Evidence that one of N images (N, P) is explained better by the others `after` than `before`.
+def better_explained(before: Floats, after: Floats, where: Mask) -> float:
+    """Evidence that N images (N, P) explain one another better `after` than `before`.
 
     The log-likelihood ratio of Gaussian residuals, each over the image's own variance, in blocks of
     the pixels `where` (h, w), P of them (Vuong 1989; see `depth_orientation`).
     """
-    likely = []
-    for images in (before, after):
-        products = images @ images.T
-        left = (images[which] - combination(products, which) @ images) ** 2
-        mean, own = float(left.mean()) + TINY, float(products[which, which]) + TINY
-        likely.append(-left / mean - np.log(mean / own))
-    return evidence_in_blocks(0.5 * (likely[1] - likely[0]), where)
+    return evidence_in_blocks(log_likelihoods(after) - log_likelihoods(before), where)
+
+
+def log_likelihoods(images: Floats) -> Floats:
+    """(P,) log-likelihoods of the pixels of N images (N, P), each explained by the others."""
+    products, total = images @ images.T, np.zeros(images.shape[1])
+    for i, image in enumerate(images):
+        left = (image - combination(products, i) @ images) ** 2
+        mean, own = float(left.mean()) + TINY, float((image**2).mean()) + TINY
+        total -= 0.5 * (left / mean + np.log(mean / own))
+    return total
