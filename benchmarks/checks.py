@@ -6,9 +6,9 @@
 
 Per check, how many sound draws it warns of and refuses, and how many of those made wrong: disparity
 in the place of depth, before a wall and before nothing; depth mirrored or turned by 180 degrees
-against photographs and mask; depth shifted by a tenth of the object's width; half the photographs
-moved by 3.6 pixels.  Draws whose depth is shifted by more than a depth pixel are drawn without, for
-a warning of that is true.  Which sound draws a check spoke of follows.
+against photographs and mask; depth shifted by a tenth of the object's width; half the photographs,
+or one of them, moved by 3.6 pixels.  Draws whose depth is shifted by more than a depth pixel are
+drawn without, for a warning of that is true.  Which sound draws a check spoke of follows.
 
 With --refine also the error of held-back photographs by the refined surface over that by the
 prepared depth, and by how much the worst photograph is predicted worse than the typical one; then
@@ -81,12 +81,23 @@ def shifted(capture: Capture) -> Capture:
     return replace(capture, depth_m=depth_m)
 
 
-def moved(capture: Capture) -> Capture:
+def half_moved(capture: Capture) -> Capture:
     """The capture with the second half of its photographs moved."""
+    return moved(capture, slice(len(capture.photographs) // 2 + 1, None))
+
+
+def middle_moved(capture: Capture) -> Capture:
+    """The capture with the photograph in the middle moved."""
+    middle = len(capture.photographs) // 2
+    return moved(capture, slice(middle, middle + 1))
+
+
+def moved(capture: Capture, which: slice) -> Capture:
+    """The capture with some of its photographs moved."""
     photographs = capture.photographs.copy()
     height, width = capture.mask.shape
     shift = np.array([[1.0, 0.0, MOVED_PX[0]], [0.0, 1.0, MOVED_PX[1]]])
-    for photograph in photographs[len(photographs) // 2 + 1 :]:
+    for photograph in photographs[which]:
         photograph[:] = cv2.warpAffine(
             photograph.copy(), shift, (width, height), borderMode=cv2.BORDER_REPLICATE
         )
@@ -94,7 +105,8 @@ def moved(capture: Capture) -> Capture:
 
 
 WRONG: dict[str, tuple[str, Change]] = {
-    "half the photographs moved": ("camera-moved", moved),
+    "half the photographs moved": ("camera-moved", half_moved),
+    "one photograph moved": ("camera-moved", middle_moved),
     "depth shifted": ("depth-shifted", shifted),
     "depth mirrored": ("depth-turned", mirrored),
     "depth turned": ("depth-turned", turned),
