@@ -162,3 +162,21 @@ def test_one_photograph_moved_before_tiles_is_named_alone():
     shifts, moved = stood_still(with_photographs_moved(tiled_scene(ball), [5], 1.5, 1.3))
     assert np.flatnonzero(moved).tolist() == [5]
     np.testing.assert_allclose(shifts[5], (1.5, 1.3), atol=0.1)
+
+
+@pytest.mark.parametrize("value", [65535, 32768, 0])
+def test_a_photograph_that_shows_nothing_has_not_moved(value):
+    capture = with_photographs_moved(still_scene(size=0.6), [3], 2.0, 0.0)
+    capture.photographs[1] = value
+    shifts, moved = stood_still(capture)
+    assert np.flatnonzero(moved).tolist() == [3]
+    assert np.isnan(shifts[1]).all()
+    np.testing.assert_allclose(shifts[3], (2.0, 0.0), atol=0.15)
+
+
+def test_of_few_photographs_of_a_bare_object_the_first_can_have_moved():
+    bare = still_scene("sphere", "white", photographs=6)
+    assert camera_motion(Measured(bare)) == ()
+    shifts, moved = stood_still(with_photographs_moved(bare, [0], 8.0, -4.0))
+    assert moved[0]
+    np.testing.assert_allclose(shifts[0], (8.0, -4.0), atol=2.0)

@@ -34,17 +34,18 @@ SHARE = 2 / 3
 FEWEST = 3
 # Fewest pixels on which photographs are compared, and about the most that a step is found from.
 FEWEST_PIXELS, MOST_PIXELS = 500, 40_000
-# Directions in which a photograph has less than this share of its squared gradient do not move it.
+# Share of a photograph's squared gradient that is added to what the others leave of it: in
+# directions in which they leave nothing but rounding a photograph does not move.
 ROUNDING = 1e-6
 
 
 def shifts_among(pictures: list[Array], where: Mask) -> Floats | None:
     """(N, 2) shifts, pixels right and down, of N pictures (h, w) against their median position.
 
-    where : (h, w) the pixels that are compared.  0 for a picture without detail.  None of too few
-    pixels or pictures.
+    where : (h, w) the pixels that are compared.  Each picture has detail.  None where pixels or
+    pictures are too few.
     """
-    if len(pictures) < FEWEST or np.count_nonzero(where) < FEWEST_PIXELS:
+    if len(pictures) < FEWEST:
         return None
     levels = [(pictures, where)]
     while len(levels) < LEVELS and min(levels[-1][1].shape) >= LEAST_SIDE_PX:
@@ -55,7 +56,7 @@ def shifts_among(pictures: list[Array], where: Mask) -> Floats | None:
     for k in reversed(range(len(levels))):
         here = aligned(*levels[k], shifts / 2**k, every, components)
         shifts = 2**k * (here - np.median(here, axis=0))
-    return shifts
+    return shifts if np.count_nonzero(within(where, shifts)) >= FEWEST_PIXELS else None
 
 
 def aligned(
@@ -130,7 +131,8 @@ def steps(pictures: list[Array], there: Mask, components: int) -> Floats:
         explained = combinations(products, wanted, i, components).T @ wanted
         right = along[:, i, i] - explained[1:, 0]
         matrix = own[i] - explained[1:, 1:]
-        found[i] = -np.linalg.lstsq(matrix, right, rcond=ROUNDING)[0]
+        matrix += ROUNDING * np.trace(own[i]) * np.eye(2)
+        found[i] = -np.linalg.solve(matrix, right)
     found *= SHARE
     length = np.hypot(*found.T)[:, None]
     return np.asarray(found * np.minimum(1.0, LONGEST_PX / np.maximum(length, TINY)))

@@ -24,9 +24,9 @@ from rakelight.check.alignment import (
     shifts_among,
     within,
 )
-from rakelight.check.evidence import LIKELY
+from rakelight.check.evidence import LIKELY, evidence_in_blocks
 from rakelight.check.measured import Measured
-from rakelight.check.others import band, better_explained
+from rakelight.check.others import band, better_explained, log_likelihood
 from rakelight.errors import listed
 from rakelight.geometry.grid import bounding_window
 from rakelight.geometry.masks import dilate
@@ -42,6 +42,11 @@ BORDER_PX = 4
 SIDE_PX = 400
 # Largest shift that light alone causes, pixels of a view.
 MOVED_PX = 0.6
+# Root mean square of a photograph's detail, white being 1, that is more than rounding: float32's is
+# 6e-8, a step of 8 bits 3e-4.
+LEAST_DETAIL = 1e-5
+# Share of the photographs that are few in one position: a camera that drifts has no more there.
+FEW = 0.25
 # Probability that any photograph of a camera at rest counts as moved for the scatter of the shifts:
 # moving shadows shift what is seen of one photograph alike.
 FALSE_ALARM = 0.01
@@ -83,7 +88,8 @@ class View:
     """A part of the image, reduced, in which photographs are compared.
 
     window : rows and columns of the image; step : by which it is reduced
-    where : (h, w) pixels of it whose corners are looked for
+    where : (h, w) pixels of it in which shifts are looked for; how well photographs explain one
+        another is judged by all
     """
 
     window: tuple[slice, ...]
@@ -91,7 +97,7 @@ class View:
     where: Mask
 
     def light(self, photograph: Array, encoding: Encoding) -> Array:
-        """(h, w) float32 the light, 0 to 1, that a photograph (H, W, 3) shows there."""
+        """(h, w) float32 about the light, 0 to 1, that a photograph (H, W, 3) shows there."""
         size = self.where.shape[::-1]
         values = cv2.resize(photograph[self.window], size, interpolation=cv2.INTER_AREA)
         return np.asarray(to_linear(values, encoding).mean(axis=-1), dtype=np.float32)
@@ -116,28 +122,40 @@ def stood_still(capture: Capture) -> tuple[Floats, Array]:
 
     Shifts are those beside the position in which most photographs are; NaN = not known.
     """
+    known = np.full((len(capture.photographs), 2), np.nan)
     for view in views(capture.mask):
         shifts, moved = seen_in(view, capture)
         if moved.any():
-            break
-    return shifts, moved
+            return shifts, moved
+        known = np.where(np.isnan(known), shifts, known)
+    return known, moved
 
 
 def seen_in(view: View, capture: Capture) -> tuple[Floats, Array]:
     """As `stood_still`, by what a view shows."""
     pictures = [view.light(each, capture.encoding) for each in capture.photographs]
-    nothing = np.zeros(len(pictures), dtype=bool)
+    all_shifts, all_moved = np.full((len(pictures), 2), np.nan), np.zeros(len(pictures), dtype=bool)
+    clear = np.array([has_detail(each, view.where) for each in pictures])
+    pictures = [each for each, shown in zip(pictures, clear, strict=True) if shown]
     shifts = shifts_among(pictures, view.where)
     if shifts is None:
-        return np.full((len(pictures), 2), np.nan), nothing
+        return all_shifts, all_moved
     shifts, moved = beside_most(shifts)
     if confirmed(pictures, shifts, moved):
         shifts, moved = again(pictures, shifts, moved)
+        moved &= each_confirmed(pictures, shifts)
     if not confirmed(pictures, shifts, moved):
-        # What the light does to a photograph at rest is no shift of it.
-        at_rest = np.hypot(*shifts.T)[:, None] < MOVED_PX
-        shifts, moved = np.where(at_rest, shifts, np.nan), nothing
-    return view.step * shifts, moved
+        moved[:] = False
+    # What the light does to a photograph at rest is no shift of it.
+    shifts[~moved & (np.hypot(*shifts.T) >= MOVED_PX)] = np.nan
+    all_shifts[clear], all_moved[clear] = view.step * shifts, moved
+    return all_shifts, all_moved
+
+
+def has_detail(picture: Array, where: Mask) -> bool:
+    """Whether a picture (h, w) shows anything there, `where` (h, w), but rounding."""
+    shown = band(picture, FINE_PX, COARSE_PX)[where]
+    return shown.size > 0 and float(np.sqrt((shown**2).mean())) > LEAST_DETAIL
 
 
 def again(pictures: list[Array], shifts: Floats, moved: Array) -> tuple[Floats, Array]:
@@ -156,11 +174,17 @@ def again(pictures: list[Array], shifts: Floats, moved: Array) -> tuple[Floats, 
 
 
 def beside_most(shifts: Floats) -> tuple[Floats, Array]:
-    """Shifts (N, 2) beside the position of most, and (N,) which of them light does not cause."""
+    """Shifts (N, 2) beside the position of most, and (N,) which of them light does not cause.
+
+    Where few are in one position, as of a camera in a hand, they are beside the middle of all.
+    """
     apart = np.hypot(*(shifts[:, None] - shifts).transpose(2, 0, 1))
     most = apart[np.argmax((apart < MOVED_PX).sum(axis=1))] < MOVED_PX
-    shifts = shifts - np.median(shifts[most], axis=0)
+    few = np.count_nonzero(most) < max(FEW * len(shifts), 2)
+    shifts = shifts - np.median(shifts if few else shifts[most], axis=0)
     length = np.hypot(*shifts.T)
+    if few:
+        return shifts, length > MOVED_PX
     sigma_px = float(np.median(length[most])) / RAYLEIGH_MEDIAN
     by_light = max(MOVED_PX, sigma_px * float(np.sqrt(-2 * np.log(FALSE_ALARM / len(shifts)))))
     return shifts, length > by_light
@@ -171,13 +195,34 @@ def confirmed(pictures: list[Array], shifts: Floats, moved: Array) -> bool:
 
     shifts : (N, 2); moved : (N,)
     """
-    shifts = np.where(moved[:, None], shifts, 0.0)
-    there = within(np.ones(pictures[0].shape, dtype=bool), shifts)
-    if not moved.any() or np.count_nonzero(there) < FEWEST_PIXELS:
+    if not moved.any():
         return False
+    before, after, there = bands_of(pictures, np.where(moved[:, None], shifts, 0.0))
+    return bool(there.any()) and better_explained(before, after, there) >= LIKELY
+
+
+def each_confirmed(pictures: list[Array], shifts: Floats) -> Array:
+    """(N,) which pictures (h, w) the others explain better moved back, as these are, than not."""
+    found = np.zeros(len(pictures), dtype=bool)
+    before, after, there = bands_of(pictures, shifts)
+    products = after @ after.T
+    needed = LIKELY + float(np.log(len(pictures)))  # any of so many may look moved
+    for i in np.flatnonzero(shifts.any(axis=1) & there.any()).tolist():
+        still, back = (log_likelihood(each[i], after, products, i) for each in (before, after))
+        found[i] = evidence_in_blocks(back - still, there) >= needed
+    return found
+
+
+def bands_of(pictures: list[Array], shifts: Floats) -> tuple[Floats, Floats, Mask]:
+    """(N, P) details of N pictures (h, w) as they are and moved back; (h, w) the pixels, of all.
+
+    No pixels where those that all pictures have are too few.
+    """
+    there = within(np.ones(pictures[0].shape, dtype=bool), shifts)
+    there &= np.count_nonzero(there) >= FEWEST_PIXELS
     bands = [band(each, FINE_PX, COARSE_PX) for each in pictures]
     before, after = (
         np.stack([each[there] for each in images]).astype(np.float64)
         for images in (bands, moved_back(bands, shifts))
     )
-    return better_explained(before, after, there) >= LIKELY
+    return before, after, there

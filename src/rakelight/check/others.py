@@ -72,7 +72,16 @@ def log_likelihoods(images: Floats) -> Floats:
     """(P,) log-likelihoods of the pixels of N images (N, P), each explained by the others."""
     products, total = images @ images.T, np.zeros(images.shape[1])
     for i, image in enumerate(images):
-        left = (image - combination(products, i) @ images) ** 2
-        mean, own = float(left.mean()) + TINY, float((image**2).mean()) + TINY
-        total -= 0.5 * (left / mean + np.log(mean / own))
+        total += log_likelihood(image, images, products, i)
     return total
+
+
+def log_likelihood(image: Floats, images: Floats, products: Floats, which: int) -> Floats:
+    """(P,) log-likelihoods of the pixels of an image that N others (N, P) but one explain.
+
+    products : (N, N) inner products of the others; which : of them does not count
+    """
+    weights = combinations(products, (images @ image)[:, None], which)[:, 0]
+    left = (image - weights @ images) ** 2
+    mean, own = float(left.mean()) + TINY, float((image**2).mean()) + TINY
+    return np.asarray(-0.5 * (left / mean + np.log(mean / own)))
