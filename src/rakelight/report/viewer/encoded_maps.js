@@ -20,6 +20,7 @@ async function unpackMap({ name, bits, width, height }) {
 }
 
 async function unpackMaps(facts) {
+  if (!window.DecompressionStream) throw new TooOld();
   const maps = {};
   await Promise.all(facts.maps.map(async (each) => {
     maps[each.name] = await unpackMap(each);

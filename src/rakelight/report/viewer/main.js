@@ -430,7 +430,6 @@ function fromWhere({ azimuth, elevation }) {
 async function start() {
   const facts = JSON.parse(byId("facts").textContent);
   if (!document.createElement("canvas").getContext("webgl2")) throw new NoWebGL();
-  if (!window.DecompressionStream) throw new TooOld();
   const maps = await unpackMaps(facts);
   byId("viewer").hidden = false;
   new Viewer(facts, maps);
