@@ -198,7 +198,8 @@ def _largest_plane(
     plane = planes[np.argmin(np.minimum(off**2, 1).sum(axis=1))]
     for _ in range(2):
         on = np.abs(rows @ plane - inverse) <= TRUNCATED * allowed
-        plane = np.linalg.lstsq(rows[on] / allowed[on, None], inverse[on] / allowed[on])[0]
+        weighted = rows[on] / allowed[on, None], inverse[on] / allowed[on]
+        plane = np.linalg.lstsq(*weighted, rcond=None)[0]
     return np.asarray(plane)
 
 

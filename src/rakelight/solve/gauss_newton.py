@@ -35,6 +35,8 @@ def damped_solution(matrix: Floats, right: Floats, diagonal: Floats, damping: fl
     ridge = damping * diagonal + 1e-9 * float(diagonal.mean())
     damped, wanted = (matrix + np.diag(ridge))[np.ix_(determined, determined)], right[determined]
     solution = np.zeros(determined.size)
+    if not determined.any():
+        return solution
     try:
         solution[determined] = cho_solve(cho_factor(damped), wanted)
     except LinAlgError:  # by rounding
