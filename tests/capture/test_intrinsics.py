@@ -624,3 +624,15 @@ def test_a_file_of_a_lens_that_is_not_understood(text):
 def test_a_file_that_states_no_lens(text):
     assert parse_lens(text.encode(), "dist.txt") is None
     assert parse_lens(b"0 0 0 0", "dist.txt").is_none
+
+
+@pytest.mark.parametrize("text", ["0.61 0.62 0.63 0.64", "0,1,0,1,0", "0 0 0 0.1 0"])
+def test_numbers_like_no_lens_in_a_file_that_may_be_of_distances(text):
+    assert parse_lens(text.encode(), "dist.txt", sure=False) is None
+    assert parse_lens(b"-0.4 1.2 0.02 0.09 0", "dist.txt", sure=False).coefficients[3] == 0.09
+
+
+@pytest.mark.parametrize("text", ["-0.04 0.3 -1.2 1.5", "0.1 0.2 0 3", "1 2 3 4 5 6"])
+def test_numbers_like_no_lens_under_a_name_of_one(text):
+    with pytest.raises(CaptureError, match=r"coeffs\.txt: the distortion is not understood"):
+        parse_lens(text.encode(), "dist_coeffs.txt")

@@ -59,6 +59,9 @@ _SIZE_KEYS = ("resolution", "imagesize", "size")
 # Pixels, and coefficients of a lens, by which one camera differs in two files.
 _ROUNDING = np.array([0.005] * 4 + [1e-5] * 8)
 _MOST_COEFFICIENTS = 32  # of a lens in a file of its own; more numbers are a map
+# p1 and p2 that no lens reaches: 0.1 moves corners 30 degrees off by a tenth of the focal length.
+# Where the name does not say for sure that it is a lens's, and where it does (another model's).
+_TANGENTIAL, _TANGENTIAL_SURE = 0.1, 1.0
 _NESTED = 3  # tables within tables that are looked into
 
 # Of COLMAP's models: how many focal lengths, and the names of what follows the principal point.
@@ -201,7 +204,7 @@ def parse_lens(data: bytes, source: str = "", sure: bool = True) -> Distortion |
     """The lens, which may have coefficients of 0, in a file without its camera; None without one.
 
     sure : whether it holds a lens or is a mistake, see `surely_lens`: else another count of numbers
-        is something else
+        is something else, and so are tangential coefficients like no lens's
     Raises CaptureError where it states one that is not understood.
 
     >>> parse_lens(b"0.1 -0.2 0 0 0").coefficients
@@ -216,10 +219,9 @@ def parse_lens(data: bytes, source: str = "", sure: bool = True) -> Distortion |
         numbers = npy.decode_npy(data, source).ravel().tolist()
     else:
         numbers = [float(word) for word in numbers_alone(text or "")]
-    if len(numbers) in COUNTS or (sure and 1 < len(numbers) <= _MOST_COEFFICIENTS):
-        # Tangential coefficients are small: these are a principal point.
-        return None if min(map(abs, numbers[2:4]), default=0) >= 1 else _lens(numbers, source)
-    if text is None or numbers:
+    if numbers:
+        return _of_numbers(numbers, source, sure)
+    if text is None:
         return None
     with parsing(source, "no distortion of a lens", CaptureError):
         for content in contents(text, source):
@@ -229,6 +231,20 @@ def parse_lens(data: bytes, source: str = "", sure: bool = True) -> Distortion |
     if sure and re.search(r"(?<!\w)\d*\.\d*[1-9]", text):
         raise not_understood("text", " ".join(text.split()), source)
     return None
+
+
+def _of_numbers(numbers: list[float], source: str, sure: bool) -> Distortion | None:
+    """The lens of a file of numbers alone; None where they are something else, as intrinsics."""
+    tangential = max(map(abs, numbers[2:4]), default=0.0)
+    if not sure:
+        is_one = len(numbers) in COUNTS and tangential < _TANGENTIAL
+        return _lens(numbers, source) if is_one else None
+    of_camera = len(numbers) in (4, 8, 9) and min(numbers[:4]) > 1  # fx fy cx cy [...]
+    if of_camera or not 1 < len(numbers) <= _MOST_COEFFICIENTS:
+        return None
+    if tangential >= _TANGENTIAL_SURE:
+        raise not_understood("numbers", numbers, source)
+    return _lens(numbers, source)
 
 
 def _lens(coefficients: list[float], source: str, model: LensModel = "brown-conrady") -> Distortion:

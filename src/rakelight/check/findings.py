@@ -77,7 +77,8 @@ FINDINGS = (
     Row((
         "encoding-assumed", "linear-8-bit", "narrow-range",
         "intrinsics-from-exif", "default-intrinsics", "depth-unit-assumed", "depth-pose-assumed",
-        "lights-by-order", "same-view", "depth-camera", "confidence-applied",
+        "lights-by-order", "same-view", "depth-camera", "lens-from-file",
+        "confidence-applied",
         "ignored-files", "unread-images", "misnamed",
         "jpeg", "compressed", "raw", "grey", "alpha-dropped", "display-p3", "exif-orientation",
         "ambient-subtracted", "flat-divided", "light-scaled", "undistorted",

@@ -756,3 +756,15 @@ def test_distances_are_no_lens(tmp_path):
     (tmp_path / "dist.txt").write_bytes(lens_text(0.6, 0.6, 0.7))
     (tmp_path / "distances.txt").write_bytes(lens_text(*LENS))
     assert load_capture(tmp_path).camera.distortion is None
+
+
+def test_a_lens_in_a_file_of_its_own_is_told(tmp_path):
+    fill(tmp_path)
+    (tmp_path / "lamp_dist.txt").write_text("0.05 0.06 0.05 0.06")
+    (note,) = [f for f in load_capture(tmp_path).findings if f.code == "lens-from-file"]
+    assert (note.severity, "lamp_dist.txt" in note.message) == ("note", True)
+    for numbers in ("0.61 0.62 0.63 0.64", "0 0 0 0"):
+        (tmp_path / "lamp_dist.txt").write_text(numbers)
+        capture = load_capture(tmp_path)
+        assert capture.camera.distortion is None
+        assert "lens-from-file" not in codes(capture)

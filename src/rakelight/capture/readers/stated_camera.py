@@ -31,7 +31,7 @@ MATRIX = "fx 0 cx / 0 fy cy / 0 0 1 (pixels, three lines)"
 
 @dataclass(frozen=True, slots=True)
 class StatedCamera:
-    """name : of the file, or files, that state it; findings : what is not stated of its lens."""
+    """name : of the file, or files, that state it; findings : of its lens."""
 
     name: str
     camera: Camera
@@ -69,7 +69,7 @@ def stated_camera(folder: Path, texts: Mapping[Path, bytes], size: Size) -> Stat
             )
     found = _as_said(found, models)
     missing = () if lenses else _lens_missing(models)
-    found = with_lenses(found, lenses, str(folder))
+    alone, found = found, with_lenses(found, lenses, str(folder))
     sized = {name: camera for name, camera in found.items() if camera.width}
     sizes = {camera.shape for camera in sized.values()}
     if len(sizes) > 1 or (found and not alike(found.values())):
@@ -81,7 +81,8 @@ def stated_camera(folder: Path, texts: Mapping[Path, bytes], size: Size) -> Stat
             remedy="keep one of them",
         )
     name, camera = next(iter((sized or found).items()), ("", None))
-    return None if camera is None else StatedCamera(name, camera, missing)
+    taken = () if name in alone else _lens_taken(list(lenses))
+    return None if camera is None else StatedCamera(name, camera, (*missing, *taken))
 
 
 def _as_said(cameras: Mapping[str, Camera], models: Mapping[str, str | None]) -> dict[str, Camera]:
@@ -111,6 +112,12 @@ def _lens_missing(models: Mapping[str, str | None]) -> tuple[Finding, ...]:
         "rs-enumerate-devices -c prints beside the photographs"
     )
     return (Finding("warning", "lens-missing", message, remedy),)
+
+
+def _lens_taken(names: list[str]) -> tuple[Finding, ...]:
+    """A note of the files of its own that the lens is taken from."""
+    message = f"the lens's distortion is taken from {listed(names)}"
+    return (Finding("note", "lens-from-file", message, "move what is no lens elsewhere"),)
 
 
 def camera_or_lens(
