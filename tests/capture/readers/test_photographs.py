@@ -13,6 +13,7 @@ from PIL.TiffImagePlugin import IFDRational
 from rakelight import MultiLight, evaluate, load_capture, refine
 from rakelight.capture.exif import ROUGHNESS, Exif, camera_of, exif_of, roughness_of
 from rakelight.capture.images import encode_jpeg, encode_png, encode_tiff
+from rakelight.capture.intrinsics import parse_intrinsics
 from rakelight.capture.readers import find_reader
 from rakelight.errors import CaptureError, InputError
 from rakelight.model import Distortion
@@ -768,3 +769,23 @@ def test_a_lens_in_a_file_of_its_own_is_told(tmp_path):
         capture = load_capture(tmp_path)
         assert capture.camera.distortion is None
         assert "lens-from-file" not in codes(capture)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ([0.1, -0.2, 0, 0, 0], "0.1 -0.2 0 0"),
+        ({"k1": 0.1, "k2": -0.2}, "0.1 -0.2 0 0 0"),
+        ([0.1234567891, 0.2, 0, 0], "0.123457 0.2 0 0"),
+    ],
+)
+def test_the_same_lens_twice_is_one(tmp_path, one, other):
+    fill(tmp_path)
+    facts = {"K": np.loadtxt(io.BytesIO(K)).tolist(), "distortion": one}
+    (tmp_path / "intrinsics.txt").write_text(json.dumps(facts))
+    (tmp_path / "dist.txt").write_text(other)
+    capture = load_capture(tmp_path)
+    assert capture.camera.distortion == parse_intrinsics(json.dumps(facts).encode()).distortion
+    assert "lens-from-file" not in codes(capture)
+    (tmp_path / "dist.txt").write_text(other.replace("0.2 0", "0.21 0"))
+    refusal(tmp_path, "several files with the distortion", "dist.txt")

@@ -140,21 +140,23 @@ def with_lenses(
 ) -> dict[str, Camera]:
     """The cameras by their files' names, with the lens that files of its own state.
 
-    Raises CaptureError where these differ, or a camera has another one.
+    Raises CaptureError where these differ by more than rounding, or a camera has another one.
     """
-    own = {name: camera.distortion for name, camera in cameras.items() if camera.distortion}
-    stated = {**own, **lenses}
     if not cameras or not lenses:
         return dict(cameras)
-    if len(set(stated.values())) > 1:
+    own = {name: camera for name, camera in cameras.items() if camera.distortion}
+    stated = [*(camera.distortion for camera in own.values()), *lenses.values()]
+    camera = next(iter(cameras.values()))
+    if not alike([replace(camera, distortion=lens) for lens in stated]):
         raise CaptureError(
             "several files with the distortion of a lens",
             source=source,
-            seen=", ".join(stated),
+            seen=", ".join([*own, *lenses]),
             needed="that of the camera's lens",
             remedy="keep one of them",
         )
     name, lens = next(iter(lenses.items()))
     if lens.is_none:
         return dict(cameras)
-    return {f"{of} and {name}": replace(c, distortion=lens) for of, c in cameras.items()}
+    without = {of: camera for of, camera in cameras.items() if of not in own}
+    return own | {f"{of} and {name}": replace(c, distortion=lens) for of, c in without.items()}
