@@ -165,8 +165,8 @@ def parse_intrinsics(
     if len(data) > MAX_BYTES:
         return None
     if data.startswith(npy.MAGIC):
-        K = npy.decode_npy(data, source)
-        return _made(K, (0, 0), (), source) if K.shape == (3, 3) else None
+        K = npy.decode_npy(data, source) if named else npy.decode_few(data, 9, source)
+        return _made(K, (0, 0), (), source) if K is not None and K.shape == (3, 3) else None
     text = text_of(data)
     if text is None:
         return None
@@ -216,7 +216,8 @@ def parse_lens(data: bytes, source: str = "", sure: bool = True) -> Distortion |
     """
     text = text_of(data) if len(data) <= MAX_BYTES else None
     if data.startswith(npy.MAGIC):
-        numbers = npy.decode_npy(data, source).ravel().tolist()
+        few = npy.decode_few(data, max(COUNTS), source)
+        numbers = [] if few is None else few.ravel().tolist()
     else:
         numbers = [float(word) for word in numbers_alone(text or "")]
     if numbers:

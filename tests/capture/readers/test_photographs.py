@@ -789,3 +789,19 @@ def test_the_same_lens_twice_is_one(tmp_path, one, other):
     assert "lens-from-file" not in codes(capture)
     (tmp_path / "dist.txt").write_text(other.replace("0.2 0", "0.21 0"))
     refusal(tmp_path, "several files with the distortion", "dist.txt")
+
+
+@pytest.mark.parametrize("name", ["dist_coeffs.npy", "calib_dist_coeffs.npy"])
+def test_a_lens_in_an_array_of_one_axis(tmp_path, name):
+    fill(tmp_path)
+    np.save(tmp_path / name, np.array(LENS))
+    assert load_capture(tmp_path).camera.distortion == Distortion("brown-conrady", LENS)
+
+
+@pytest.mark.parametrize("shape", [(15,), (2, 24), (4, 1, 1), (0,), ()])
+def test_another_array_is_no_lens(tmp_path, shape):
+    fill(tmp_path)
+    np.save(tmp_path / "distortion.npy", np.full(shape, 0.01))
+    assert load_capture(tmp_path).camera.distortion is None
+    (tmp_path / "distortion.npy").write_bytes(b"\x93NUMPY")
+    refusal(tmp_path, "damaged", "no header")
