@@ -636,3 +636,34 @@ def test_numbers_like_no_lens_in_a_file_that_may_be_of_distances(text):
 def test_numbers_like_no_lens_under_a_name_of_one(text):
     with pytest.raises(CaptureError, match=r"coeffs\.txt: the distortion is not understood"):
         parse_lens(text.encode(), "dist_coeffs.txt")
+
+
+@pytest.mark.parametrize(
+    "fact",
+    [
+        {"lensDistortionCenter": [160.2, 120.4]},
+        {"distortion_error": [0.1, 0.2]},
+        {"radial_errors": [0.1, 0.2]},
+        {"distorted_image_size": [320, 240]},
+        {"distorted_points": [[1.5, 2], [3, 4]]},
+        {"distortion_check": {"rms": 0.2}},
+        {"max_distortion1": 2.5},
+        {"tangential_speed": [0.1, 0.2]},
+    ],
+)
+def test_what_is_told_of_a_lens_and_is_no_coefficient(fact):
+    assert parse_intrinsics(json.dumps({**FIGURES, **fact}).encode()) == NO_SIZE
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "lens_distortion_vector", "lensDistortionLookupTable", "cam0_radial_distortion",
+        "tangential_params", "radial_k1", "distortion_2", "distortion_values",
+        "left_cam_distortion", "inverseLensDistortionLookupTable",
+    ],
+)  # fmt: skip
+def test_coefficients_whose_order_no_name_says(name):
+    value = 0.1 if name[-1].isdigit() else [0.1, 0.2]
+    with pytest.raises(CaptureError, match="not understood"):
+        parse_intrinsics(json.dumps({**FIGURES, name: value}).encode())

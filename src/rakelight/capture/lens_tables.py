@@ -42,7 +42,13 @@ _KEYS = re.compile(
 )
 # Of these: one number alone under them is something else, and a list of another length.
 _OTHERS_TOO = ("d", "dist", "disto", "kc", "coeffs", "coefficients")
-_OF_A_LENS = re.compile(r"(?<!un)distor|^(?:lens)?radial|^tangential")
+# Names of coefficients, of which they do not say the order: what only begins so is something else,
+# as lensDistortionCenter and distortion_error.
+_OF_A_LENS = re.compile(
+    r"(?:(?:camera|cam|inverse|lens|left|right|intrinsics?)[0-9]?)*"
+    r"(?:(?:radial|tangential)(?:distor[ts]ion)?|distor[ts]ion)s?"
+    r"(?:coef\w*|param\w*|vec(?:tor)?|values?|list|array|matrix|lookuptable|[kp])?[0-9]?"
+)
 _NOT_ZERO = re.compile(r"[1-9]|\b(?:nan|inf)\b", re.IGNORECASE)
 _WORDS_KEYS = ("distortion", "distorsion")  # under which the model's name may stand
 _MODEL_KEYS = ("distortionmodel", "distmodel", "cameramodel", "cameratype", "model")
@@ -87,7 +93,7 @@ def surely_lens(stem: str) -> bool:
 
 def is_lens(key: str) -> bool:
     """Whether what stands under a name, as `plain_key` has it, is a lens and no camera."""
-    return _KEYS.fullmatch(key) is not None or _OF_A_LENS.search(key) is not None
+    return _KEYS.fullmatch(key) is not None or _OF_A_LENS.fullmatch(key) is not None
 
 
 def lens_part(table: Table) -> Table:
@@ -196,7 +202,7 @@ def _unread(key: str, value: Any) -> bool:
     """Whether numbers are those of a lens by their name, which does not say which is which."""
     if _KEYS.fullmatch(key) or BY_NAME.fullmatch(key) or _SIDES.search(key):
         return False
-    if not _OF_A_LENS.search(key):
+    if not _OF_A_LENS.fullmatch(key):
         return False
     return (isinstance(value, (list, dict)) or key[-1].isdigit()) and distorts(value)
 
