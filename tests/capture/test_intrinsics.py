@@ -667,3 +667,18 @@ def test_coefficients_whose_order_no_name_says(name):
     value = 0.1 if name[-1].isdigit() else [0.1, 0.2]
     with pytest.raises(CaptureError, match="not understood"):
         parse_intrinsics(json.dumps({**FIGURES, name: value}).encode())
+
+
+@pytest.mark.parametrize(
+    "text", ["rms 0.25 px", "calibrated on 12.11.2024", "grid (9, 6), crop [10 12 600 440], 0.5 px"]
+)
+def test_a_text_about_a_lens_without_its_coefficients(text):
+    assert parse_lens(text.encode(), "distortion_report.txt") is None
+
+
+@pytest.mark.parametrize(
+    "text", ["nan 0 0 0 0", "the lens has (-0.28, 0.1, 0, 0)", "K_1 = about -.28", "[0.1 NaN 0 0]"]
+)
+def test_a_text_of_coefficients_that_are_not_read(text):
+    with pytest.raises(CaptureError, match=r"dist_coeffs\.txt: the distortion is not understood"):
+        parse_lens(text.encode(), "dist_coeffs.txt")

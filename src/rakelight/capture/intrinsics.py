@@ -28,6 +28,7 @@ from rakelight.capture.lens_tables import (
     lens_part,
     model_named,
     not_understood,
+    says_coefficients,
     sure_names,
     surely_lens,
     with_lens,
@@ -229,7 +230,7 @@ def parse_lens(data: bytes, source: str = "", sure: bool = True) -> Distortion |
             if table := next(_lens_tables(content), None):
                 coefficients, model = coefficients_of(table, source)
                 return _lens(coefficients, source, model)
-    if sure and re.search(r"(?<!\w)\d*\.\d*[1-9]", text):
+    if sure and says_coefficients(text):
         raise not_understood("text", " ".join(text.split()), source)
     return None
 

@@ -49,6 +49,8 @@ _OF_A_LENS = re.compile(
     r"(?:(?:radial|tangential)(?:distor[ts]ion)?|distor[ts]ion)s?"
     r"(?:coef\w*|param\w*|vec(?:tor)?|values?|list|array|matrix|lookuptable|[kp])?[0-9]?"
 )
+_NAMED = re.compile(r"(?<![a-z0-9])[kp]_?[1-6](?![a-z0-9])", re.IGNORECASE)
+_FRACTION = re.compile(r"(?<!\w)\d*\.\d*[1-9]|\b(?:nan|inf)\b", re.IGNORECASE)
 _NOT_ZERO = re.compile(r"[1-9]|\b(?:nan|inf)\b", re.IGNORECASE)
 _WORDS_KEYS = ("distortion", "distorsion")  # under which the model's name may stand
 _MODEL_KEYS = ("distortionmodel", "distmodel", "cameramodel", "cameratype", "model")
@@ -138,6 +140,24 @@ def model_named(table: Table) -> str | None:
     words = (table.get(key) for key in (*_WORDS_KEYS, "distortionmodel", "distmodel"))
     named = next((word for word in words if isinstance(word, str) and word), None)
     return "" if named is not None and plain_key(named).endswith("none") else named
+
+
+def says_coefficients(text: str) -> bool:
+    """Whether a text that is no table says coefficients: one by its name, or as a list.
+
+    >>> says_coefficients("k1 is about -0.28"), says_coefficients("nan 0 0 0 0")
+    (True, True)
+    >>> says_coefficients("rms 0.25 px, 12.11.2024"), says_coefficients("grid (9, 6)")
+    (False, False)
+    """
+    if _NAMED.search(text) and _FRACTION.search(text):
+        return True
+    parts = (text, *re.findall(r"[\[(]([^\[\]()]*)[\])]", text))
+    numbers = (re.sub(r"\b(?:nan|inf)\b", "0", part, flags=re.IGNORECASE) for part in parts)
+    return any(
+        len(_words(each)) >= min(COUNTS) and _FRACTION.search(part) is not None
+        for each, part in zip(numbers, parts, strict=True)
+    )
 
 
 def distorts(value: Any) -> bool:
