@@ -282,8 +282,7 @@ def _check_camera(camera: Camera, source: str, *, of_depth: bool = False) -> Non
     if camera.distortion is not None:
         remedy = "rakelight.Camera.from_matrix(K, (height, width), distortion) makes one"
         check_is(camera.distortion, Distortion, f"{source}.distortion", remedy)
-        measured = np.zeros(camera.shape, bool) if of_depth else None
-        validate.check_distortion(camera, source, "distortion", measured)
+        validate.check_distortion(camera, source, "distortion", folds=not of_depth)
 
 
 def _check_depth_camera(capture: Capture) -> None:

@@ -136,17 +136,19 @@ def check_camera(
     _check_camera_size(camera, shape, source, table)
     _check_field_of_view(camera, source, table)
     check_principal_point(camera, source, f"the principal point of [{table}]")
-    measured = np.zeros(camera.shape, bool) if of_depth else None
-    check_distortion(camera, source, f"key '{table}.distortion'", measured)
+    check_distortion(camera, source, f"key '{table}.distortion'", folds=not of_depth)
 
 
-def check_distortion(camera: Camera, source: str, name: str, measured: Mask | None = None) -> None:
+def check_distortion(
+    camera: Camera, source: str, name: str, measured: Mask | None = None, *, folds: bool = True
+) -> None:
     """The lens model, which messages call `name`, is one that a lens can have.
 
     It does not fold inside the image, nor stretch it like no lens.
 
     measured : (h, w) where a depth camera has depth, and its lens may not fold: outside the round
         field of view of a wide one there is none.  Everywhere when None.
+    folds : whether to look for a fold, at all
 
     >>> from rakelight.model import Distortion
     >>> lens = Distortion("brown-conrady", (-0.5, 0.0, 0.0, 0.0))
@@ -168,7 +170,7 @@ def check_distortion(camera: Camera, source: str, name: str, measured: Mask | No
             needed=f"at most {MOST_STRETCHED:g} times",
             remedy=remedy,
         )
-    folds_px = fold_px(camera, measured)
+    folds_px = fold_px(camera, measured) if folds else None
     if folds_px is None:
         return
     needed = f"beyond the corners, {np.hypot(*corner_px(camera)):.0f} pixels from it"

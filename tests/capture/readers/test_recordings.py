@@ -737,3 +737,18 @@ def test_what_an_app_writes_beside_its_frames_is_not_named(tmp_path, write):
     assert "ignored-files" not in codes(path)
     (path / "ambient.png").write_bytes(png(frames()[0]))
     assert "ignored-files" in codes(path)
+
+
+@pytest.mark.parametrize("write", [write_open3d, write_tum])
+def test_a_depth_lens_that_folds_where_no_frame_has_depth_is_used(tmp_path, write):
+    rows, columns = np.mgrid[: OWN["height"], : OWN["width"]]
+    seen = np.hypot(columns - OWN["cx"], rows - OWN["cy"]) < 7
+    facts = json.dumps({**OWN, "distortion": [-0.9, 0, 0, 0]})  # folds 9 pixels off
+    everywhere_m = np.nan_to_num(depth_maps(), nan=0.6)
+    path = write(tmp_path / "a", depth_m=np.where(seen, everywhere_m, np.nan))
+    (path / "depth_intrinsics.json").write_text(facts)
+    assert load_capture(path).depth_camera.distortion.coefficients[0] == -0.9
+    path = write(tmp_path / "b", depth_m=everywhere_m)
+    (path / "depth_intrinsics.json").write_text(facts)
+    with pytest.raises(CaptureError, match="depth_camera: distortion folds inside"):
+        load_capture(path)

@@ -36,7 +36,7 @@ def recording_of_one_view(
 
     Raises CaptureError where the sides have other proportions, by more than a pixel of depth.
     """
-    stated = stated_depth_camera(path, texts, camera, np.ones(depth.shape, bool))
+    stated = stated_depth_camera(path, texts, camera, depth.shape)
     depth_camera, depth_to_color = stated.camera, stated.to_color
     if depth_camera is None:
         depth_camera, depth_to_color = depth_place(camera, depth.shape, depth_source)

@@ -176,7 +176,7 @@ def _depth_place(
     h, w = depth_m.shape[1:]
     measured = np.asarray(np.isfinite(depth_m).any(axis=0))
     raw = files.depth[0].kind == "z16"
-    stated = stated_depth_camera(folder, files.texts, camera, measured, raw=raw)
+    stated = stated_depth_camera(folder, files.texts, camera, (h, w), measured, raw=raw)
     if stated.camera is not None:
         return stated.camera, stated.to_color, stated.findings
     factor = max(camera.width // w, 1)

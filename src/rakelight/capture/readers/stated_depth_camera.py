@@ -47,17 +47,25 @@ class StatedDepthCamera:
 
 
 def stated_depth_camera(
-    folder: Path, texts: Sequence[Path], color: Camera, measured: Mask, *, raw: bool = False
+    folder: Path,
+    texts: Sequence[Path],
+    color: Camera,
+    shape: tuple[int, int],
+    measured: Mask | None = None,
+    *,
+    raw: bool = False,
 ) -> StatedDepthCamera:
-    """The depth camera of maps that measure something (h, w) beside photographs by `color`.
+    """The depth camera of maps of this shape, (h, w), beside photographs by `color`.
 
     texts : files in the folder that may state it; raw : whether depth is known not to be registered
+    measured : (h, w) where the maps measure something, and a lens may not fold; None where that is
+        not known yet, and checked later
 
     Depth of the photographs' size is taken to be registered to them: programs that register it
     write the sensor's own intrinsics beside it all the same.  The RealSense Viewer's never is.
     """
     data = _of_depth(folder, texts)
-    cameras, unused = _cameras(folder, data, measured)
+    cameras, unused = _cameras(folder, data, shape, measured)
     poses, unclear = _poses(folder, data)
     if cameras and not alike(cameras.values()):
         unused |= dict.fromkeys(cameras, "several depth cameras")
@@ -70,7 +78,7 @@ def stated_depth_camera(
     camera = next(iter(cameras.values()))
     if not poses and _same_view(camera, color):
         return StatedDepthCamera(findings=_not_used(unused))
-    if measured.shape == color.shape and not raw:
+    if shape == color.shape and not raw:
         registered = "depth of the photographs' size is taken to be registered to them"
         unused |= dict.fromkeys([*cameras, *poses], registered)
         return StatedDepthCamera(findings=_not_used(unused))
@@ -102,10 +110,10 @@ def _of_depth(folder: Path, texts: Sequence[Path]) -> dict[str, bytes]:
 
 
 def _cameras(
-    folder: Path, data: dict[str, bytes], measured: Mask
+    folder: Path, data: dict[str, bytes], shape: tuple[int, int], measured: Mask | None
 ) -> tuple[dict[str, Camera], dict[str, str]]:
     """Depth cameras by the names of the files that state them, and why others are not used."""
-    (h, w), found, unused = measured.shape, dict[str, Camera](), dict[str, str]()
+    (h, w), found, unused = shape, dict[str, Camera](), dict[str, str]()
     lenses = dict[str, Distortion]()
     for name, text in data.items():
         source, stem = f"{folder}/{name}", Path(name).stem
@@ -129,7 +137,8 @@ def _cameras(
         try:
             source = f"{folder}/{name}"
             validate.check_camera(camera, camera.shape, source, "intrinsics", of_depth=True)
-            validate.check_distortion(camera, source, "lens distortion", measured)
+            if measured is not None:
+                validate.check_distortion(camera, source, "lens distortion", measured)
         except InputError as error:
             unused[name] = error.what
             del found[name]
