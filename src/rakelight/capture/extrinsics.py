@@ -31,6 +31,10 @@ _UNITS = {
     **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), 1e-3),
 }
 _TRANSLATION = re.compile("trans|t(?:in)?(?:" + "|".join(("", *_UNITS)) + ")$")
+# Units of which lengths are not read; other words, as SI, state none.
+_OTHER_LENGTHS = re.compile(
+    r"in|inch(?:es)?|ft|foot|feet|yards?|[dknu]m|(?:deci|kilo|micro|nano)met\w*|microns?|px|pixels?"
+)
 _UNIT_KEYS = ("unit", "units", "translationunit", "translationunits")
 
 
@@ -108,10 +112,10 @@ def _pose(value: Any, name: str) -> RigidTransform | None:
         return None
     names = {plain_key(key): str(key) for key in value}
     parts = {plain_key(key): each for key, each in value.items()}
-    unit = next((str(parts[key]) for key in _UNIT_KEYS if key in parts), "")
-    if unit and plain_key(unit) not in _UNITS:
+    unit = _unit_stated(parts)
+    if _OTHER_LENGTHS.fullmatch(unit):
         return None
-    name = f"{name} {unit}"
+    name = f"{name} {unit}" if unit in _UNITS else name
     rotations = [key for key in parts if key == "r" or key.startswith("rot")]
     translations = [key for key in parts if _TRANSLATION.match(key) and key not in _UNIT_KEYS]
     if len(rotations) != 1 or len(translations) != 1:
@@ -129,6 +133,14 @@ def _pose(value: Any, name: str) -> RigidTransform | None:
         square = square.T
     unit_m = _unit_in(names[translations[0]]) or _unit_in(name)
     return _checked(square, translation.ravel(), unit_m)
+
+
+def _unit_stated(parts: dict[str, Any]) -> str:
+    """What stands under unit or units, or there under translation; "" where neither does."""
+    unit = next((parts[key] for key in _UNIT_KEYS if key in parts), "")
+    if isinstance(unit, dict):
+        unit = next((each for key, each in unit.items() if _TRANSLATION.match(plain_key(key))), "")
+    return plain_key(re.sub("[µμ]", "u", str(unit)))
 
 
 def _unit_in(name: str) -> float | None:

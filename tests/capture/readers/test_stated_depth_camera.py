@@ -403,3 +403,23 @@ def test_the_model_in_lines_of_names_and_numbers():
     """A model that is named in words is that of the coefficients in the other lines."""
     text = "fx = 400\ncx = 160\ncy = 120\ndistortion_model = fisheye\nk1 = 0.1\n"
     assert parse_intrinsics(text.encode()).distortion.model == "kannala-brandt"
+
+
+@pytest.mark.parametrize(
+    ("said", "unit_m"),
+    [
+        ({"unit": "SI"}, 1.0),
+        ({"unit": "rad"}, 1.0),
+        ({"units": {"translation": "m", "rotation": "rad"}}, 1.0),
+        ({"units": {"rotation": "deg"}}, 1.0),
+        ({"units": {"translation": "mm"}}, 1e-3),
+        ({"units": {"translation": "inch"}}, None),
+        ({"unit": "\u00b5m"}, None),
+    ],
+)
+def test_what_states_no_unit_of_length_changes_nothing(said, unit_m):
+    facts = {"R": TURN.tolist(), "T": (SHIFT_M / (unit_m or 1)).tolist(), **said}
+    (found,) = depth_to_color(json.dumps({"depth_to_color": facts}).encode(), "a.json", "a")
+    assert (found is None) == (unit_m is None)
+    if found is not None:
+        np.testing.assert_allclose(found.translation_m, SHIFT_M)
