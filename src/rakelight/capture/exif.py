@@ -17,6 +17,7 @@ ROUGHNESS = 0.05
 # Longer side over shorter of nearly all sensors, and the share by which images of whole ones are
 # off these (4928x3264 by 0.7 %, a mosaic with its margins, 5344x3516, by 1.3 %).
 _SENSORS, _SAME_PROPORTIONS = (4 / 3, 3 / 2), 0.02
+_LONGEST = 3.0  # longer side over shorter, beyond that of all cameras (65:24): EXIF that is wrong
 _FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)  # 35 mm equivalents are by the diagonal (CIPA DCG-001)
 _AGREEING = 0.15  # focal plane resolutions of firmware that differ by more are wrong
 _FOCAL_PER_SIDE = (0.2, 50.0)  # over the longer side: 136 and 1 degrees
@@ -156,14 +157,15 @@ def _focal_px(exif: Exif, longer: float, shorter: float) -> tuple[float, str]:
 def _wholes(exif: Exif, longer: int, shorter: int) -> list[tuple[float, float]]:
     """Longer and shorter sides of the images that this one may be cut out of; none if it is whole.
 
-    By the proportions that EXIF states where they are others, else by those of sensors.
+    By the proportions that EXIF states where they are others, and a camera's, else by those of
+    sensors.
     """
 
     def differs(proportions: float) -> bool:
         return abs(proportions * shorter / longer - 1) > _SAME_PROPORTIONS
 
     stated = exif.longer / exif.shorter if exif.shorter else longer / shorter
-    if differs(stated):
+    if differs(stated) and stated <= _LONGEST:
         possible: tuple[float, ...] = (stated,)
     else:
         possible = _SENSORS if all(map(differs, _SENSORS)) else ()

@@ -805,3 +805,12 @@ def test_another_array_is_no_lens(tmp_path, shape):
     assert load_capture(tmp_path).camera.distortion is None
     (tmp_path / "distortion.npy").write_bytes(b"\x93NUMPY")
     refusal(tmp_path, "damaged", "no header")
+
+
+def test_proportions_in_exif_that_no_camera_has_are_ignored():
+    for sides in ((100, 1), (5000, 1200)):
+        exif = Exif(focal_35mm=26.0, longer=sides[0], shorter=sides[1])
+        assert roughness_of(exif, 4032, 3024) == ROUGHNESS
+        assert roughness_of(exif, 4032, 2268) == roughness_of(Exif(focal_35mm=26.0), 4032, 2268)
+    of_film = Exif(focal_35mm=26.0, longer=6500, shorter=2400)
+    assert roughness_of(of_film, 4032, 3024) > ROUGHNESS + 0.5
