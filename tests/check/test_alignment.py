@@ -8,6 +8,7 @@ from rakelight.check.alignment import (
     FEWEST_PIXELS,
     SHARE,
     aligned,
+    details,
     moved_back,
     shifts_among,
     steps,
@@ -42,7 +43,7 @@ def test_what_is_at_rest_stays_where_it_is():
     shifts = np.zeros((6, 2))
     shifts[2] = 1.5, -0.7
     which = np.arange(6)[:, None] == 2
-    found = aligned(moved_back(lit(6), -shifts), EVERYWHERE, np.zeros((6, 2)), which)
+    found = aligned(details(moved_back(lit(6), -shifts)), EVERYWHERE, np.zeros((6, 2)), which)
     assert not found[~which[:, 0]].any()
     np.testing.assert_allclose(found[2], shifts[2], atol=0.05)
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from rakelight.capture import load_capture
+from rakelight.check.alignment import details
 from rakelight.check.camera_motion import (
     beside_most,
     camera_motion,
@@ -137,13 +138,13 @@ def test_a_shift_that_moves_paint_and_outline_apart_is_not_confirmed():
     _, view = views(capture.mask)
     third = np.arange(12)[:, None] == 2
 
-    def pictures(capture):
-        return [view.light(each, capture.encoding) for each in capture.photographs]
+    def bands(capture):
+        return details([view.light(each, capture.encoding) for each in capture.photographs])
 
     for wave in ((10.0, 0.0), (-10.0, 1.0), (1.0, 2.0)):
-        assert not confirmed(pictures(capture), third * np.array(wave), third[:, 0])
+        assert not confirmed(bands(capture), third * np.array(wave), third[:, 0])
     moved = with_photographs_moved(capture, [2], 1.0, 2.0)
-    assert confirmed(pictures(moved), third * np.array((1.0, 2.0)), third[:, 0])
+    assert confirmed(bands(moved), third * np.array((1.0, 2.0)), third[:, 0])
 
 
 @pytest.mark.parametrize("relief", [cloth, ball])

@@ -54,20 +54,26 @@ def shifts_among(pictures: list[Array], where: Mask) -> Floats | None:
     components = min(COMPONENTS, (len(pictures) - 1) // 2)
     shifts, every = np.zeros((len(pictures), 2)), np.ones((len(pictures), 1), dtype=bool)
     for k in reversed(range(len(levels))):
-        here = aligned(*levels[k], shifts / 2**k, every, components)
+        pictures, seen = levels[k]
+        here = aligned(details(pictures), seen, shifts / 2**k, every, components)
         shifts = 2**k * (here - np.median(here, axis=0))
     return shifts if np.count_nonzero(within(where, shifts)) >= FEWEST_PIXELS else None
 
 
-def aligned(
-    pictures: list[Array], where: Mask, shifts: Floats, which: Mask, components: int = COMPONENTS
-) -> Floats:
-    """Shifts (N, 2) after Gauss-Newton steps of those of N pictures (h, w) that `which` names.
+def details(pictures: list[Array]) -> list[Array]:
+    """The detail of pictures (h, w) by which they are compared."""
+    return [band(each, FINE_PX, COARSE_PX) for each in pictures]
 
-    which : (N, 1); the others keep their shifts
+
+def aligned(
+    bands: list[Array], where: Mask, shifts: Floats, which: Mask, components: int = COMPONENTS
+) -> Floats:
+    """Shifts (N, 2) after Gauss-Newton steps of those that `which` names.
+
+    bands : `details` of N pictures
+    which : (N, 1) bool; the others keep their shifts
     components : how many principal components of the others explain a picture
     """
-    bands = [band(each, FINE_PX, COARSE_PX) for each in pictures]
     for _ in range(STEPS):
         there = within(where, shifts)
         if np.count_nonzero(there) < FEWEST_PIXELS:

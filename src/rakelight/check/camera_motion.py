@@ -15,18 +15,17 @@ import cv2
 import numpy as np
 
 from rakelight.check.alignment import (
-    COARSE_PX,
     FEWEST_PIXELS,
-    FINE_PX,
     SHORTEST_PX,
     aligned,
+    details,
     moved_back,
     shifts_among,
     within,
 )
 from rakelight.check.evidence import LIKELY, evidence_in_blocks
 from rakelight.check.measured import Measured
-from rakelight.check.others import band, better_explained, log_likelihood
+from rakelight.check.others import better_explained, log_likelihood
 from rakelight.errors import listed
 from rakelight.geometry.grid import bounding_window
 from rakelight.geometry.masks import dilate
@@ -45,12 +44,13 @@ MOVED_PX = 0.6
 # Root mean square of a photograph's detail, white being 1, that is more than rounding: float32's is
 # 6e-8, a step of 8 bits 3e-4.
 LEAST_DETAIL = 1e-5
-# Share of the photographs that are few in one position: a camera that drifts has no more there.
+# Below this share of the photographs, those in one position are too few to be of a camera at rest:
+# it was held in a hand.  Of one that drifts a quarter are (not varied on draws).
 FEW = 0.25
 # Probability that any photograph of a camera at rest counts as moved for the scatter of the shifts:
 # moving shadows shift what is seen of one photograph alike.
 FALSE_ALARM = 0.01
-# Most times that the shifts of what moved are found again: fewer photographs count each time.
+# Most times that shifts of the photographs that moved are found again; each time fewer may count.
 MOST_ROUNDS = 8
 # Median length of normally distributed shifts, over the standard deviation of one component.
 RAYLEIGH_MEDIAN = float(np.sqrt(2 * np.log(2)))
@@ -97,7 +97,7 @@ class View:
     where: Mask
 
     def light(self, photograph: Array, encoding: Encoding) -> Array:
-        """(h, w) float32 about the light, 0 to 1, that a photograph (H, W, 3) shows there."""
+        """(h, w) float32 linear light, 0 to 1, of a photograph (H, W, 3), averaged as encoded."""
         size = self.where.shape[::-1]
         values = cv2.resize(photograph[self.window], size, interpolation=cv2.INTER_AREA)
         return np.asarray(to_linear(values, encoding).mean(axis=-1), dtype=np.float32)
@@ -134,39 +134,45 @@ def stood_still(capture: Capture) -> tuple[Floats, Array]:
 def seen_in(view: View, capture: Capture) -> tuple[Floats, Array]:
     """As `stood_still`, by what a view shows."""
     pictures = [view.light(each, capture.encoding) for each in capture.photographs]
-    all_shifts, all_moved = np.full((len(pictures), 2), np.nan), np.zeros(len(pictures), dtype=bool)
-    clear = np.array([has_detail(each, view.where) for each in pictures])
-    pictures = [each for each, shown in zip(pictures, clear, strict=True) if shown]
+    bands, count = details(pictures), len(pictures)
+    all_shifts, all_moved = np.full((count, 2), np.nan), np.zeros(count, dtype=bool)
+    clear = np.array([has_detail(each[view.where]) for each in bands])
+    pictures, bands = (
+        [each for each, shown in zip(images, clear, strict=True) if shown]
+        for images in (pictures, bands)
+    )
     shifts = shifts_among(pictures, view.where)
     if shifts is None:
         return all_shifts, all_moved
     shifts, moved = beside_most(shifts)
-    if confirmed(pictures, shifts, moved):
-        shifts, moved = again(pictures, shifts, moved)
-        moved &= each_confirmed(pictures, shifts)
-    if not confirmed(pictures, shifts, moved):
-        moved[:] = False
+    sure = confirmed(bands, shifts, moved)
+    if sure:
+        shifts, moved = realigned(bands, shifts, moved)
+        moved &= each_confirmed(bands, shifts)
+        sure = confirmed(bands, shifts, moved)
+    moved &= sure
     # What the light does to a photograph at rest is no shift of it.
     shifts[~moved & (np.hypot(*shifts.T) >= MOVED_PX)] = np.nan
     all_shifts[clear], all_moved[clear] = view.step * shifts, moved
     return all_shifts, all_moved
 
 
-def has_detail(picture: Array, where: Mask) -> bool:
-    """Whether a picture (h, w) shows anything there, `where` (h, w), but rounding."""
-    shown = band(picture, FINE_PX, COARSE_PX)[where]
-    return shown.size > 0 and float(np.sqrt((shown**2).mean())) > LEAST_DETAIL
+def has_detail(values: Floats) -> bool:
+    """Whether the detail (P,) of a photograph is more than rounding."""
+    return values.size > 0 and float(np.sqrt((values**2).mean())) > LEAST_DETAIL
 
 
-def again(pictures: list[Array], shifts: Floats, moved: Array) -> tuple[Floats, Array]:
+def realigned(bands: list[Array], shifts: Floats, moved: Array) -> tuple[Floats, Array]:
     """The shifts (N, 2) of the pictures that moved, found again, and which of these still count.
 
     Those at rest are where they are, and explain the others better than all did that could move.
+
+    bands : `details` of N pictures
     """
-    everywhere = np.ones(pictures[0].shape, dtype=bool)
+    everywhere = np.ones(bands[0].shape, dtype=bool)
     for _ in range(MOST_ROUNDS):
         which, before = moved[:, None], np.where(moved[:, None], shifts, 0.0)
-        shifts = aligned(pictures, everywhere, before, which)
+        shifts = aligned(bands, everywhere, before, which)
         moved = np.hypot(*shifts.T) > MOVED_PX
         if np.abs(shifts - before).max() < SHORTEST_PX:
             break
@@ -190,37 +196,39 @@ def beside_most(shifts: Floats) -> tuple[Floats, Array]:
     return shifts, length > by_light
 
 
-def confirmed(pictures: list[Array], shifts: Floats, moved: Array) -> bool:
-    """Whether N pictures (h, w) explain one another better with those that moved moved back.
+def confirmed(bands: list[Array], shifts: Floats, moved: Array) -> bool:
+    """Whether pictures explain one another better with those that moved moved back.
 
-    shifts : (N, 2); moved : (N,)
+    bands : `details` of N pictures; shifts : (N, 2); moved : (N,)
     """
     if not moved.any():
         return False
-    before, after, there = bands_of(pictures, np.where(moved[:, None], shifts, 0.0))
+    before, after, there = compared(bands, np.where(moved[:, None], shifts, 0.0))
     return bool(there.any()) and better_explained(before, after, there) >= LIKELY
 
 
-def each_confirmed(pictures: list[Array], shifts: Floats) -> Array:
-    """(N,) which pictures (h, w) the others explain better moved back, as these are, than not."""
-    found = np.zeros(len(pictures), dtype=bool)
-    before, after, there = bands_of(pictures, shifts)
+def each_confirmed(bands: list[Array], shifts: Floats) -> Array:
+    """(N,) which pictures the others explain better moved back, as these are, than not.
+
+    bands : `details` of N pictures; shifts : (N, 2), 0 of those at rest
+    """
+    found = np.zeros(len(bands), dtype=bool)
+    before, after, there = compared(bands, shifts)
     products = after @ after.T
-    needed = LIKELY + float(np.log(len(pictures)))  # any of so many may look moved
+    needed = LIKELY + float(np.log(len(bands)))  # any of so many may look moved
     for i in np.flatnonzero(shifts.any(axis=1) & there.any()).tolist():
         still, back = (log_likelihood(each[i], after, products, i) for each in (before, after))
         found[i] = evidence_in_blocks(back - still, there) >= needed
     return found
 
 
-def bands_of(pictures: list[Array], shifts: Floats) -> tuple[Floats, Floats, Mask]:
-    """(N, P) details of N pictures (h, w) as they are and moved back; (h, w) the pixels, of all.
+def compared(bands: list[Array], shifts: Floats) -> tuple[Floats, Floats, Mask]:
+    """(N, P) the details of N pictures as they are and moved back, and (h, w) those P pixels.
 
     No pixels where those that all pictures have are too few.
     """
-    there = within(np.ones(pictures[0].shape, dtype=bool), shifts)
+    there = within(np.ones(bands[0].shape, dtype=bool), shifts)
     there &= np.count_nonzero(there) >= FEWEST_PIXELS
-    bands = [band(each, FINE_PX, COARSE_PX) for each in pictures]
     before, after = (
         np.stack([each[there] for each in images]).astype(np.float64)
         for images in (bands, moved_back(bands, shifts))

@@ -79,7 +79,7 @@ def log_likelihoods(images: Floats) -> Floats:
 def log_likelihood(image: Floats, images: Floats, products: Floats, which: int) -> Floats:
     """(P,) log-likelihoods of the pixels of an image that N others (N, P) but one explain.
 
-    products : (N, N) inner products of the others; which : of them does not count
+    products : (N, N) inner products of the others; which : the one of them that does not count
     """
     weights = combinations(products, (images @ image)[:, None], which)[:, 0]
     left = (image - weights @ images) ** 2
