@@ -22,6 +22,7 @@ from rakelight.capture.lens_tables import (
     COUNTS,
     DEPTH,
     KANNALA_BRANDT,
+    SIDES,
     coefficients_of,
     in_order,
     is_lens,
@@ -499,7 +500,7 @@ def _lenses_beside(table: Table) -> tuple[dict[str, Table], dict[str, Table]]:
     is that of the cameras of no side, else of the only side there is; that of the colour is that
     of the cameras of no side, too.
     """
-    plain = {key: value for key, value in table.items() if not re.search(f"{DEPTH}|{COLOR}", key)}
+    plain = {key: value for key, value in table.items() if not SIDES.search(key)}
     parts = {"": plain, COLOR: _sided(table, COLOR), DEPTH: _sided(table, DEPTH)}
     lenses = {words: lens_part(part) for words, part in parts.items()}
     if not any(lenses.values()):

@@ -35,7 +35,8 @@ DEPTH, COLOR = "depth|infra(?:red)?1?", "colou?r|rgb"
 BY_NAME = re.compile(r"(?:camera1?)?(?:dist(?:or[ts]ion)?)?([kp][1-6])")
 """The name of a coefficient: k1, Camera.p2, distortion_k3."""
 
-_SIDES = re.compile(f"{DEPTH}|{COLOR}")
+SIDES = re.compile(f"{DEPTH}|{COLOR}")
+"""Either."""
 _KEYS = re.compile(
     r"(?:camera)?distor[ts]ion(?:coef\w*|param\w*)?|(?:camera)?dist(?:coef\w*|param\w*)"
     r"|dist|disto|d|kc|coeffs|coefficients"
@@ -220,7 +221,7 @@ def _states(key: str, value: Any) -> bool:
 
 def _unread(key: str, value: Any) -> bool:
     """Whether numbers are those of a lens by their name, which does not say which is which."""
-    if _KEYS.fullmatch(key) or BY_NAME.fullmatch(key) or _SIDES.search(key):
+    if _KEYS.fullmatch(key) or BY_NAME.fullmatch(key) or SIDES.search(key):
         return False
     if not _OF_A_LENS.fullmatch(key):
         return False
