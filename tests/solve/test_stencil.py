@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 
 from rakelight.errors import InputError
-from rakelight.solve import Direct, _kernels, assemble, solve
+from rakelight.solve import _kernels, assemble, solve
 from rakelight.solve.reference import PAIRS, gradient_stencil, reached
 from rakelight.solve.stencil import NEGLIGIBLE
+from tests.solve.exact import matrix, solution
 from tests.solve.rough_systems import masks, rough
 
 
@@ -80,7 +81,7 @@ def test_matrix_and_apply_agree(rng):
         system = problem.system(laplacian_weight=0.3)
         x, y = rng.normal(size=(2, 24, 24))
         ax = system.apply(x)
-        np.testing.assert_allclose(system.to_sparse() @ x[mask], ax[mask], atol=1e-12)
+        np.testing.assert_allclose(matrix(system) @ x[mask], ax[mask], atol=1e-12)
         # Symmetric: <A x, y> = <x, A y>.
         assert (ax * y)[mask].sum() == pytest.approx((x * system.apply(y))[mask].sum(), rel=1e-12)
 
@@ -100,8 +101,7 @@ def test_right_side_is_the_adjoint_of_the_differences(rng):
     assert (system.rhs * p).sum() == pytest.approx((system.apply(p) * plane).sum(), rel=1e-11)
 
 
-@pytest.mark.parametrize("solver", ["direct", "multigrid"])
-def test_a_plane_comes_back_from_its_own_gradients(solver):
+def test_a_plane_comes_back_from_its_own_gradients():
     mask = masks(40)["disc"]
     row, column = np.mgrid[:40, :40]
     plane = 2.0 + 0.04 * column - 0.025 * row
@@ -110,8 +110,8 @@ def test_a_plane_comes_back_from_its_own_gradients(solver):
     identity = np.broadcast_to([1.0, 0.0, 1.0], (40, 40, 3))
     target = np.where(weight > 0, plane, 0.0)
     system = assemble(mask, identity, gradient, weight, target)
-    how = {"solver": Direct()} if solver == "direct" else {"tolerance": 1e-12}
-    np.testing.assert_allclose(solve(system, **how).value[mask], plane[mask], atol=1e-8)
+    for found in (solution(system), solve(system, tolerance=1e-12).value):
+        np.testing.assert_allclose(found[mask], plane[mask], atol=1e-8)
 
 
 def test_no_checkerboard_and_no_half_pixel_shift():
@@ -132,7 +132,7 @@ def test_no_checkerboard_and_no_half_pixel_shift():
         np.ones((15, 15), bool), identity[:15, :15], ridge, np.full((15, 15), 1e-3),
         np.zeros((15, 15)),
     )  # fmt: skip
-    value = solve(system, solver=Direct()).value
+    value = solution(system)
     np.testing.assert_allclose(value, value[:, ::-1], atol=1e-9)
 
 
@@ -150,10 +150,9 @@ def test_what_no_data_reaches_is_held_at_its_target():
     expected = mask.copy()
     expected[1:6, 1:9] = False
     np.testing.assert_array_equal(system.pinned, expected)
-    for how in ({"solver": Direct()}, {"tolerance": 1e-10}):
-        solution = solve(system, **how)
-        value = solution.value
-        assert solution.status == "converged"
+    solved = solve(system, tolerance=1e-10)
+    assert solved.status == "converged"
+    for value in (solution(system), solved.value):
         np.testing.assert_allclose(value[8, 1:19], target[8, 1:19], rtol=1e-9)
         assert value[10, 10] == pytest.approx(target[10, 10], rel=1e-9)
         assert np.ptp(value[1:6, 1:9]) < 1e-5

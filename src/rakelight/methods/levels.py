@@ -34,7 +34,7 @@ from rakelight.prepare.average import pixel_noise
 from rakelight.prepare.inpaint import nearest_fill
 from rakelight.prepare.jumps import without_measured_jumps
 from rakelight.prepare.linear import linear_table
-from rakelight.solve.direct import factorised
+from rakelight.solve.sparse import factorised
 
 # Precision of depth that was filled in, over that of measured depth (ablation.md: off 1.01, halved
 # 1.00, doubled 0.97).

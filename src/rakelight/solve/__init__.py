@@ -19,25 +19,19 @@ import numpy as np
 
 from rakelight.errors import InputError
 from rakelight.model import Floats
-from rakelight.solve.direct import Direct
-from rakelight.solve.multigrid import Hierarchy, Multigrid, build_hierarchy
-from rakelight.solve.solution import Solution, Solver, Status
+from rakelight.solve.multigrid import Hierarchy, build_hierarchy, iterate
+from rakelight.solve.solution import Solution, Status
 from rakelight.solve.stencil import DepthSystem, SymmetricOperator, assemble
 
 __all__ = [
     "DepthSystem",
-    "Direct",
     "Hierarchy",
-    "Multigrid",
     "Solution",
-    "Solver",
     "SymmetricOperator",
     "assemble",
     "build_hierarchy",
     "solve",
 ]
-
-MULTIGRID = Multigrid()
 
 
 def solve(
@@ -46,10 +40,9 @@ def solve(
     start: Floats | None = None,
     tolerance: float = 1e-6,
     max_iterations: int = 100,
-    solver: Solver = MULTIGRID,
     hierarchy: Hierarchy | None = None,
 ) -> Solution:
-    """Solve `system` until |rhs - A value| <= tolerance |rhs|.
+    """Solve `system` by multigrid until |rhs - A value| <= tolerance |rhs|.
 
     start : (H, W), the target unless given
     hierarchy : from `build_hierarchy`, of this or a close system on the same mask; built anew
@@ -68,7 +61,7 @@ def solve(
     if first.shape != system.mask.shape or not np.isfinite(first[system.mask]).all():
         raise InputError("not a start", source="start", needed="(H, W), finite inside the mask")
 
-    value, iterations = solver.run(system, first, tolerance, max_iterations, hierarchy)
+    value, iterations = iterate(system, first, tolerance, max_iterations, hierarchy)
     relative = relative_residual(system, value)
     status: Status = "stalled"
     if relative <= tolerance:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from rakelight.model import Floats
-from rakelight.solve.direct import factorised
+from rakelight.solve.sparse import factorised
 
 
 def damped_solution(matrix: Floats, right: Floats, diagonal: Floats, damping: float) -> Floats:

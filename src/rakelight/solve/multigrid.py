@@ -21,7 +21,7 @@ from rakelight.errors import InputError
 from rakelight.jit import in_parts
 from rakelight.model import Floats, Mask
 from rakelight.solve.cg import conjugate_gradients
-from rakelight.solve.direct import stencil_matrix
+from rakelight.solve.sparse import stencil_matrix
 from rakelight.solve.stencil import DepthSystem, Laplacian
 
 # Most unknowns of a level that is solved by a dense factorisation.
@@ -141,36 +141,31 @@ def _relax_columns(level: Level, parity: int) -> None:
     in_parts(_kernels().relax_columns, 1, last, x.size, *given, least=LEAST_COLUMNS)
 
 
-@dataclass(frozen=True, slots=True)
-class Multigrid:
-    """Conjugate gradients, preconditioned by one multigrid cycle."""
-
-    def run(
-        self,
-        system: DepthSystem,
-        start: Floats,
-        tolerance: float,
-        max_iterations: int,
-        hierarchy: Hierarchy | None,
-    ) -> tuple[Floats, int]:
-        """The solution (H, W) and the iterations it took."""
-        if hierarchy is None:
-            hierarchy = build_hierarchy(system)
-        elif not np.array_equal(hierarchy.mask, system.mask):
-            raise InputError("built for another mask", source="hierarchy")
-        top, left, window = hierarchy.top, hierarchy.left, hierarchy.window
-        x = np.pad(np.where(system.mask, start, 0.0)[window], 1)
-        iterations = conjugate_gradients(
-            lambda p, out: system.apply_window(p, out, top, left),
-            hierarchy.precondition,
-            system.rhs[window],
-            x,
-            tolerance,
-            max_iterations,
-        )
-        value = start.copy()
-        value[window] = x[1:-1, 1:-1]
-        return value, iterations
+def iterate(
+    system: DepthSystem,
+    start: Floats,
+    tolerance: float,
+    max_iterations: int,
+    hierarchy: Hierarchy | None,
+) -> tuple[Floats, int]:
+    """The solution (H, W) of conjugate gradients from `start`, and the iterations it took."""
+    if hierarchy is None:
+        hierarchy = build_hierarchy(system)
+    elif not np.array_equal(hierarchy.mask, system.mask):
+        raise InputError("built for another mask", source="hierarchy")
+    top, left, window = hierarchy.top, hierarchy.left, hierarchy.window
+    x = np.pad(np.where(system.mask, start, 0.0)[window], 1)
+    iterations = conjugate_gradients(
+        lambda p, out: system.apply_window(p, out, top, left),
+        hierarchy.precondition,
+        system.rhs[window],
+        x,
+        tolerance,
+        max_iterations,
+    )
+    value = start.copy()
+    value[window] = x[1:-1, 1:-1]
+    return value, iterations
 
 
 def build_hierarchy(system: DepthSystem) -> Hierarchy:

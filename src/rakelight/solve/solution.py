@@ -1,32 +1,14 @@
-"""What goes into a solve and what comes out: the kinds of solver, the answer."""
+"""What comes out of a solve."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import Literal
 
 from rakelight.errors import InputError
 from rakelight.model import Floats
 
-if TYPE_CHECKING:
-    from rakelight.solve.multigrid import Hierarchy
-    from rakelight.solve.stencil import DepthSystem
-
 Status = Literal["converged", "stalled", "iteration limit"]
-
-
-class Solver(Protocol):
-    """A way to solve a system: `Multigrid()` or `Direct()`."""
-
-    def run(
-        self,
-        system: DepthSystem,
-        start: Floats,
-        tolerance: float,
-        max_iterations: int,
-        hierarchy: Hierarchy | None,
-    ) -> tuple[Floats, int]:
-        """The solution (H, W) float64, found from `start`, and the iterations it took."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -155,17 +155,13 @@ class DepthSystem:
     def to_sparse(self) -> csr_array[Any]:
         """A over the mask pixels, row by row.
 
-        Raises InputError when there is an `extra` operator: it has no entries to read.
+        Raises InputError where there are wider terms, which are not in the stencil.
         """
-        from rakelight.solve.direct import laplacian_matrix, stencil_matrix
+        from rakelight.solve.sparse import stencil_matrix
 
-        if self.extra is not None:
-            raise InputError("a system with an extra operator has no explicit matrix")
-        inside = np.pad(self.mask, 1)
-        matrix = stencil_matrix(self.stencil, inside)
-        return (
-            matrix if self.laplacian is None else matrix + laplacian_matrix(self.laplacian, inside)
-        )
+        if self.laplacian is not None or self.extra is not None:
+            raise InputError("only a system without wider terms has an explicit matrix")
+        return stencil_matrix(self.stencil, np.pad(self.mask, 1))
 
 
 def assemble(

@@ -34,8 +34,8 @@ from rakelight.methods.levels import CORRELATION_PX, Level
 from rakelight.methods.multi_light.initial_lights import bas_relief_of_slopes
 from rakelight.model import Floats, Mask
 from rakelight.photometry.images import LightParameters
-from rakelight.solve.direct import factorised
 from rakelight.solve.robust import CAUCHY, NOTABLE, ROUNDS
+from rakelight.solve.sparse import factorised
 
 # Standard deviation of slopes, radians: at first (ablation.md: halved 1.04, doubled 1.03), and the
 # least (halved 1.01, doubled 0.99).

@@ -34,6 +34,8 @@ from rakelight.solve.levenberg_marquardt import lowered
 # Share of one-sided differences, the rest being mean ones, in the matrix of a joint step of pixels
 # (ablation.md: halved 0.99, doubled 0.95).  Cells have one-sided differences alone.
 STIFFNESS = 0.03
+# Least damping of joint steps: any damping shortens them along the bas-relief valley.
+LEAST_DAMPING = 1e-6
 
 
 def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
@@ -50,8 +52,7 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
         lights = fit.model.moved(fit.lights, numbers)
         return evaluated(level, fit, level.placed(fit.log_depth + depth), lights)
 
-    # Any damping shortens steps along the bas-relief valley: next to none.
-    lower, damping = lowered(fit, fit.joint_damping, after, least=1e-6)
+    lower, damping = lowered(fit, fit.joint_damping, after, LEAST_DAMPING)
     return replace(lower, joint_damping=damping)
 
 
