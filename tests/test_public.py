@@ -10,6 +10,7 @@ import pytest
 
 import rakelight
 from rakelight.methods import METHODS, load_method
+from rakelight.synthetic import random_capture
 
 PACKAGE = Path(rakelight.__file__).resolve().parent
 SOURCES = sorted(PACKAGE.rglob("*.py"))
@@ -147,3 +148,11 @@ def test_no_module_hides_behind_a_name():
     assert not [
         name for name in rakelight.__all__ if isinstance(getattr(rakelight, name), ModuleType)
     ]
+
+
+def test_what_holds_arrays_is_compared_by_identity():
+    one, other = (random_capture(0, size=0.2, shape="sphere", photographs=3) for _ in "ab")
+    for mine, yours in zip(one, other, strict=True):
+        assert mine != yours
+        assert [yours, mine].index(mine) == 1
+        assert {mine: 1, yours: 2}[yours] == 2

@@ -3,6 +3,7 @@
 Frames and units, everywhere: metres; camera frame with x right, y down, z forward; unit normals
 that face the camera (n_z < 0); pixel (u, v) = (column, row) with pixel centres at integers from
 0; images indexed [row, column] with channels red, green, blue.  See docs/reference/conventions.md.
+Values that hold arrays are equal only to themselves.
 """
 
 from __future__ import annotations
@@ -304,7 +305,7 @@ def _refuse_exchanged_sides(camera: Camera) -> None:
         )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class RigidTransform:
     """X_target = rotation @ X_source + translation_m; rotation (3, 3), translation in metres."""
 
@@ -349,7 +350,7 @@ class Finding:
     remedy: str = ""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Lights:
     """First-order spherical harmonics of every photograph's light.
 
@@ -418,7 +419,7 @@ class Lights:
         return self.vector / np.maximum(self.intensity, np.finfo(float).tiny)[..., None]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class GivenLights:
     """Where the lights of N photographs stand, known before: a dome, a light stage, a chrome ball.
 
@@ -454,7 +455,7 @@ class GivenLights:
         return GivenLights(directions, positions_m, intensities, self.fixed)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Capture:
     """Photographs and depth of one object from one fixed camera, as they were read.
 
@@ -616,7 +617,7 @@ def checksum(depth_m: Floats) -> str:
     return f"{zlib.crc32(np.ascontiguousarray(depth_m, '<f4').data):08x}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Truth:
     """What a synthetic capture really shows, at the colour camera's resolution.
 
@@ -654,7 +655,7 @@ def silent(_: Progress) -> None:
     """The progress callback that does nothing."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Mesh:
     """The surface of a result as triangles, in the camera frame (x right, y down, z forward).
 
@@ -670,7 +671,7 @@ class Mesh:
     colors: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PointCloud:
     """Every pixel of a result as a point, row by row, in the camera frame.
 
@@ -684,7 +685,7 @@ class PointCloud:
     colors: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Result:
     """A refined depth map and all that was estimated with it, at the output resolution.
 

@@ -55,7 +55,8 @@ def test_arrays_and_a_folder_of_them_are_the_same_capture(tmp_path, dtype, maske
     for ours, theirs in zip(arrays_of(arrays), arrays_of(read), strict=True):
         assert ours.dtype == theirs.dtype
         np.testing.assert_array_equal(ours, theirs)
-    assert replace(arrays, source=read.source, **kept(read)) == replace(read, **kept(read))
+    ours, theirs = (replace(each, source="", **kept(read)) for each in (arrays, read))
+    assert vars(ours) == vars(theirs)
     assert [finding.message for finding in arrays.findings] == [
         finding.message for finding in read.findings
     ]
@@ -63,7 +64,7 @@ def test_arrays_and_a_folder_of_them_are_the_same_capture(tmp_path, dtype, maske
 
 
 def kept(capture):
-    """Arrays cannot be compared by `==`."""
+    """What holds arrays, which `==` does not compare."""
     return dict(zip(("photographs", "depth_m", "mask"), arrays_of(capture), strict=True))
 
 
