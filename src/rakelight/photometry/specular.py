@@ -163,5 +163,5 @@ def specular_limit(values: Floats, specular: Floats) -> float:
     enough = max(len(values) // 2, min(len(values), 3))
     last = np.sort(fraction, axis=0)[enough - 1]
     # On 30 glossy draws three times this limit has 1.03 times the angle, no limit 1.05 times
-    # (random-captures.md).
+    # (docs/results/changes.md).
     return max(NOTABLE, float(np.quantile(last, 1 - NOTABLE, method="higher")))

@@ -15,7 +15,7 @@ from rakelight.solve.robust import BY_CHANCE
 
 # Least height of a jump, pixel sizes on the object; creases and curved sides are lower.  Over 50
 # captures the angle is 0.96 times that without such cuts; with 2 it is 0.99, with 1 1.03
-# (random-captures.md, "Jumps that the sensor shows").
+# (docs/results/changes.md, "Jumps that the sensor shows").
 LEAST_PIXELS = 4.0
 # Differences on each side of a link that say which one to expect there.
 BESIDE = 2
