@@ -125,7 +125,10 @@ def test_version(run):
         (["refine"], "Missing argument 'CAPTURE' (see rakelight refine --help)"),
         (["refine", "x"], "Missing option '-o'"),
         (["refine", "x", "-o"], "requires an argument"),
-        (["refine", "x", "-o", "y", "--mesh", "obj"], "'obj' is not one of 'ply', 'glb', 'none'"),
+        (
+            ["refine", "x", "-o", "y", "--mesh", "obj"],
+            "'obj' is not one of 'ply', 'glb', 'stl'",
+        ),
         (["refine", "x", "-o", "y", "--normalmap", "z"], "Did you mean"),
         (["refine", "x", "y", "-o", "z"], "unexpected extra argument (y)"),
         (["synth", "x", "--lights", "many"], "Invalid value for '--lights'"),

@@ -1,4 +1,4 @@
-"""mesh.ply and mesh.glb, read back by an independent parser and by trimesh."""
+"""mesh.ply, mesh.glb and mesh.stl, read back by an independent parser and by trimesh."""
 
 import json
 import struct
@@ -114,6 +114,21 @@ def test_colours_of_glb_and_ply_agree(sphere, ply, tmp_path):
     vertices, _ = read_ply(ply.read_bytes())
     linear = accessor(tree, buffer, 2)[:, :3] / 65535
     np.testing.assert_allclose(from_srgb(vertices[:, 6:] / 255), linear, atol=0.006)
+
+
+def test_stl_is_the_same_surface_in_millimetres_y_up(sphere, tmp_path, monkeypatch):
+    monkeypatch.setattr("rakelight.export.mesh.STRIP_ROWS", 7)  # several strips
+    for name in ("ply", "stl"):
+        write_result(sphere, tmp_path / name, mesh=name)
+    data = (tmp_path / "stl" / "mesh.stl").read_bytes()
+    assert not data.startswith(b"solid")
+    mesh, other = load(tmp_path / "stl" / "mesh.stl"), load(tmp_path / "ply" / "mesh.ply")
+    np.testing.assert_allclose(mesh.triangles, 1000 * other.triangles * [1, -1, -1], atol=1e-3)
+    count = struct.unpack_from("<I", data, 80)[0]
+    assert count == len(other.faces)
+    assert len(data) == 84 + 50 * count
+    stated = np.frombuffer(data, np.dtype("12f4,u2"), offset=84)["f0"][:, :3]
+    np.testing.assert_allclose(stated, other.face_normals * [1, -1, -1], atol=1e-4)
 
 
 def glb_parts(data):

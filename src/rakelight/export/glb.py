@@ -12,11 +12,7 @@ from collections.abc import Iterator
 import msgspec
 import numpy as np
 
-from rakelight.export.mesh import Surface
-
-# Camera frame (x right, y down, z forward) to glTF's (x right, y up, z to the viewer): a half
-# turn around x, so the triangles keep their winding.
-GLTF_FROM_CAMERA = np.array([1.0, -1.0, -1.0])
+from rakelight.export.mesh import Y_UP_FROM_CAMERA, Surface
 
 
 def glb_parts(surface: Surface) -> Iterator[bytes]:
@@ -25,7 +21,7 @@ def glb_parts(surface: Surface) -> Iterator[bytes]:
     The surface must not be empty: glTF has no way to say so.
     """
     bounds = [
-        [end(surface.points(rows)[0] * GLTF_FROM_CAMERA, axis=0).astype("<f4")
+        [end(surface.points(rows)[0] * Y_UP_FROM_CAMERA, axis=0).astype("<f4")
          for rows in surface.strips() if surface.used[rows].any()]
         for end in (np.min, np.max)
     ]  # fmt: skip
@@ -38,7 +34,7 @@ def glb_parts(surface: Surface) -> Iterator[bytes]:
     yield struct.pack("<I4s", sum(sizes), b"BIN\0")
     for k in range(2):
         for rows in surface.strips():
-            yield (surface.points(rows)[k] * GLTF_FROM_CAMERA).astype("<f4").tobytes()
+            yield (surface.points(rows)[k] * Y_UP_FROM_CAMERA).astype("<f4").tobytes()
     for rows in surface.strips():
         # glTF wants rows of a multiple of four bytes: three 16-bit colours and an alpha.
         albedo = surface.points(rows)[2]

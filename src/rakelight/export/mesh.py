@@ -16,6 +16,9 @@ from rakelight.prepare.linear import srgb
 
 # Rows of the object that are made into triangles at a time, which take a hundred bytes a pixel.
 STRIP_ROWS = 512
+# Camera frame (x right, y down, z forward) to x right, y up, z to the viewer, glTF's and that of
+# mesh.stl: a half turn around x, so the triangles keep their winding.
+Y_UP_FROM_CAMERA = np.array([1.0, -1.0, -1.0])
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from rakelight.export.glb import glb_parts
 from rakelight.export.mesh import Surface
 from rakelight.export.ply import ply_parts
+from rakelight.export.stl import stl_parts
 
 DEFAULT_MESH = "ply"
 NO_MESH = "none"
@@ -30,6 +31,7 @@ class MeshFormat:
 MESH_FORMATS = {
     "ply": MeshFormat(ply_parts, "the camera's axes"),
     "glb": MeshFormat(glb_parts, "those of glTF (y up)"),
+    "stl": MeshFormat(stl_parts, "y up and millimetres"),
 }
 MESH_CHOICES = (*MESH_FORMATS, NO_MESH)
 

@@ -48,6 +48,7 @@ class Conventions(msgspec.Struct, frozen=True, kw_only=True):
     depth: str = "along the optical axis; NaN = outside the object"
     mesh_ply_frame: str = "camera frame"
     mesh_glb_frame: str = "glTF: x right, y up, z to the viewer; linear vertex colours"
+    mesh_stl_frame: str = "x right, y up, z to the viewer; millimetres, no colours"
 
 
 class Intrinsics(msgspec.Struct, frozen=True):
