@@ -127,6 +127,15 @@ def test_black_photographs_and_tiny_ones_say_nothing(still):
     assert camera_motion(Measured(black)) == ()
 
 
+@pytest.mark.parametrize(("dimmed", "expected"), [(0.2, [3]), (0.02, [])])
+def test_a_photograph_that_the_lamp_hardly_reaches_is_not_judged(still, dimmed, expected):
+    moved = with_photographs_moved(still, [3], 3.0, 0.0)
+    photographs = moved.photographs.copy()
+    photographs[3] = np.rint(dimmed * photographs[3])
+    _, found = stood_still(replace(moved, photographs=photographs))
+    assert np.flatnonzero(found).tolist() == expected
+
+
 @pytest.mark.parametrize("relief", [cloth, ball])
 def test_shading_that_moves_over_a_relief_is_no_motion(relief):
     assert camera_motion(Measured(tiled_scene(relief))) == ()

@@ -24,6 +24,7 @@ from rakelight.check.alignment import (
     within,
 )
 from rakelight.check.evidence import LIKELY, evidence_in_blocks
+from rakelight.check.exposure import UNDEREXPOSED, exposure
 from rakelight.check.measured import Measured
 from rakelight.check.others import better_explained, log_likelihood
 from rakelight.errors import listed
@@ -137,6 +138,9 @@ def seen_in(view: View, capture: Capture) -> tuple[Floats, Array]:
     bands, count = details(pictures), len(pictures)
     all_shifts, all_moved = np.full((count, 2), np.nan), np.zeros(count, dtype=bool)
     clear = np.array([has_detail(each[view.where]) for each in bands])
+    # Where the lamp hardly reaches the object there are shadows and ambient light.
+    brightness = exposure(capture).brightness
+    clear &= brightness >= UNDEREXPOSED * np.median(brightness)
     pictures, bands = (
         [each for each, shown in zip(images, clear, strict=True) if shown]
         for images in (pictures, bands)
