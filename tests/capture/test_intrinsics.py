@@ -8,11 +8,11 @@ import pytest
 from rakelight.capture.extrinsics import depth_to_color
 from rakelight.capture.intrinsics import (
     MAX_BYTES,
-    named_intrinsics,
     parse_depth_intrinsics,
     parse_intrinsics,
     parse_lens,
 )
+from rakelight.capture.intrinsics.names import named_intrinsics
 from rakelight.errors import CaptureError
 from rakelight.model import Camera, Distortion
 

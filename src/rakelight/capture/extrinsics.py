@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rakelight.capture import validate
-from rakelight.capture.intrinsics import MAX_BYTES
+from rakelight.capture.intrinsics import small_text
 from rakelight.capture.text_tables import contents, numbers_alone, numbers_of, plain_key, text_of
 from rakelight.errors import CaptureError, InputError, parsing
 from rakelight.model import Floats, RigidTransform
@@ -48,7 +48,7 @@ def depth_to_color(data: bytes, source: str, stem: str) -> list[RigidTransform |
     >>> depth_to_color(text, "depth2color.txt", "depth2color")[0].translation_m.tolist()
     [0.015, 0.0, 0.0]
     """
-    text = text_of(data) if len(data) <= MAX_BYTES else None
+    text = small_text(data)
     if text is None:
         return []
     if words := _matrix_words(text):

@@ -17,8 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from rakelight.capture import exr, heic, intrinsics, npy, pfm, raw, z16
+from rakelight.capture import exr, heic, npy, pfm, raw, z16
 from rakelight.capture.headers import PNG_MAGIC, Header, TiffTags, read_header
+from rakelight.capture.intrinsics.names import TEXT_SUFFIXES, may_state
 from rakelight.capture.listing import SUFFIXES, TO_PNG, UNREAD, by_number
 from rakelight.capture.tone_curve import read_photograph_header
 from rakelight.errors import CaptureError, listed
@@ -196,7 +197,7 @@ def list_loose_files(folder: Path, photographs: Sequence[str] = ()) -> LooseFile
     """
     with clear_errors(str(folder), "cannot be read"):
         paths = candidates(folder)
-    texts = [p for p in paths if intrinsics.may_state(p)]
+    texts = [p for p in paths if may_state(p)]
     scales = [p for p in texts if re.fullmatch(r"depth[-_ ]?scale", p.stem.lower())]
     images = [file for path in paths if path not in texts and (file := _looked_at(folder, path))]
     stated = dict.fromkeys(photographs, "photograph")
@@ -231,7 +232,7 @@ def list_loose_files(folder: Path, photographs: Sequence[str] = ()) -> LooseFile
         tuple(p for p in texts if p not in scales),
         scales[0] if scales else None,
         (
-            *(name for name in of_depth if Path(name).suffix.lower() not in intrinsics.SUFFIXES),
+            *(name for name in of_depth if Path(name).suffix.lower() not in TEXT_SUFFIXES),
             *(file.name for file in (*unused, *named["disparity"], *paired, *more)),
         ),
         tuple(named["confidence"]),

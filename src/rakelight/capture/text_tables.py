@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import codecs
 import json
+import math
 import re
 from collections.abc import Iterator
 from functools import cache
@@ -19,6 +20,9 @@ from rakelight.model import Floats
 
 NUMBER = r"[-+]?(?:[0-9]{1,30}\.?[0-9]{0,30}|\.[0-9]{1,30})(?:[eE][-+]?[0-9]{1,3})?"
 """A number, as a regular expression."""
+
+_NUMBER = re.compile(NUMBER)
+_NOT_PLAIN = re.compile("[^a-z0-9]")
 
 MAX_TABLE_BYTES = 100_000
 """Of a text that is searched: the parser of YAML takes a second for it."""
@@ -161,7 +165,7 @@ def _pairs(text: str) -> Table:
     for name, *words in rows:
         if not 0 < len(words) <= _LONGEST_ROW:
             continue
-        numbers = all(re.fullmatch(NUMBER, word) for word in words)
+        numbers = all(_NUMBER.fullmatch(word) for word in words)
         if numbers or _MODEL.fullmatch(name):
             value = words if numbers and len(words) > 1 else " ".join(words)
             if pairs.setdefault(name, value) != value:
@@ -178,7 +182,7 @@ def _xml(text: str) -> Any:
     numbers = {
         name: words[0] if len(words) == 1 else words
         for name, body in re.findall(r"<(\w{1,60})>([-+.0-9eE\s]{1,1000})</", text)
-        if (words := body.split()) and all(re.fullmatch(NUMBER, word) for word in words)
+        if (words := body.split()) and all(_NUMBER.fullmatch(word) for word in words)
     }
     matrices = {
         m[1]: {"rows": int(m[2]), "cols": int(m[3]), "data": re.findall(NUMBER, m[4])}
@@ -229,7 +233,7 @@ def _agisoft(text: str, source: str) -> Table:
 
 def plain_key(key: object) -> str:
     """A name by its small letters and digits alone."""
-    return re.sub("[^a-z0-9]", "", str(key).lower())
+    return _NOT_PLAIN.sub("", str(key).lower())
 
 
 def plain_table(content: Table) -> Table:
@@ -244,15 +248,17 @@ def numbers_alone(text: str) -> list[str]:
     (['1', '2.5'], [])
     """
     lines = (line.split("#")[0] for line in text.splitlines())
-    words = re.sub(r"[\s,;\[\]]+", " ", " ".join(lines)).split()
-    return words if all(re.fullmatch(NUMBER, word) for word in words) else []
+    words = re.sub(r"[\s,;\[\]()]+", " ", " ".join(lines)).split()
+    return words if all(_NUMBER.fullmatch(word) for word in words) else []
 
 
 def number_of(value: Any) -> float | None:
     """Of a number, or of text that is one: PyYAML takes 1e3 for text."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, bool) or not isinstance(value, (int, str)):
         return None
-    return float(value) if re.fullmatch(NUMBER, str(value)) else None
+    return float(value) if _NUMBER.fullmatch(str(value)) else None
 
 
 def numbers_of(value: Any, source: str = "", name: str = "") -> Floats | None:

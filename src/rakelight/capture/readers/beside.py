@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rakelight.capture.intrinsics import MAX_BYTES, SUFFIXES
+from rakelight.capture.intrinsics import MAX_BYTES
+from rakelight.capture.intrinsics.names import TEXT_SUFFIXES
 from rakelight.capture.loose_depth import SCALE, depth_scale, stated_scale
 from rakelight.capture.readers.image_files import depth_values, inside, read_within
 from rakelight.files import clear_errors
@@ -16,7 +17,7 @@ from rakelight.model import Finding
 def texts_beside(root: Path) -> dict[Path, bytes]:
     """The texts in a folder that are no larger than files with intrinsics are."""
     with clear_errors(str(root), "cannot be read"):
-        files = sorted(path for path in root.iterdir() if path.suffix.lower() in SUFFIXES)
+        files = sorted(path for path in root.iterdir() if path.suffix.lower() in TEXT_SUFFIXES)
         small = [path for path in files if path.is_file() and path.stat().st_size <= MAX_BYTES]
     return {path: read_within(root, path.name) for path in small}
 

@@ -13,8 +13,13 @@ from rakelight.capture.config import CONFIG
 from rakelight.capture.decoder_process import DecoderProcess
 from rakelight.capture.exif import ROUGHNESS, camera_of, roughness_of
 from rakelight.capture.from_arrays import capture_from_arrays
-from rakelight.capture.intrinsics import may_state, named_intrinsics, names_depth, small_texts
-from rakelight.capture.lens_tables import names_lens
+from rakelight.capture.intrinsics import small_texts
+from rakelight.capture.intrinsics.names import (
+    may_state,
+    named_intrinsics,
+    names_depth,
+    names_lens,
+)
 from rakelight.capture.listing import check_numbers, read_mask, unread_finding
 from rakelight.capture.loose_confidence import without_unsure
 from rakelight.capture.loose_depth import depth_noted, read_loose_depth

@@ -11,11 +11,15 @@ from rakelight.capture.intrinsics import (
     Size,
     alike,
     lens_named,
-    named_intrinsics,
     parse_intrinsics,
     parse_lens,
 )
-from rakelight.capture.lens_tables import names_lens, surely_lens
+from rakelight.capture.intrinsics.names import (
+    named_intrinsics,
+    names_depth,
+    names_lens,
+    surely_lens,
+)
 from rakelight.errors import CaptureError, listed, printable
 from rakelight.model import Camera, Distortion, Finding
 
@@ -131,7 +135,7 @@ def camera_or_lens(
     named = named_intrinsics(stem)
     if not names_lens(stem):
         return parse(named)
-    read = parse(False) or parse_lens(data, source, surely_lens(stem))
+    read = parse(False) or parse_lens(data, source, surely_lens(stem), names_depth(stem))
     return read or (parse(True) if named else None)
 
 

@@ -13,13 +13,8 @@ import numpy as np
 
 from rakelight.capture import validate
 from rakelight.capture.extrinsics import depth_to_color, is_identity
-from rakelight.capture.intrinsics import (
-    alike,
-    named_intrinsics,
-    names_depth,
-    parse_depth_intrinsics,
-    small_texts,
-)
+from rakelight.capture.intrinsics import alike, parse_depth_intrinsics, small_texts
+from rakelight.capture.intrinsics.names import named_intrinsics, names_depth
 from rakelight.capture.readers.stated_camera import camera_or_lens, with_lenses
 from rakelight.capture.text_tables import text_of
 from rakelight.errors import InputError, listed, printable

@@ -18,8 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from rakelight.capture import validate
-from rakelight.capture.intrinsics import named_intrinsics, names_depth
-from rakelight.capture.lens_tables import names_lens
+from rakelight.capture.intrinsics.names import named_intrinsics, names_depth, names_lens
 from rakelight.capture.readers.base import Reader
 from rakelight.capture.readers.beside import texts_beside, values_per_metre
 from rakelight.capture.readers.depth_place import recording_of_one_view

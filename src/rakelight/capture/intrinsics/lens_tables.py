@@ -8,17 +8,14 @@ the next.
 from __future__ import annotations
 
 import re
-from collections import ChainMap
-from collections.abc import Mapping
-from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from rakelight.capture.text_tables import (
-    NUMBER,
     Table,
     number_of,
+    numbers_alone,
     numbers_of,
     plain_key,
     plain_table,
@@ -29,14 +26,9 @@ from rakelight.model import Floats, LensModel
 COUNTS = (4, 5, 8, 12, 14)
 """How many coefficients OpenCV writes."""
 
-DEPTH, COLOR = "depth|infra(?:red)?1?", "colou?r|rgb"
-"""Words in the names of what is of the depth camera, and of the photographs'."""
-
 BY_NAME = re.compile(r"(?:camera1?)?(?:dist(?:or[ts]ion)?)?([kp][1-6])")
 """The name of a coefficient: k1, Camera.p2, distortion_k3."""
 
-SIDES = re.compile(f"{DEPTH}|{COLOR}")
-"""Either."""
 _KEYS = re.compile(
     r"(?:camera)?distor[ts]ion(?:coef\w*|param\w*)?|(?:camera)?dist(?:coef\w*|param\w*)"
     r"|dist|disto|d|kc|coeffs|coefficients"
@@ -50,48 +42,30 @@ _OF_A_LENS = re.compile(
     r"(?:(?:radial|tangential)(?:distor[ts]ion)?|distor[ts]ion)s?"
     r"(?:coef\w*|param\w*|vec(?:tor)?|values?|list|array|matrix|lookuptable|[kp])?[0-9]?"
 )
-_NAMED = re.compile(r"(?<![a-z0-9])[kp]_?[1-6](?![a-z0-9])", re.IGNORECASE)
-_FRACTION = re.compile(r"(?<!\w)\d*\.\d*[1-9]|\b(?:nan|inf)\b", re.IGNORECASE)
+_ANY = re.compile("|".join(each.pattern for each in (BY_NAME, _KEYS, _OF_A_LENS)))
 _NOT_ZERO = re.compile(r"[1-9]|\b(?:nan|inf)\b", re.IGNORECASE)
 _WORDS_KEYS = ("distortion", "distorsion")  # under which the model's name may stand
 _MODEL_KEYS = ("distortionmodel", "distmodel", "cameramodel", "cameratype", "model")
 # Whether the model is the fisheye's: OpenCV's calibration sample, instant-ngp.
 _FISHEYE_KEYS = ("fisheyemodel", "isfisheye", "usefisheye", "fisheye")
 
-# Models of distortion by the words of their names, OpenCV's coefficients in OpenCV's order.
-_BROWN_CONRADY = re.compile("|".join((
-    "", "plumbbob", "radtan", "radialtangential", "rationalpolynomial", "(simple)?pinhole",
-    "perspective",
-    "(simple)?radial", "(full)?opencv", "(distortion)?(none|brownconrady)",
-)))  # fmt: skip
-_INVERSE = re.compile("(distortion)?inversebrownconrady")
 KANNALA_BRANDT = re.compile("equidistant|(opencv)?fisheye|(distortion)?kannalabrandt[0-9]?")
+"""The name of a model of distortion that is OpenCV's fisheye model."""
 
+# Models of distortion by the words of their names, and their coefficients in OpenCV's order.
+_MODELS: dict[LensModel, re.Pattern[str]] = {
+    "kannala-brandt": KANNALA_BRANDT,
+    "inverse-brown-conrady": re.compile("(distortion)?inversebrownconrady"),
+    "brown-conrady": re.compile(
+        "|plumbbob|radtan|radialtangential|rationalpolynomial|(simple)?pinhole|perspective"
+        "|(simple)?radial|(full)?opencv|(distortion)?(none|brownconrady)"
+    ),
+}
 _ORDERS: dict[LensModel, tuple[str, ...]] = {
     "brown-conrady": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
     "inverse-brown-conrady": ("k1", "k2", "p1", "p2", "k3"),
     "kannala-brandt": ("k1", "k2", "k3", "k4"),
 }
-
-
-def names_lens(stem: str) -> bool:
-    """Whether a file's name, without ending, says that it holds the distortion of a lens.
-
-    >>> [names_lens(stem) for stem in ("dist", "calib_dist", "cameraDistortion", "dist_coeffs")]
-    [True, True, True, True]
-    >>> [names_lens(stem) for stem in ("distances", "undistorted", "lens")]
-    [False, False, False]
-    """
-    return surely_lens(stem) or re.search(r"(?<![a-z])dist(?![a-z])", stem.lower()) is not None
-
-
-def surely_lens(stem: str) -> bool:
-    """Whether a name that `names_lens` is not one of distances as well: dist.
-
-    >>> surely_lens("dist_coeffs"), surely_lens("dist")
-    (True, False)
-    """
-    return re.search(r"(?<!un)distor[ts]ion|dist[-_ ]?coef", stem.lower()) is not None
 
 
 def is_lens(key: str) -> bool:
@@ -105,8 +79,10 @@ def lens_part(table: Table) -> Table:
     >>> lens_part({"fx": 500, "d": 0.6, "distortion": [0.1, 0, 0, 0], "model": "radtan"})
     {'distortion': [0.1, 0, 0, 0], 'model': 'radtan'}
     """
-    by_name = {key: value for key, value in table.items() if BY_NAME.fullmatch(key)}
-    by_name = {key: value for key, value in by_name.items() if number_of(value) is not None}
+    if not any(map(_ANY.fullmatch, table)):
+        return {}
+    numbers = {key: value for key, value in table.items() if number_of(value) is not None}
+    by_name = {key: value for key, value in numbers.items() if BY_NAME.fullmatch(key)}
     part = by_name if any(key.endswith("k1") for key in by_name) else {}
     part |= {key: value for key, value in table.items() if _states(key, value)}
     names = (*_MODEL_KEYS, *_FISHEYE_KEYS) if part else ()
@@ -143,24 +119,6 @@ def model_named(table: Table) -> str | None:
     return "" if named is not None and plain_key(named).endswith("none") else named
 
 
-def says_coefficients(text: str) -> bool:
-    """Whether a text that is no table says coefficients: one by its name, or as a list.
-
-    >>> says_coefficients("k1 is about -0.28"), says_coefficients("nan 0 0 0 0")
-    (True, True)
-    >>> says_coefficients("rms 0.25 px, 12.11.2024"), says_coefficients("grid (9, 6)")
-    (False, False)
-    """
-    if _NAMED.search(text) and _FRACTION.search(text):
-        return True
-    parts = (text, *re.findall(r"[\[(]([^\[\]()]*)[\])]", text))
-    numbers = (re.sub(r"\b(?:nan|inf)\b", "0", part, flags=re.IGNORECASE) for part in parts)
-    return any(
-        len(_words(each)) >= min(COUNTS) and _FRACTION.search(part) is not None
-        for each, part in zip(numbers, parts, strict=True)
-    )
-
-
 def distorts(value: Any) -> bool:
     """Whether there is a number other than 0 in a value, or in what is in it."""
     if isinstance(value, (dict, list)):
@@ -173,19 +131,21 @@ def coefficients_of(table: Table, source: str) -> tuple[list[float], LensModel]:
 
     Raises CaptureError where it states some that are not understood, or of another model.
     """
-    named = {key: value for key, value in table.items() if _KEYS.fullmatch(key)}
-    inner = [plain_table(each) for each in named.values() if isinstance(each, dict)]
-    whole = ChainMap(table, *inner)
+    if not any(map(_ANY.fullmatch, table)):
+        return [], "brown-conrady"
+    lists = {key: value for key, value in table.items() if _KEYS.fullmatch(key)}
+    parts = (table, *(plain_table(each) for each in lists.values() if isinstance(each, dict)))
+    whole = {key: value for part in reversed(parts) for key, value in part.items()}
     name = _model(whole)
     model = _model_called(name)
-    stated = chain(named.items(), *(each.items() for each in inner))
-    lists = (_coefficients(key, value, source) for key, value in stated if _KEYS.fullmatch(key))
-    numbers = next((each for each in lists if each is not None), None)
+    stated = (each for part in parts for each in part.items() if _KEYS.fullmatch(each[0]))
+    listed = (_coefficients(key, value, source) for key, value in stated)
+    numbers = next((each for each in listed if each is not None), None)
     if numbers is None:
         for key, value in whole.items():
             if _unread(key, value):
                 raise not_understood(key, value, source)
-        numbers = np.array(_in_order(whole, model or "brown-conrady"))
+        numbers = np.array(in_order(whole, model or "brown-conrady"))
     if np.any(numbers) and model is None:
         raise CaptureError(
             "this model of distortion is not read",
@@ -215,47 +175,36 @@ def _states(key: str, value: Any) -> bool:
         numbers = numbers_of(value)
         return isinstance(value, dict) or (numbers is not None and numbers.size in COUNTS)
     if _KEYS.fullmatch(key):
-        return not isinstance(value, str) or bool(_words(value))
+        return not isinstance(value, str) or bool(numbers_alone(value))
     return _unread(key, value)
 
 
 def _unread(key: str, value: Any) -> bool:
     """Whether numbers are those of a lens by their name, which does not say which is which."""
-    if _KEYS.fullmatch(key) or BY_NAME.fullmatch(key) or SIDES.search(key):
-        return False
-    if not _OF_A_LENS.fullmatch(key):
+    if _KEYS.fullmatch(key) or BY_NAME.fullmatch(key) or not _OF_A_LENS.fullmatch(key):
         return False
     return (isinstance(value, (list, dict)) or key[-1].isdigit()) and distorts(value)
 
 
-def _in_order(table: Mapping[str, Any], model: LensModel) -> list[float]:
+def in_order(table: Table, model: LensModel) -> list[float]:
     """Coefficients by their names in the model's order; none where none is stated."""
     found = ((BY_NAME.fullmatch(key), number_of(value)) for key, value in table.items())
     stated = {match[1]: number for match, number in found if match and number is not None}
-    return in_order(stated, model)
-
-
-def in_order(stated: Mapping[str, float], model: LensModel) -> list[float]:
-    """Coefficients by their names in the model's order; none where none is stated."""
     order = _ORDERS[model]
-    given = any(name in stated for name in order)
-    return [float(stated.get(name, 0.0)) for name in order] if given else []
+    return [stated.get(name, 0.0) for name in order] if stated.keys() & set(order) else []
 
 
 def _model_called(name: str) -> LensModel | None:
     """The model that another program calls so; None where it is none that is read."""
-    if KANNALA_BRANDT.fullmatch(plain_key(name)):
-        return "kannala-brandt"
-    if _INVERSE.fullmatch(plain_key(name)):
-        return "inverse-brown-conrady"
-    return "brown-conrady" if _BROWN_CONRADY.fullmatch(plain_key(name)) else None
+    called = (model for model, names in _MODELS.items() if names.fullmatch(plain_key(name)))
+    return next(called, None)
 
 
-def _model(table: Mapping[str, Any]) -> str:
+def _model(table: Table) -> str:
     """The name of the model of distortion that a table states, or says to be the fisheye's."""
     model = next((table[key] for key in _MODEL_KEYS if isinstance(table.get(key), str)), "")
     words = (table.get(key) for key in _WORDS_KEYS)
-    word = next((word for word in words if isinstance(word, str) and not _words(word)), "")
+    word = next((word for word in words if isinstance(word, str) and not numbers_alone(word)), "")
     model = model or word
     flags = (str(table.get(key, "")).strip().lower() for key in _FISHEYE_KEYS)
     if not any(flag == "true" or number_of(flag) for flag in flags):
@@ -265,12 +214,6 @@ def _model(table: Mapping[str, Any]) -> str:
     return model if KANNALA_BRANDT.fullmatch(plain_key(model)) else f"{model}, and fisheye"
 
 
-def _words(text: str) -> list[str]:
-    """The numbers of a text such as "0.1 -0.2, 0"; none where there is anything else in it."""
-    words = re.sub(r"[\s,;\[\]()]+", " ", text).split()
-    return words if all(re.fullmatch(NUMBER, word) for word in words) else []
-
-
 def _coefficients(key: str, value: Any, source: str) -> Floats | None:
     """What stands under a name of distortion as a list; None where it states none.
 
@@ -278,15 +221,10 @@ def _coefficients(key: str, value: Any, source: str) -> Floats | None:
     """
     if key in _OTHERS_TOO and number_of(value) is not None:
         return None
-    if isinstance(value, str):
-        listed = _words(value) or value
-    else:
-        listed = value if number_of(value) is None else [value]
+    listed = value if isinstance(value, (list, dict)) else numbers_alone(str(value))
     numbers = numbers_of(listed, source, key)
     inner = plain_table(value) if isinstance(value, dict) else {}
-    by_name = any(name in inner for name in _ORDERS["brown-conrady"]) or any(
-        map(_KEYS.fullmatch, inner)
-    )
+    by_name = any(name in _ORDERS["brown-conrady"] or _KEYS.fullmatch(name) for name in inner)
     if numbers is not None or by_name or key in _OTHERS_TOO:
         return numbers
     stated = str(list(inner.values()) if inner else value)
