@@ -814,3 +814,31 @@ def test_proportions_in_exif_that_no_camera_has_are_ignored():
         assert roughness_of(exif, 4032, 2268) == roughness_of(Exif(focal_35mm=26.0), 4032, 2268)
     of_film = Exif(focal_35mm=26.0, longer=6500, shorter=2400)
     assert roughness_of(of_film, 4032, 3024) > ROUGHNESS + 0.5
+
+
+def test_numbers_of_a_camera_and_its_lens_in_a_file_called_after_the_lens(tmp_path):
+    """fx fy cx cy k1 k2 p1 p2: no lens has p1 and p2 as large as a principal point."""
+    made = fill(tmp_path)
+    facts = [40, 40.5, 15.25, 11.75]
+    (tmp_path / "distortion.txt").write_bytes(lens_text(*facts, *LENS[:4]))
+    capture = load_capture(tmp_path)
+    assert capture.camera.distortion == Distortion("brown-conrady", LENS[:4])
+    assert "lens-from-file" in codes(capture)
+    (tmp_path / "intrinsics.txt").unlink()
+    found = load_capture(tmp_path).camera
+    assert found == replace(made.camera, distortion=capture.camera.distortion)
+    (tmp_path / "distortion.txt").unlink()
+    np.save(tmp_path / "distortion.npy", np.array([*facts, *LENS]))
+    assert load_capture(tmp_path).camera.distortion == Distortion("brown-conrady", LENS)
+    (tmp_path / "K.txt").write_bytes(lens_text(41, *facts[1:]))
+    refusal(tmp_path, "several files with intrinsics", "K.txt", "distortion.npy")
+
+
+@pytest.mark.parametrize("text", ["40 40.5 15.25 11.75", "0.6", "calibrated on 12.11.2024"])
+def test_a_file_called_after_a_lens_that_states_none_is_told(tmp_path, text):
+    fill(tmp_path)
+    (tmp_path / "distortion.txt").write_text(text)
+    capture = load_capture(tmp_path)
+    assert capture.camera.distortion is None
+    (note,) = [f for f in capture.findings if f.code == "ignored-files"]
+    assert (note.severity, "in distortion.txt" in note.message) == ("note", True)

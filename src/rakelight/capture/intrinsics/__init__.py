@@ -106,8 +106,10 @@ def parse_depth_intrinsics(
 
 def parse_lens(
     data: bytes, source: str = "", sure: bool = True, of_depth: bool = False
-) -> Distortion | None:
-    """The lens, which may have coefficients of 0, in a file without its camera; None without one.
+) -> Distortion | Camera | None:
+    """The lens, which may have coefficients of 0, in a file of its own; None without one.
+
+    Where the numbers fx fy cx cy come before those of the lens, the camera with its lens.
 
     sure : whether it holds a lens or is a mistake, see `surely_lens`: else another count of numbers
         is something else, and so are tangential coefficients like no lens's
@@ -118,8 +120,10 @@ def parse_lens(
     (0.1, -0.2, 0.0, 0.0, 0.0)
     >>> parse_lens(b'{"distortion": {"k1": 0.1, "model": "fisheye"}}').model
     'kannala-brandt'
-    >>> parse_lens(b"0.65"), parse_lens(b"500 500 320 240 0.1 0 0 0")
-    (None, None)
+    >>> parse_lens(b"500 500 320 240 0.1 0 0 0").fx
+    500.0
+    >>> parse_lens(b"0.65") is None
+    True
     """
     text = small_text(data)
     if data.startswith(npy.MAGIC):

@@ -16,7 +16,7 @@ from rakelight.capture.intrinsics.camera_tables import (
 from rakelight.capture.intrinsics.lens_tables import COUNTS, in_order, not_understood
 from rakelight.capture.text_tables import NUMBER, numbers_alone
 from rakelight.errors import CaptureError
-from rakelight.model import Distortion, LensModel
+from rakelight.model import Camera, Distortion, LensModel
 
 _MOST_COEFFICIENTS = 32  # of a lens in a file of its own; more numbers are a map
 # p1 and p2 that no lens reaches: 0.1 moves corners 30 degrees off by a tenth of the focal length.
@@ -58,21 +58,25 @@ def camera(text: str, named: bool) -> UncheckedCamera | None:
     return unchecked(pinhole(*numbers[:4]), coefficients=numbers[4:])
 
 
-def lens(numbers: list[float], source: str, sure: bool) -> Distortion | None:
-    """The lens of a file of numbers alone; None where they are something else, as intrinsics.
+def lens(numbers: list[float], source: str, sure: bool) -> Distortion | Camera | None:
+    """The lens of a file of numbers alone, with its camera where fx fy cx cy come before it.
 
-    sure : see `parse_lens`
+    None where the numbers are something else; sure : see `parse_lens`
     """
-    tangential = max(map(abs, numbers[2:4]), default=0.0)
-    if sure:
-        of_camera = len(numbers) in (4, 8, 9) and min(numbers[:4]) > 1  # fx fy cx cy [...]
-        if of_camera or not 1 < len(numbers) <= _MOST_COEFFICIENTS:
-            return None
-        if tangential >= _TANGENTIAL_SURE:
-            raise not_understood("numbers", numbers, source)
-    elif len(numbers) not in COUNTS or tangential >= _TANGENTIAL:
+    if not sure:
+        tangential = max(map(abs, numbers[2:4]), default=0.0)
+        is_one = len(numbers) in COUNTS and tangential < _TANGENTIAL
+        return checked_lens(numbers, "brown-conrady", source) if is_one else None
+    if not 1 < len(numbers) <= _MOST_COEFFICIENTS:
         return None
-    return checked_lens(numbers, "brown-conrady", source)
+    of_camera = len(numbers) in (4, 8, 9) and min(numbers[:4]) > 1  # no lens has such p1 and p2
+    coefficients = numbers[4:] if of_camera else numbers
+    if max(map(abs, coefficients[2:4]), default=0.0) >= _TANGENTIAL_SURE:
+        raise not_understood("numbers", numbers, source)
+    if not of_camera:
+        return checked_lens(coefficients, "brown-conrady", source)
+    K = pinhole(*numbers[:4])
+    return unchecked(K, coefficients=coefficients).checked(source) if coefficients else None
 
 
 def says_coefficients(text: str) -> bool:

@@ -52,6 +52,7 @@ def stated_camera(folder: Path, texts: Mapping[Path, bytes], size: Size) -> Stat
     found: dict[str, Camera] = {}
     lenses: dict[str, Distortion] = {}
     models: dict[str, str | None] = {}
+    without: list[str] = []
     for path, data in texts.items():
         name = path.relative_to(folder).as_posix()
         source = f"{folder}/{name}"
@@ -71,6 +72,9 @@ def stated_camera(folder: Path, texts: Mapping[Path, bytes], size: Size) -> Stat
                 needed=FORMATS,
                 remedy=f"write {MATRIX}",
             )
+        elif surely_lens(path.stem):
+            without.append(name)
+    found, lenses = _lens_alone(found, lenses)
     found = _as_said(found, models)
     missing = () if lenses else _lens_missing(models)
     alone, found = found, with_lenses(found, lenses, str(folder))
@@ -86,7 +90,23 @@ def stated_camera(folder: Path, texts: Mapping[Path, bytes], size: Size) -> Stat
         )
     name, camera = next(iter((sized or found).items()), ("", None))
     taken = () if name in alone else _lens_taken(list(lenses))
-    return None if camera is None else StatedCamera(name, camera, (*missing, *taken))
+    findings = (*missing, *taken, *_no_lens_in(without))
+    return None if camera is None else StatedCamera(name, camera, findings)
+
+
+def _lens_alone(
+    cameras: dict[str, Camera], lenses: dict[str, Distortion]
+) -> tuple[dict[str, Camera], dict[str, Distortion]]:
+    """Both; of numbers of both in a file called after the lens, that alone where others state K."""
+    numbers = {
+        name: camera.distortion
+        for name, camera in cameras.items()
+        if camera.distortion and not camera.width and names_lens(Path(name).stem)
+    }
+    others = {name: camera for name, camera in cameras.items() if name not in numbers}
+    if others and alike([replace(camera, distortion=None) for camera in cameras.values()]):
+        return others, lenses | numbers
+    return cameras, lenses
 
 
 def _as_said(cameras: Mapping[str, Camera], models: Mapping[str, str | None]) -> dict[str, Camera]:
@@ -122,6 +142,15 @@ def _lens_taken(names: list[str]) -> tuple[Finding, ...]:
     """A note of the files of its own that the lens is taken from."""
     message = f"the lens's distortion is taken from {listed(names)}"
     return (Finding("note", "lens-from-file", message, "move what is no lens elsewhere"),)
+
+
+def _no_lens_in(names: list[str]) -> tuple[Finding, ...]:
+    """A note of the files that are called after a lens, and of which nothing is read."""
+    if not names:
+        return ()
+    message = f"no distortion of a lens is found in {listed(names)}"
+    remedy = "if the lens distorts, write its k1 k2 p1 p2 k3 there (OpenCV's coefficients)"
+    return (Finding("note", "ignored-files", message, remedy),)
 
 
 def camera_or_lens(
