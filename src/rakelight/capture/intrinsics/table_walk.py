@@ -24,7 +24,7 @@ from rakelight.capture.text_tables import Table
 OTHER = "other"
 """Beside COLOR and DEPTH: a name with depth in it that is of no camera, as a pose's."""
 
-_NESTED = 3  # tables within tables that are looked into
+_NESTED = 4  # tables within tables that are looked into
 _POSE = re.compile(r"(?:to|2)(?:depth|infra|colou?r|rgb)")  # in names of what is no camera
 _WORDS = re.compile(f"{DEPTH}|{COLOR}")
 _AT_AN_END = {camera: re.compile(f"^(?:{camera})|(?:{camera})$") for camera in (DEPTH, COLOR)}
