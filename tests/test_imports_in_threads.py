@@ -1,11 +1,16 @@
-"""Threads that import parts of scipy at the same moment, each for the first time."""
+"""Threads that import parts of scipy, or methods, at the same moment, each for the first time."""
 
 import ast
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from importlib.machinery import ModuleSpec
+from threading import Event
 
 import pytest
 
+from rakelight.methods import METHODS, Method, load_method, method_of
 from tests.test_layers import SOURCES
 
 # The main thread begins to import scipy.linalg.  Before it is in sys.modules, another thread calls
@@ -84,3 +89,44 @@ def test_no_package_of_scipy_imports_the_part_that_we_ask_for(part):
     code = f"import sys, {part.rpartition('.')[0]}; print({part!r} in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
+
+
+@dataclass(frozen=True)
+class Options:
+    """Of a method whose module takes its time to load."""
+
+
+class SlowMethod:
+    """Finds and loads the module of such a method: `half` is set half way, then it waits."""
+
+    def __init__(self, name):
+        self.name, self.half, self.asked = name, Event(), Event()
+
+    def find_spec(self, name, path=None, target=None):
+        return ModuleSpec(name, self) if name == self.name else None
+
+    def create_module(self, spec):
+        return None
+
+    def exec_module(self, module):
+        self.half.set()
+        self.asked.wait(10)
+        module.METHOD = Method("slow", lambda *_: None, Options)
+
+
+def test_a_method_that_another_thread_is_importing_is_not_loaded_yet(monkeypatch):
+    """As when the first calls of `refine` are made by two threads at once."""
+    slow = SlowMethod("rakelight.methods.slow")
+    monkeypatch.setattr(sys, "meta_path", [slow, *sys.meta_path])
+    monkeypatch.setattr("rakelight.methods.slow", None, raising=False)  # taken away afterwards
+    monkeypatch.setitem(METHODS, "slow", "slow")
+    with ThreadPoolExecutor(1) as pool:
+        loading = pool.submit(load_method, "slow")
+        try:
+            assert slow.half.wait(10)
+            assert method_of(Options()) is None
+        finally:
+            slow.asked.set()
+        assert loading.result().options is Options
+    assert method_of(Options()) == "slow"
+    del sys.modules[slow.name]

@@ -52,11 +52,12 @@ def method_of(options: object) -> str | None:
     >>> method_of(RgbdFusion()), method_of(3)
     ('rgbd-fusion', None)
     """
-    # A method whose module is not loaded yet cannot be meant.
-    loaded = {name: sys.modules.get(f"rakelight.methods.{file}") for name, file in METHODS.items()}
+    # A method whose module is not loaded yet, or by another thread half way, cannot be meant.
+    modules = {name: sys.modules.get(f"rakelight.methods.{file}") for name, file in METHODS.items()}
+    loaded = {name: getattr(module, "METHOD", None) for name, module in modules.items()}
     for kind in type(options).__mro__:
-        for name, module in loaded.items():
-            if module is not None and kind is module.METHOD.options:
+        for name, method in loaded.items():
+            if method is not None and kind is method.options:
                 return name
     return None
 
