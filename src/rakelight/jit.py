@@ -15,7 +15,7 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 from queue import SimpleQueue
-from threading import Event, Thread
+from threading import Event, Lock, Thread
 from typing import Any, TypeAlias, TypeVar
 
 from rakelight.errors import MachineError
@@ -36,6 +36,10 @@ T = TypeVar("T")
 _kernels: list[Kernel] = []
 _wait: Callable[[Kernel], None] | None = None
 _most_threads: ContextVar[int] = ContextVar("most threads", default=1 << 30)
+# Blocks inside `one_blas_thread` in all threads, the limit that they share, and the lock of both.
+_blas_blocks = 0
+_blas_limit: Any = None
+_blas_lock = Lock()
 
 
 class Kernel:
@@ -235,11 +239,33 @@ def one_blas_thread() -> Iterator[None]:
     """Dense products inside use one core.
 
     They are small here, and the threads of a BLAS, which wait awake, would keep the kernels' off.
+    The number is the process's: of all threads the first one inside sets it, the last one out puts
+    it back.
     """
     from threadpoolctl import threadpool_limits
 
-    with threadpool_limits(1, user_api="blas"):
+    global _blas_blocks, _blas_limit
+    with _blas_lock:
+        if not _blas_blocks:
+            _blas_limit = threadpool_limits(1, user_api="blas")
+            _let_others_set_it()
+        _blas_blocks += 1
+    try:
         yield
+    finally:
+        with _blas_lock:
+            _blas_blocks -= 1
+            if not _blas_blocks:
+                _blas_limit.restore_original_limits()
+                _let_others_set_it()
+
+
+def _let_others_set_it() -> None:
+    """Let any thread set the number next: threadpoolctl 3.8 heeds only the one that did, else."""
+    from threadpoolctl import OpenBLASController
+
+    if hasattr(OpenBLASController, "clear_controlling_thread"):
+        OpenBLASController.clear_controlling_thread()
 
 
 def compiled() -> bool:
@@ -318,6 +344,11 @@ def _on_disk(dispatcher: Any) -> bool:
     return folder is not None and any(Path(folder).glob(pattern))
 
 
-# A forked process lacks the threads of its parent, and makes its own.
+# A forked process lacks the threads of its parent, and makes its own; none of them holds the lock.
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_tasks.cache_clear)
+    os.register_at_fork(
+        before=_blas_lock.acquire,
+        after_in_parent=_blas_lock.release,
+        after_in_child=_blas_lock.release,
+    )

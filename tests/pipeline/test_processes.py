@@ -4,11 +4,15 @@ import multiprocessing
 import os
 import signal
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from threading import Event
+from time import sleep
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import rakelight
+from rakelight.jit import one_blas_thread
 from rakelight.methods.multi_light import MultiLight
 from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
 
@@ -99,3 +103,45 @@ def test_a_thread_of_a_forked_process(capture, result):
             return same(pool.submit(refine, capture).result(), result)
 
     assert in_child(child) == 0
+
+
+def blas_threads():
+    return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+
+def test_overlapping_threads_leave_the_number_of_blas_threads_as_it_was():
+    with threadpool_limits(2, user_api="blas"), ThreadPoolExecutor(1) as pool:
+        for _ in range(2):
+            here, there = one_blas_thread(), one_blas_thread()
+            here.__enter__()
+            pool.submit(there.__enter__).result()
+            here.__exit__(None, None, None)
+            assert blas_threads() == {1}
+            pool.submit(there.__exit__, None, None, None).result()
+            assert blas_threads() == {2}
+
+
+@forks
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
+def test_a_fork_while_another_thread_sets_the_number_of_blas_threads(monkeypatch):
+    begun = Event()
+
+    def slow(*limits, **user_api):
+        begun.set()
+        sleep(0.1)
+        return threadpool_limits(*limits, **user_api)
+
+    def enter():
+        with one_blas_thread():
+            return blas_threads() == {1}
+
+    def child():
+        signal.alarm(5)
+        return enter()
+
+    monkeypatch.setattr("threadpoolctl.threadpool_limits", slow)
+    with ThreadPoolExecutor(1) as pool:
+        other = pool.submit(enter)
+        begun.wait()
+        assert in_child(child) == 0
+        assert other.result()
