@@ -336,3 +336,49 @@ def test_methods_run_on_one_blas_thread_and_leave_the_number_as_it_was(capture):
     assert [found for stage, found in seen if stage != "prepare"] == [{1}] * (len(seen) - 1)
     assert len(seen) > 1
     assert before == {2}
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1000.0, -1000.0])
+@pytest.mark.parametrize("from_depth", [False, True])
+def test_pixels_that_a_method_gives_no_depth_are_left_out_and_counted(capture, value, from_depth):
+    def patchy(prepared, options, progress):
+        estimate = kept_depth(prepared)
+        rows, columns = (slice(n // 2, n // 2 + 3) for n in prepared.mask.shape)
+        assert prepared.mask[rows, columns].all()
+        estimate.log_depth[rows, columns] = value
+        return estimate
+
+    result = refine(capture, Method("patchy", patchy, Kept, starts_from_depth=from_depth))
+    sound = refine(capture, Method("kept", lambda prepared, *_: kept_depth(prepared), Kept))
+    assert np.count_nonzero(result.mask) == np.count_nonzero(sound.mask) - 9
+    assert np.isfinite(result.normals[result.mask]).all()
+    (finding,) = (each for each in result.findings if each.code == "not-finite")
+    assert "9 pixels" in finding.message
+    assert (sound.converged, result.converged) == (True, False)
+
+
+@pytest.mark.parametrize("from_depth", [False, True])
+@pytest.mark.parametrize("field", ["albedo", "confidence", "lights"])
+def test_what_else_a_method_gives_that_is_not_finite_is_told(capture, field, from_depth):
+    def patchy(prepared, options, progress):
+        estimate = kept_depth(prepared)
+        values = estimate.lights.vector if field == "lights" else getattr(estimate, field)
+        values[tuple(n // 2 for n in values.shape[:2])] = np.nan
+        return estimate
+
+    result = refine(capture, Method("patchy", patchy, Kept, starts_from_depth=from_depth))
+    (finding,) = (each for each in result.findings if each.code == "not-finite")
+    assert ("the lights" if field == "lights" else "1 pixels") in finding.message
+    np.testing.assert_array_equal(result.mask, np.isfinite(result.prepared_depth))
+    assert np.isfinite(result.albedo).all()
+    assert np.isfinite(result.confidence).all()
+    assert not result.converged
+
+
+def test_a_method_that_gives_no_pixel_a_depth_is_refused(capture):
+    def lost(prepared, options, progress):
+        return replace(kept_depth(prepared), log_depth=np.full(prepared.mask.shape, np.nan))
+
+    for from_depth in (False, True):
+        with pytest.raises(InputError, match="no pixel has a finite depth and normal by lost"):
+            refine(capture, Method("lost", lost, Kept, starts_from_depth=from_depth))

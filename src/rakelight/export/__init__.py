@@ -18,7 +18,6 @@ from rakelight.errors import InputError
 from rakelight.export.albedo import albedo_png
 from rakelight.export.confidence import confidence_png
 from rakelight.export.depth import choose_values_per_metre, depth_png, float32_tiff
-from rakelight.export.finite import only_finite
 from rakelight.export.lights import lights_json
 from rakelight.export.mesh import Surface
 from rakelight.export.mesh_formats import (
@@ -41,6 +40,7 @@ from rakelight.export.summary import (
 )
 from rakelight.files import in_threads, write_bytes, write_parts
 from rakelight.folders import Manifest, staged_folder
+from rakelight.geometry.finite import only_finite
 from rakelight.model import Finding, Result
 from rakelight.pictures.colors import AXES, NormalMap
 

@@ -16,7 +16,7 @@ from rakelight.check.depth_orientation import depth_orientation
 from rakelight.check.findings import checks
 from rakelight.check.measured import Measured
 from rakelight.errors import CaptureError, InputError, MethodError
-from rakelight.geometry.grid import row_strips
+from rakelight.geometry.finite import only_finite
 from rakelight.jit import one_blas_thread
 from rakelight.memory import available_memory, limited_memory, require_memory
 from rakelight.methods import (
@@ -72,10 +72,11 @@ def refine(
         needs more, it refines the whole object at a lower resolution and its detail in tiles
 
     Returns a `Result` at the output resolution: metres and unit vectors in the camera frame.
+    Pixels that the method gives no finite depth are left out; a finding says how many.
     Raises MethodError when the method does not fit the capture or the options, InputError for a bad
-    scale, CaptureError when an array is of another type, shape or range than `Capture` says, or the
-    depth is plainly that of another place, MachineError when there is too little memory.  What
-    `progress` raises comes through.
+    scale and where nothing finite is left, CaptureError when an array is of another type, shape or
+    range than `Capture` says, or the depth is plainly that of another place, MachineError when
+    there is too little memory.  What `progress` raises comes through.
     """
     capture = checked_capture(capture)
     if not callable(progress):
@@ -83,20 +84,7 @@ def refine(
     chosen, options = _chosen(capture, method, options)
     with solving(capture), limited_memory(memory):
         result = _refined(capture, chosen, scale, options, progress)
-    if not is_finite(result):
-        raise _without_solution(capture, "values that are not finite")
-    return result
-
-
-def is_finite(result: Result) -> bool:
-    """Whether all is finite but what lies outside the object, a strip of rows at a time."""
-    for rows in row_strips(len(result.depth)):
-        depth = result.depth[rows]
-        inside = np.isfinite(depth)
-        found = result.normals[rows][inside], result.albedo[rows]
-        if np.isinf(depth).any() or not all(np.isfinite(each).all() for each in found):
-            return False
-    return True
+    return only_finite(result, mask=np.isfinite(result.prepared_depth))
 
 
 def _chosen(capture: Capture, method: Any, options: Any) -> tuple[Method, Any]:
@@ -154,18 +142,14 @@ def solving(capture: Capture) -> Iterator[None]:
             yield
     except ValueError as error:
         if isinstance(error, np.linalg.LinAlgError) or "infs or NaNs" in str(error):  # scipy's
-            raise _without_solution(capture, str(error)) from error
+            raise CaptureError(
+                "no surface explains this capture",
+                source=capture.source,
+                seen=str(error),
+                needed="depth and photographs of one object",
+                remedy="look for outliers in the depth on the object, and check the mask",
+            ) from error
         raise
-
-
-def _without_solution(capture: Capture, seen: str) -> CaptureError:
-    return CaptureError(
-        "no surface explains this capture",
-        source=capture.source,
-        seen=seen,
-        needed="depth and photographs of one object",
-        remedy="look for outliers in the depth on the object, and check the mask",
-    )
 
 
 def _refined(

@@ -21,7 +21,7 @@ VIEWER = ("encoded_maps.js", "mesh.js", "view.js", "scene.js", "measure.js", "ma
 
 
 def report_html(result: Result, truth: Truth | None = None) -> bytes:
-    """The report of a finite result (`export.finite.only_finite`) as UTF-8 HTML.
+    """The report of a finite result (`geometry.finite.only_finite`) as UTF-8 HTML.
 
     truth : at the result's resolution, for the errors; None for none
     """

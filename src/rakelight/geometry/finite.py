@@ -1,4 +1,4 @@
-"""What is written is finite: everything inside the object, and nothing but NaN or 0 outside."""
+"""A result is finite: everything inside the object, and nothing but NaN or 0 outside."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from rakelight.geometry.grid import all_finite, row_strips
 from rakelight.model import Finding, Floats, Mask, Result
 
 
-def only_finite(result: Result) -> Result:
+def only_finite(result: Result, mask: Mask | None = None) -> Result:
     """`result` with NaN depth and normals and zero albedo and confidence outside the object.
+
+    mask : (H, W) the object as it was refined; None for the pixels whose depth is not NaN
 
     A pixel whose depth or normal cannot be used leaves the object, an albedo or confidence that
     is not finite becomes 0; both are counted in a finding, and the result is then not converged.
@@ -21,19 +23,19 @@ def only_finite(result: Result) -> Result:
     Raises InputError when the arrays differ in size or nothing usable is left.
     """
     _check_sizes(result)
-    if _is_clean(result):
+    if _is_clean(result, mask):
         return result
     with np.errstate(invalid="ignore"):
         inside = np.isfinite(result.depth) & (result.depth > 0)
     inside &= all_finite(result.normals)
     if not inside.any():
         raise InputError(
-            "the result has no pixel with a finite depth and normal",
+            f"no pixel has a finite depth and normal by {result.method}",
             source=result.source,
-            remedy="see its findings",
+            remedy="look for outliers in the depth on the object, and check the mask",
         )
     shown = all_finite(result.albedo) & np.isfinite(result.confidence)
-    bad = ~np.isnan(result.depth) & ~(inside & shown)
+    bad = _object(result.depth, mask) & ~(inside & shown)
     lights_bad = not (
         np.isfinite(result.lights.vector).all() and np.isfinite(result.lights.ambient).all()
     )
@@ -54,7 +56,12 @@ def only_finite(result: Result) -> Result:
     )
 
 
-def _is_clean(result: Result) -> bool:
+def _object(depth: Floats, mask: Mask | None) -> Mask:
+    """The mask, or where there is none, where the depth is not NaN."""
+    return ~np.isnan(depth) if mask is None else mask
+
+
+def _is_clean(result: Result, mask: Mask | None) -> bool:
     """Whether all is as `only_finite` would make it; looked at in strips, without copies."""
     if not (np.isfinite(result.lights.vector).all() and np.isfinite(result.lights.ambient).all()):
         return False
@@ -63,8 +70,8 @@ def _is_clean(result: Result) -> bool:
         depth, albedo, confidence = (
             each[rows] for each in (result.depth, result.albedo, result.confidence)
         )
-        outside, sigmas = np.isnan(depth), (result.depth_sigma, result.normal_sigma)
-        inside = ~outside
+        inside = _object(depth, None if mask is None else mask[rows])
+        outside, sigmas = ~inside, (result.depth_sigma, result.normal_sigma)
         seen |= bool(inside.any())
         with np.errstate(invalid="ignore"):
             good = np.isfinite(depth) & (depth > 0)
