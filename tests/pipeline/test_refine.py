@@ -382,3 +382,48 @@ def test_a_method_that_gives_no_pixel_a_depth_is_refused(capture):
     for from_depth in (False, True):
         with pytest.raises(InputError, match="no pixel has a finite depth and normal by lost"):
             refine(capture, Method("lost", lost, Kept, starts_from_depth=from_depth))
+
+
+def of_two_photographs(estimate):
+    return Lights(np.zeros((2, 1, 3)), np.zeros((2, 1)))
+
+
+WRONG = {
+    "estimate": (lambda estimate: None, "NoneType", "an Estimate"),
+    "log_depth": (lambda estimate: np.zeros((3, 3)), r"float64 of shape \(3, 3\)", "numbers"),
+    "albedo": (lambda estimate: estimate.confidence, r"float64 of shape", r"numbers of .*, 3\)"),
+    "confidence": (lambda estimate: estimate.confidence + 200, "200", "0 to 1"),
+    "normals": (lambda estimate: estimate.log_depth, "float64", r"numbers of .*, 3\)"),
+    "depth_sigma": (lambda estimate: 0.1, "float", "numbers of shape"),
+    "lights": (of_two_photographs, r"float64 of shape \(2, 1\)", r"numbers of shape \(5, 1\)"),
+}
+
+
+@pytest.mark.parametrize("from_depth", [False, True])
+@pytest.mark.parametrize("field", WRONG)
+def test_what_a_method_gives_back_has_to_be_an_estimate(capture, field, from_depth):
+    make, seen, needed = WRONG[field]
+
+    def wrong(prepared, options, progress):
+        estimate = kept_depth(prepared)
+        value = make(estimate)
+        return value if field == "estimate" else replace(estimate, **{field: value})
+
+    words = rf"wrong {field}.* from the method wrong .seen {seen}.*, needed {needed}"
+    with pytest.raises(MethodError, match=words):
+        refine(capture, Method("wrong", wrong, Kept, starts_from_depth=from_depth))
+
+
+def test_a_method_may_use_one_photograph_and_single_precision(capture):
+    def brief(prepared, options, progress):
+        estimate = kept_depth(prepared)
+        return replace(
+            estimate,
+            log_depth=estimate.log_depth.astype(np.float32),
+            confidence=np.full(prepared.mask.shape, np.float32(1 + 1e-7)),
+            lights=Lights(np.zeros((1, 3, 3)), np.ones((1, 3))),
+        )
+
+    result = refine(capture, Method("brief", brief, Kept))
+    assert len(result.lights) == 1
+    assert result.converged

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from math import ceil
 from numbers import Integral, Real
+from operator import attrgetter
 from types import NoneType
 from typing import Any, Literal, get_args, get_type_hints
 
@@ -47,6 +48,7 @@ class Estimate:
     """A method's answer on the prepared window.
 
     log_depth : (h, w) log metres; albedo : (h, w, 3) linear; confidence : (h, w) 0..1
+    lights : of all photographs, or of the only one that was used
     energy : one value per iterate, the start's first; comparable, so under one loss
     steps : how many times the depth was moved, when more often than `energy` says
     normals : (h, w, 3) where there are finer ones than the depth map's, NaN elsewhere
@@ -102,6 +104,72 @@ class Method:
     given_lights: Literal["use", "find", "ignore"] = "ignore"
     bytes_per_pixel: int = 500
     in_tiles: bool = False
+
+    def estimate(self, prepared: Prepared, options: Any, progress: ProgressCallback) -> Estimate:
+        """What `run` gives back; MethodError where that is no `Estimate` of this window."""
+        found = self.run(prepared, options, progress)
+        require_estimate(found, prepared, self.name)
+        return found
+
+
+# Fields of an `Estimate` that may be None.
+OPTIONAL = ("normals", "depth_sigma", "normal_sigma", "lights.position_m", "lights.middle_m")
+# How far a confidence may be beyond 0..1, by the rounding of sums in single precision.
+ROUNDED = 1e-6
+
+
+def require_estimate(found: Any, prepared: Prepared, method: str) -> None:
+    """Raise MethodError where what a method gave back is no `Estimate` of this window.
+
+    Values that are not finite may be in it: `finite.only_finite` sees to them.
+    """
+    for name, holds, seen, needed in _requirements(found, prepared):
+        if not holds:
+            raise MethodError(
+                f"wrong {name} from the method {method}",
+                seen=seen,
+                needed=needed,
+                remedy="give back what rakelight.methods.base.Estimate says",
+            )
+
+
+def _requirements(found: Any, prepared: Prepared) -> Iterator[tuple[str, bool, str, str]]:
+    """What an estimate has to be, one by one: its name, whether it holds, what is seen and needed.
+
+    Each is asked for when the ones before it hold.
+    """
+    yield "estimate", isinstance(found, Estimate), _kind_of(found), "an Estimate"
+    yield "lights", isinstance(found.lights, Lights), _kind_of(found.lights), "Lights"
+    window, given = prepared.mask.shape, getattr(found.lights.ambient, "shape", ())
+    each = (1 if given[:1] == (1,) else len(prepared), 3 if given[1:] == (3,) else 1)
+    shapes: dict[str, tuple[int, ...]] = {
+        "log_depth": window,
+        "albedo": (*window, 3),
+        "confidence": window,
+        "normals": (*window, 3),
+        "depth_sigma": window,
+        "normal_sigma": window,
+        "lights.ambient": each,
+        "lights.vector": (*each, 3),
+        "lights.position_m": (*each, 3),
+        "lights.middle_m": (3,),
+    }
+    for name, shape in shapes.items():
+        value = attrgetter(name)(found)
+        fits = isinstance(value, np.ndarray) and value.shape == shape and value.dtype.kind in "biuf"
+        fits = fits or (value is None and name in OPTIONAL)
+        yield name, fits, _kind_of(value), f"numbers of shape {shape}"
+    confidence = found.confidence[prepared.mask]
+    beyond = np.isfinite(confidence) & ((confidence < -ROUNDED) | (confidence > 1 + ROUNDED))
+    first = "".join(f"{value:g}" for value in confidence[beyond][:1])
+    yield "confidence", not beyond.any(), first, "0 to 1"
+
+
+def _kind_of(value: object) -> str:
+    """What a value is, for a message: an array's type and shape."""
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype} of shape {value.shape}"
+    return type(value).__name__
 
 
 def require_types(options: Any) -> None:

@@ -34,15 +34,18 @@ Run = Callable[[Prepared, Options, ProgressCallback], Estimate]
 def estimated(
     chosen: Method, prepared: Prepared, options: Any, progress: ProgressCallback = silent
 ) -> tuple[Prepared, Estimate]:
-    """The method's estimate with its safeguards, and the photographs that it was made from."""
+    """The method's estimate with its safeguards, and the photographs that it was made from.
+
+    Raises MethodError where a method gives back what is no estimate.
+    """
     with one_blas_thread():
         degenerate = without_normals(prepared)
         if degenerate is not None:
             return prepared, degenerate
         if chosen.starts_from_depth:
             wrong = wrong_lights(prepared) if chosen.given_lights == "use" else ()
-            return guarded(chosen.run, prepared, options, progress, wrong)
-        return prepared, chosen.run(prepared, options, progress)
+            return guarded(chosen.estimate, prepared, options, progress, wrong)
+        return prepared, chosen.estimate(prepared, options, progress)
 
 
 def guarded(
