@@ -12,6 +12,14 @@ from rakelight.checkup.report import CheckReport
 from rakelight.cli.options import NamedPath, output_options, refuse_input_as_output
 from rakelight.errors import printable
 
+# Characters; no line is as long, and what is no terminal breaks none.
+_ENDLESS = 100_000
+# Characters of the narrowest column of marks: the longest of their words, "under-exposed,".
+_NARROWEST_MARKS = 14
+_HEADINGS = (
+    "photograph", "saturated", "black", "edges px", "shift px", "light off axis", "from",
+)  # fmt: skip
+
 
 @click.command("check")
 @click.argument("capture", type=NamedPath())
@@ -70,38 +78,59 @@ def show(report: CheckReport) -> None:
         line += f". To do: {finding.remedy}" if finding.remedy else ""
         style = "yellow" if finding.severity == "warning" else ""
         console.print(Text(printable(line), style=style), soft_wrap=True)
-    console.print(photograph_table(report))
+    table = photograph_table(report, _degrees(console.encoding))
+    room = console.measure(table, options=console.options.update(width=_ENDLESS))
+    terminal = sys.stdout.isatty()
+    console.width = max(console.width, room.minimum) if terminal else room.maximum
+    console.print(table)
     for line in facts(report):
         console.print(Text(printable(line)), soft_wrap=True)
 
 
-def photograph_table(report: CheckReport) -> Any:
-    """A line for each photograph, as a rich table."""
+def _degrees(encoding: str) -> str:
+    """The unit of an angle, in letters that the encoding has.
+
+    >>> _degrees("utf-8"), _degrees("ascii")
+    ('°', ' deg')
+    """
+    try:
+        "°".encode(encoding)
+    except UnicodeEncodeError:
+        return " deg"
+    return "°"
+
+
+def photograph_table(report: CheckReport, degrees: str = "°") -> Any:
+    """A line for each photograph, as a rich table in which only headings and marks are wrapped."""
     from rich import box
+    from rich.cells import cell_len
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(box=box.SIMPLE)
-    table.add_column("photograph", no_wrap=False)
-    for heading in ("saturated", "black", "edges px", "shift px", "light off axis", "from"):
-        table.add_column(heading, justify="right")
-    table.add_column("")
+    rows, marks = [], []
     for each in report.as_dict()["photographs"]:
         light, shift, edge = each["light"], each["shift_px"], each["edge_px"]
         moved = None if shift is None else (shift[0] ** 2 + shift[1] ** 2) ** 0.5
-        cells = [
-            f"{each['saturated']:.0%}",
-            f"{each['black']:.0%}",
-            "-" if edge is None else f"{edge:.1f}",
-            "-" if moved is None else f"{moved:.1f}",
-            "-" if light is None else f"{light['tilt_deg']:.0f}°",
-            "-" if light is None else f"{light['azimuth_deg']:.0f}°",
-            ", ".join(each["marks"]),
-        ]
-        table.add_row(
-            *(Text(printable(cell)) for cell in (each["name"], *cells)),
-            style="yellow" if each["marks"] else "",
+        rows.append(
+            [
+                printable(each["name"]),
+                f"{each['saturated']:.0%}",
+                f"{each['black']:.0%}",
+                "-" if edge is None else f"{edge:.1f}",
+                "-" if moved is None else f"{moved:.1f}",
+                "-" if light is None else f"{light['tilt_deg']:.0f}{degrees}",
+                "-" if light is None else f"{light['azimuth_deg']:.0f}{degrees}",
+            ]
         )
+        marks.append(printable(", ".join(each["marks"])))
+    table = Table(box=box.SIMPLE, padding=0)
+    for i, heading in enumerate(_HEADINGS):
+        width = max(map(cell_len, [*heading.split(), *(row[i] for row in rows)]))
+        table.add_column(heading, width=width, justify="right" if i else "left")
+    table.add_column("", min_width=min(max(map(len, marks), default=0), _NARROWEST_MARKS))
+    for row, marked in zip(rows, marks, strict=True):
+        style = "yellow" if marked else ""
+        table.add_row(*(Text(cell) for cell in (*row, marked)), style=style)
     return table
 
 
