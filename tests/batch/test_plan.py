@@ -111,3 +111,32 @@ def test_a_path_with_a_zero_byte_is_refused():
 
 def test_the_same_name_cleaned_twice_stays():
     assert clean_name("/a/" + clean_name("/b/x:y*")) == "x_y_"
+
+
+def test_a_link_gives_its_name(tmp_path):
+    for day in ("monday", "tuesday"):
+        (tmp_path / day[0] / "capture").mkdir(parents=True)
+        (tmp_path / day).symlink_to(tmp_path / day[0] / "capture")
+    (tmp_path / "wednesday").symlink_to(tmp_path / "w")
+    jobs = make_jobs([f"{tmp_path}/*day"])
+    assert [job.name for job in jobs] == ["monday", "tuesday", "wednesday"]
+    assert [job.shown for job in jobs] == [f"{tmp_path}/{job.name}" for job in jobs]
+    # by the link and by itself, in either order: once, by its own name
+    assert names(tmp_path / "monday", tmp_path / "m" / "capture") == ["capture"]
+    assert names(tmp_path / "m" / "capture", tmp_path / "monday") == ["capture"]
+
+
+def test_what_was_named_by_its_place_keeps_that_name(tmp_path):
+    (tmp_path / "d" / "capture").mkdir(parents=True)
+    (tmp_path / "monday").symlink_to(tmp_path / "d" / "capture")
+    by_place = {os.fspath(tmp_path / "d" / "capture"): "capture-0c23201f"}
+    assert names(tmp_path / "monday", earlier=by_place) == ["capture-0c23201f"]
+    by_link = {os.fspath(tmp_path / "monday"): "monday"}
+    assert names(tmp_path / "d" / "capture", earlier=by_link) == ["monday"]
+
+
+def test_the_way_back_through_a_link_is_not_cut_short(tmp_path):
+    (tmp_path / "far" / "inner").mkdir(parents=True)
+    (tmp_path / "near").symlink_to(tmp_path / "far" / "inner")
+    (job,) = make_jobs([f"{tmp_path}/near/.."])
+    assert (job.source, job.name) == (os.fspath(tmp_path / "far"), "far")

@@ -7,7 +7,7 @@ import hashlib
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -33,8 +33,8 @@ _TAG_BYTES = 4
 class Job:
     """One capture of a batch.
 
-    source : absolute path, or URL; shown : the same for messages and records, by which the capture
-        is known in a later run
+    source : absolute path, through links as it was named, or URL; shown : the same for messages
+        and records, by which the capture is known in a later run
     name : of its result folder
     """
 
@@ -52,33 +52,58 @@ class Job:
         return is_url(self.source)
 
 
+@dataclass(frozen=True)
+class _Source:
+    """A capture that was named.
+
+    given : absolute path as it was named, or URL; place : the same without links
+    """
+
+    given: str
+    place: str
+
+
 def make_jobs(named: Sequence[str], earlier: Mapping[str, str] | None = None) -> list[Job]:
     """The jobs of captures that are named: paths, globs, lists (.txt), URLs.
 
     earlier : names that captures had in an earlier run, by `Job.shown`; they keep them
 
-    A capture that is named twice is one job.  Captures whose names are the same, or not fit for a
-    file, get a tag that depends on their paths alone.  Raises InputError where a pattern matches
-    nothing, or a list cannot be read or holds nothing.
+    A capture that is named twice is one job, links to it included.  Captures whose names are the
+    same, or not fit for a file, get a tag that depends on their paths alone.  Raises InputError
+    where a pattern matches nothing, or a list cannot be read or holds nothing.
 
     >>> [job.name for job in make_jobs(["/a/mitten", "/a/coin", "/a/mitten/"])]
     ['mitten', 'coin']
     >>> [job.name for job in make_jobs(["/a/mitten", "/b/mitten"])]
     ['mitten-0c23201f', 'mitten-71a8f87b']
     """
-    sources = list(dict.fromkeys(each for text in named for each in _sources(text)))
-    kept = earlier or {}
-    names = {source: kept[printable(source)] for source in sources if printable(source) in kept}
-    taken = {name.casefold() for name in (*kept.values(), *RESERVED)}
-    wanted = {source: clean_name(source) for source in sources if source not in names}
+    sources: dict[str, _Source] = {}
+    for each in (source for text in named for source in _sources(text)):
+        if each.place not in sources or each.given == each.place:  # its own name before a link's
+            sources[each.place] = each
+    kept = _names_kept(sources.values(), earlier or {})
+    taken = {name.casefold() for name in (*(earlier or {}).values(), *RESERVED)}
+    wanted = {place: clean_name(sources[place].given) for place in sources if place not in kept}
     count = Counter(name.casefold() for name in wanted.values())
-    for source, name in wanted.items():
-        unclear = name != _last_name(source)
+    names = dict(kept)
+    for place, name in wanted.items():
+        unclear = name != _last_name(sources[place].given)
         if unclear or count[name.casefold()] > 1 or name.casefold() in taken:
-            tag = hashlib.blake2b(os.fsencode(source), digest_size=_TAG_BYTES).hexdigest()
+            tag = hashlib.blake2b(os.fsencode(place), digest_size=_TAG_BYTES).hexdigest()
             name = f"{name}-{tag}"
-        names[source] = name
-    return [Job(source, names[source]) for source in sources]
+        names[place] = name
+    return [Job(each.given, names[place]) for place, each in sources.items()]
+
+
+def _names_kept(sources: Iterable[_Source], earlier: Mapping[str, str]) -> dict[str, str]:
+    """The names that captures had in an earlier run, under these paths or others; by place."""
+    known = {printable(_place_of(shown)): name for shown, name in earlier.items()} | dict(earlier)
+    names: dict[str, str] = {}
+    for each in sources:
+        for path in (each.given, each.place):
+            if printable(path) in known:
+                names.setdefault(each.place, known[printable(path)])
+    return names
 
 
 def clean_name(source: str) -> str:
@@ -97,8 +122,8 @@ def _last_name(source: str) -> str:
     return last_part(source) if is_url(source) else os.path.basename(source)  # noqa: PTH119
 
 
-def _sources(text: str) -> Iterator[str]:
-    """The captures that one argument names: absolute paths without links, and URLs.
+def _sources(text: str) -> Iterator[_Source]:
+    """The captures that one argument names.
 
     Raises InputError for an empty one: that would be the working directory.
     """
@@ -110,14 +135,15 @@ def _sources(text: str) -> Iterator[str]:
             remedy="look whether a variable that was to hold it is empty",
         )
     if is_url(text):
-        yield from matching_urls(text) if glob.has_magic(unquote(urlsplit(text).path)) else (text,)
+        urls = matching_urls(text) if glob.has_magic(unquote(urlsplit(text).path)) else (text,)
+        yield from (_Source(url, url) for url in urls)
     elif text.endswith(LIST_SUFFIX) and os.path.isfile(text):  # noqa: PTH113
         yield from _listed(Path(text))
     else:
         yield from _paths(text, "")
 
 
-def _paths(text: str, folder: str) -> Iterator[str]:
+def _paths(text: str, folder: str) -> Iterator[_Source]:
     path = os.path.join(folder, text)  # noqa: PTH118 - keeps any bytes and an absolute text
     found = [path]
     if glob.has_magic(path) and not os.path.lexists(path):
@@ -130,12 +156,23 @@ def _paths(text: str, folder: str) -> Iterator[str]:
                 remedy="look at it with `ls`",
             )
     try:
-        yield from map(os.path.realpath, found)
+        yield from map(_source_at, found)
     except (OSError, ValueError) as error:  # a zero byte
         raise InputError("not a usable path", source=text, seen=str(error)) from error
 
 
-def _listed(path: Path) -> Iterator[str]:
+def _source_at(path: str) -> _Source:
+    """What a path names; its `..` are kept out of `given` where they lead back through a link."""
+    given, place = os.path.abspath(path), os.path.realpath(path)  # noqa: PTH100
+    return _Source(given if os.path.realpath(given) == place else place, place)
+
+
+def _place_of(source: str) -> str:
+    """A path without links, or a URL as it is."""
+    return source if is_url(source) else os.path.realpath(source)
+
+
+def _listed(path: Path) -> Iterator[_Source]:
     """The captures of a list: a line each, relative to the list's folder.  # begins a comment line.
 
     Raises InputError for a list that holds nothing.
