@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from rakelight.batch.record import Entry, write_record
 from rakelight.capture import write_capture
 from rakelight.cli import main
 from rakelight.methods import METHODS
@@ -217,3 +218,29 @@ def test_the_same_folder_twice_at_once(captures, refused_batch, tmp_path):
         refused_batch(*arguments, about=out, words=["another run"], code=3)
         assert not (tmp_path / "out").exists()
     assert set(contents(tmp_path)) - set(contents(captures.parent)) == set()
+
+
+@pytest.mark.parametrize("begun", [True, False])
+def test_the_results_among_the_captures_are_left_out(run, captures, monkeypatch, begun):
+    out, asked = captures / "out", []
+    out.mkdir()
+    if begun:
+        entry = Entry(source=str(captures / "good0"), name="good0", state="done")
+        write_record(out, {}, [entry])
+
+    def run_batch(jobs, *_, **__):
+        asked.extend(job.name for job in jobs)
+        return []
+
+    monkeypatch.setattr("rakelight.batch.run.run_batch", run_batch)
+    shell = sorted(path for path in captures.iterdir() if path.is_dir())
+    ran = run("batch", *shell, "-o", out)
+    assert (ran.code, asked) == (0, [path.name for path in shell if path != out])
+    assert ran.err == f"note: {out}: this is OUT itself, no capture\n"
+    assert run("batch", *shell, "-o", out, "--quiet").err == ""
+
+
+def test_the_results_alone_are_no_captures(refused_batch, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    refused_batch(out, "-o", out, about=out, words=["no capture but OUT itself"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,9 +12,10 @@ import click
 from rakelight.cli.options import output_folder, output_options, refuse_input_as_output
 from rakelight.cli.progress import shown_captures
 from rakelight.cli.refine import recipe_of, recipe_options
-from rakelight.errors import printable
+from rakelight.errors import InputError, printable
 
 if TYPE_CHECKING:
+    from rakelight.batch.plan import Job
     from rakelight.batch.record import Entry
 
 SOME_FAILED = 4
@@ -65,7 +67,10 @@ def command(
     recipe = recipe_of(**options)
     record = opened(output)
     earlier = {} if record is None else {each.source: each.name for each in record.captures}
-    jobs = make_jobs(captures, earlier)
+    named = make_jobs(captures, earlier)
+    jobs = _but_output(named, output)
+    if len(jobs) < len(named) and not (as_json or quiet):
+        click.echo(printable(f"note: {output}: this is OUT itself, no capture"), err=True)
     for job in jobs:
         if not job.remote:
             refuse_input_as_output(Path(job.source), output)
@@ -79,6 +84,20 @@ def command(
     else:
         show(entries, output, quiet=quiet)
     return SOME_FAILED if any(entry.state == "failed" for entry in entries) else 0
+
+
+def _but_output(jobs: list[Job], output: Path) -> list[Job]:
+    """All jobs but OUT itself where it exists: a shell's `captures/*` names captures/out, too.
+
+    OUT is an earlier batch, or empty.  Raises InputError where nothing else was named.
+    """
+    here = os.path.realpath(output) if output.exists() else None
+    others = [job for job in jobs if job.remote or os.path.realpath(job.source) != here]
+    if not others:
+        raise InputError(
+            "no capture but OUT itself", source=str(output), remedy="name the captures"
+        )
+    return others
 
 
 def outcome(entries: list[Entry], output: Path) -> dict[str, Any]:
