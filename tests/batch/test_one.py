@@ -168,3 +168,9 @@ def test_options_that_do_not_exist_are_refused_before(monkeypatch):
     with pytest.raises(InputError):
         Recipe(method="none").check()
     recipe().check()
+
+
+def test_a_line_of_a_list_that_leads_nowhere_is_named(tmp_path):
+    job = Job(f"{tmp_path}/cion", "cion", "all.txt, line 3")
+    entry = run_one(job, str(tmp_path / "out"), recipe(), False, program_version())
+    assert entry.message.startswith(f"all.txt, line 3: {tmp_path}/cion: no such folder or file")

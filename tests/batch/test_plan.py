@@ -140,3 +140,30 @@ def test_the_way_back_through_a_link_is_not_cut_short(tmp_path):
     (tmp_path / "near").symlink_to(tmp_path / "far" / "inner")
     (job,) = make_jobs([f"{tmp_path}/near/.."])
     assert (job.source, job.name) == (os.fspath(tmp_path / "far"), "far")
+
+
+def test_a_text_that_names_nothing_is_no_list(tmp_path):
+    (tmp_path / "coin").mkdir()
+    notes = tmp_path / "notes.txt"
+    notes.write_text("# Monday\nthe lamp was *hot*, was it?\nall\0 well\n")
+    with pytest.raises(InputError, match="not a list of captures") as caught:
+        names(tmp_path / "coin", notes)
+    assert caught.value.source == os.fspath(notes)
+    assert caught.value.seen == "line 2: the lamp was *hot*, was it?"
+
+
+def test_a_line_that_is_wrong_is_named(tmp_path):
+    (tmp_path / "coin").mkdir()
+    (tmp_path / "link").symlink_to("nowhere")
+    path = tmp_path / "all.txt"
+    path.write_text("coin\n\ncion\nlink\n")
+    assert [job.line for job in make_jobs([f"{path}"])] == [
+        "",
+        f"{path}, line 3",
+        f"{path}, line 4",
+    ]
+    for wrong, message in (("c?n", "nothing matches"), ("a\0b", "not a usable path")):
+        path.write_text(f"coin\n{wrong}\n")
+        with pytest.raises(InputError, match=message) as caught:
+            make_jobs([f"{path}"])
+        assert caught.value.source == f"{path}, line 2: {wrong}"

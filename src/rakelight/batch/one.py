@@ -56,6 +56,7 @@ def run_one(job: Job, out: str, recipe: Recipe, overwrite: bool, version: str) -
         )
     except Exception as error:
         code, message = explained(error)
+        message = f"{printable(job.line)}: {message}" if job.line else message
         entry = partial(entry, state="failed", message=message, exit_code=code)
     give_memory_back()  # the next capture may be small, and its neighbours large
     return entry(wall_s=perf_counter() - began, cpu_s=process_time() - cpu_began)

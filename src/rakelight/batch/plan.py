@@ -8,12 +8,12 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from rakelight.batch.remote import is_url, last_part, matching_urls
-from rakelight.errors import InputError, printable
+from rakelight.errors import InputError, named_in, printable
 from rakelight.files import MAX_TEXT_BYTES, read_bytes
 
 LIST_SUFFIX = ".txt"
@@ -36,10 +36,12 @@ class Job:
     source : absolute path, through links as it was named, or URL; shown : the same for messages
         and records, by which the capture is known in a later run
     name : of its result folder
+    line : the list and its line that name it, for messages where nothing is there
     """
 
     source: str
     name: str
+    line: str = ""
 
     @property
     def shown(self) -> str:
@@ -57,10 +59,12 @@ class _Source:
     """A capture that was named.
 
     given : absolute path as it was named, or URL; place : the same without links
+    line : as in `Job`
     """
 
     given: str
     place: str
+    line: str = ""
 
 
 def make_jobs(named: Sequence[str], earlier: Mapping[str, str] | None = None) -> list[Job]:
@@ -70,7 +74,7 @@ def make_jobs(named: Sequence[str], earlier: Mapping[str, str] | None = None) ->
 
     A capture that is named twice is one job, links to it included.  Captures whose names are the
     same, or not fit for a file, get a tag that depends on their paths alone.  Raises InputError
-    where a pattern matches nothing, or a list cannot be read or holds nothing.
+    where a pattern matches nothing, or a list cannot be read or names nothing that is there.
 
     >>> [job.name for job in make_jobs(["/a/mitten", "/a/coin", "/a/mitten/"])]
     ['mitten', 'coin']
@@ -92,7 +96,7 @@ def make_jobs(named: Sequence[str], earlier: Mapping[str, str] | None = None) ->
             tag = hashlib.blake2b(os.fsencode(place), digest_size=_TAG_BYTES).hexdigest()
             name = f"{name}-{tag}"
         names[place] = name
-    return [Job(each.given, names[place]) for place, each in sources.items()]
+    return [Job(each.given, names[place], each.line) for place, each in sources.items()]
 
 
 def _names_kept(sources: Iterable[_Source], earlier: Mapping[str, str]) -> dict[str, str]:
@@ -144,21 +148,26 @@ def _sources(text: str) -> Iterator[_Source]:
 
 
 def _paths(text: str, folder: str) -> Iterator[_Source]:
-    path = os.path.join(folder, text)  # noqa: PTH118 - keeps any bytes and an absolute text
-    found = [path]
-    if glob.has_magic(path) and not os.path.lexists(path):
-        found = sorted(glob.glob(path))  # noqa: PTH207
-        if not found:
-            raise InputError(
-                "nothing matches",
-                source=text,
-                needed="a pattern of paths to captures",
-                remedy="look at it with `ls`",
-            )
+    found = _found(text, folder)
+    if not found:
+        raise InputError(
+            "nothing matches",
+            source=text,
+            needed="a pattern of paths to captures",
+            remedy="look at it with `ls`",
+        )
     try:
         yield from map(_source_at, found)
     except (OSError, ValueError) as error:  # a zero byte
         raise InputError("not a usable path", source=text, seen=str(error)) from error
+
+
+def _found(text: str, folder: str) -> list[str]:
+    """The path itself, or the paths that a pattern matches."""
+    path = os.path.join(folder, text)  # noqa: PTH118 - keeps any bytes and an absolute text
+    if glob.has_magic(path) and not os.path.lexists(path):
+        return sorted(glob.glob(path))  # noqa: PTH207
+    return [path]
 
 
 def _source_at(path: str) -> _Source:
@@ -175,12 +184,36 @@ def _place_of(source: str) -> str:
 def _listed(path: Path) -> Iterator[_Source]:
     """The captures of a list: a line each, relative to the list's folder.  # begins a comment line.
 
-    Raises InputError for a list that holds nothing.
+    Raises InputError for a list that holds nothing, and for a text that names nothing that is
+    there: no list.
     """
     text = os.fsdecode(read_bytes(path, max_bytes=MAX_TEXT_BYTES))
-    lines = [line.strip() for line in text.removeprefix("\ufeff").splitlines()]
-    lines = [line for line in lines if line and not line.startswith("#")]
+    numbered = enumerate(map(str.strip, text.removeprefix("\ufeff").splitlines()), 1)
+    lines = {i: line for i, line in numbered if line and not line.startswith("#")}
     if not lines:
         raise InputError("a list without captures", source=str(path), needed="a path on each line")
-    for line in lines:
-        yield from _sources(line) if is_url(line) else _paths(line, os.fspath(path.parent))
+    folder = os.fspath(path.parent)
+    if not any(is_url(line) or _is_there(line, folder) for line in lines.values()):
+        number, line = next(iter(lines.items()))
+        raise InputError(
+            "not a list of captures: none of its lines names a file or folder that is there",
+            source=str(path),
+            seen=f"line {number}: {line[:80]}",
+            needed="paths from the list's own folder",
+            remedy="mend the paths; where it is no list, leave it out, as the pattern */ does",
+        )
+    for number, line in lines.items():
+        where = f"{path}, line {number}"
+        with named_in(where):
+            found = list(_sources(line) if is_url(line) else _paths(line, folder))
+        for each in found:
+            there = is_url(line) or os.path.exists(each.given)  # noqa: PTH110
+            yield each if there else replace(each, line=where)
+
+
+def _is_there(text: str, folder: str) -> bool:
+    """Whether a line of a list names something."""
+    try:
+        return any(map(os.path.exists, _found(text, folder)))
+    except ValueError:  # a zero byte
+        return False
