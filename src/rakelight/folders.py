@@ -23,7 +23,8 @@ import secrets
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Set
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from tempfile import TemporaryFile
@@ -45,6 +46,9 @@ _LARGEST_MANIFEST = 100_000_000
 # For renameat2: paths are relative to the working directory; exchange the two names.
 _AT_FDCWD = -100
 _RENAME_EXCHANGE = 2
+
+# The folders whose locks `only_writer` holds here: in this thread, for whatever it calls.
+_HELD: ContextVar[frozenset[Path]] = ContextVar("held", default=frozenset())
 
 
 @dataclass(frozen=True)
@@ -215,9 +219,10 @@ def remove_unfinished(target: Path, *, manifest: Manifest) -> None:
 
 @contextmanager
 def only_writer(folder: Path) -> Iterator[None]:
-    """Hold the lock of a folder that is written piece by piece.
+    """Hold the lock of a folder that is written piece by piece, or after long work.
 
-    Raises MachineError when another run holds it.
+    `staged_folder` of the same folder needs no other one meanwhile.  Parents that were made for the
+    lock and stay empty are removed.  Raises MachineError when another run holds it.
 
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as scratch, only_writer(Path(scratch) / "out"):
@@ -227,10 +232,29 @@ def only_writer(folder: Path) -> Iterator[None]:
     rakelight.errors.MachineError: ...: another run is writing this folder. Fix: ...
     """
     target = _resolved(folder)
-    with clear_errors(str(folder), "cannot be written"):
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with _locked(target, str(folder)):
+    with ExitStack() as stack:
+        with clear_errors(str(folder), "cannot be written"):
+            stack.enter_context(_parents(target))
+            locked = stack.enter_context(_lock_taken(target, str(folder)))
+        held = _HELD.set(_HELD.get() | {target}) if locked else None
+        try:
             yield
+        finally:
+            if held is not None:
+                _HELD.reset(held)
+
+
+@contextmanager
+def _parents(target: Path) -> Iterator[None]:
+    """Make the folders that `target` is to lie in; those that stay empty are removed."""
+    missing = [parent for parent in target.parents if not parent.exists()]
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        yield
+    finally:
+        for parent in missing:
+            with suppress(OSError):
+                parent.rmdir()
 
 
 def _resolved(target: Path) -> Path:
@@ -359,6 +383,16 @@ def _siblings(target: Path, suffix: str) -> list[Path]:
 
 @contextmanager
 def _locked(target: Path, shown: str) -> Iterator[bool]:
+    """Hold the lock of `target`, or have `only_writer` hold it; False where there are no locks."""
+    if target in _HELD.get():
+        yield True
+        return
+    with _lock_taken(target, shown) as locked:
+        yield locked
+
+
+@contextmanager
+def _lock_taken(target: Path, shown: str) -> Iterator[bool]:
     """Hold the lock of `target`; yields False where the system offers none."""
     try:
         import fcntl

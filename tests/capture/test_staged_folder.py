@@ -5,6 +5,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,15 @@ import pytest
 from rakelight import files, folders
 from rakelight.errors import InputError, MachineError, OutputExistsError
 from rakelight.files import read_bytes, write_bytes
-from rakelight.folders import FILE_LIST, Manifest, file_list, put_back, require_free, staged_folder
+from rakelight.folders import (
+    FILE_LIST,
+    Manifest,
+    file_list,
+    only_writer,
+    put_back,
+    require_free,
+    staged_folder,
+)
 
 NOTES = file_list("notes")
 # As result.json: the writer lists the names, whatever the files hold.
@@ -531,3 +540,16 @@ def test_read_bytes(tmp_path):
         read_bytes(tmp_path / "b")
     with pytest.raises(InputError, match="seen a folder, needed a file"):
         read_bytes(tmp_path)
+
+
+def test_the_only_writer_stages_the_folder_and_nobody_else(tmp_path):
+    with only_writer(tmp_path / "out"):
+        with pytest.raises(MachineError, match="another run"), only_writer(tmp_path / "out"):
+            pass
+        with ThreadPoolExecutor(1) as pool:
+            other = pool.submit(write, tmp_path / "out")
+        with pytest.raises(MachineError, match="another run"):
+            other.result()
+        write(tmp_path / "out")
+    write(tmp_path / "out", overwrite=True)
+    assert names(tmp_path) == ["out"]

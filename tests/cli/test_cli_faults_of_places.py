@@ -4,12 +4,14 @@ import errno
 import os
 import shutil
 import signal
+from functools import partial
 from pathlib import Path
 
 import pytest
 
+from rakelight.errors import MachineError
 from rakelight.export import RESULT
-from rakelight.folders import staged_folder
+from rakelight.folders import only_writer, staged_folder
 from tests.cli.cli_helpers import QUICK, contents
 from tests.cli.cli_process import PROGRAM, run_process
 from tests.full_disk import full_at
@@ -308,6 +310,33 @@ def test_27_two_runs_into_one_folder(run, capture, tmp_path):
     assert (ran.code, ran.out) == (3, "")
     assert ran.err.startswith(f"error: {out}: another run is writing this folder. Fix: wait for it")
     assert (out / "result.json").read_text() == "of the first"
+
+
+AT_WORK = {
+    "refine": WHILE_REFINING,
+    "import": "rakelight.capture.readers.find_reader",
+    "demo": "rakelight.synthetic.demo_scene",
+}
+
+
+@pytest.mark.parametrize("command", AT_WORK)
+def test_27_the_place_is_taken_before_the_work(run, capture, tmp_path, monkeypatch, command):
+    pytest.importorskip("fcntl")
+    out, refused = tmp_path / "new" / "out", []
+    place = out / "result" if command == "demo" else out
+    another_run = partial(pytest.raises, MachineError, match="another run is writing this folder")
+
+    def second(*_, **__):
+        with another_run() as caught, only_writer(place):
+            pass
+        refused.append(caught.value.exit_code)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(AT_WORK[command], second)
+    source = () if command == "demo" else (capture,)
+    assert run(command, *source, "-o", out).code == 130
+    assert refused == [3]
+    assert not (tmp_path / "new").exists()
 
 
 # --- and a bug of ours, and a reader that goes ---

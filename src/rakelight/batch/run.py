@@ -96,8 +96,8 @@ def _begun(out: Path, recipe: Recipe, now: dict[str, Entry]) -> list[Entry]:
     """Make the folder and its record; what earlier runs did that is not asked for now."""
     with clear_errors(str(out), "cannot be written"):
         out.mkdir(parents=True, exist_ok=True)
-    record = opened(out)  # once more, now that nobody else writes it
-    delete_remains(out)
+        record = opened(out)  # once more, now that nobody else writes it
+        delete_remains(out)
     before = [] if record is None else record.captures
     others = [each for each in before if each.name not in now and each.state == "done"]
     write_record(out, recipe.facts(), [*now.values(), *others])

@@ -37,7 +37,7 @@ def command(output: Path, as_json: bool, quiet: bool, debug: bool) -> None:
     from rakelight.cli.first_run import compiling_beside
     from rakelight.export import RESULT
     from rakelight.export.mesh_formats import DEFAULT_MESH, mesh_file
-    from rakelight.folders import require_free
+    from rakelight.folders import only_writer, require_free
     from rakelight.metrics import evaluate_depth, evaluate_maps
     from rakelight.pipeline import refine
     from rakelight.report import save_result
@@ -52,7 +52,8 @@ def command(output: Path, as_json: bool, quiet: bool, debug: bool) -> None:
     folder, result_folder = output / "capture", output / "result"
     require_free(folder, manifest=SYNTHETIC, overwrite=True)  # never somebody's own capture
     require_free(result_folder, manifest=RESULT, overwrite=True)
-    with compiling_beside(), shown_progress(quiet or as_json) as progress:
+    taken = (only_writer(folder), only_writer(result_folder))
+    with taken[0], taken[1], compiling_beside(), shown_progress(quiet or as_json) as progress:
         progress(Progress("render"))
         scene, truth = demo_scene()
         kept = write_capture(scene, folder, truth=truth, overwrite=True)

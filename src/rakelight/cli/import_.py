@@ -48,11 +48,11 @@ def command(
     """Make a capture folder of SOURCE: a recording, a dataset's folder, loose photographs."""
     from rakelight.capture import CAPTURE, write_capture
     from rakelight.capture.readers import Wanted, find_reader
-    from rakelight.folders import require_free
+    from rakelight.folders import only_writer, require_free
 
     refuse_input_as_output(source, output, "source")
     require_free(output, manifest=CAPTURE, overwrite=overwrite)
-    with shown_progress(quiet or as_json) as progress:
+    with only_writer(output), shown_progress(quiet or as_json) as progress:
         progress(Progress("read"))
         reader = find_reader(source)
         reading = reader.read(source, Wanted(progress=progress))

@@ -137,7 +137,7 @@ def command(
     """
     from rakelight.cli.first_run import compiling_beside
     from rakelight.export import RESULT
-    from rakelight.folders import require_free
+    from rakelight.folders import only_writer, require_free
     from rakelight.memory import limited_memory
     from rakelight.recipe import refine_source
 
@@ -146,7 +146,7 @@ def command(
     refuse_input_as_output(capture, output)
     require_free(output, manifest=RESULT, overwrite=overwrite)
     progress_shown = shown_progress(quiet or as_json)
-    with limited_memory(limit), compiling_beside(), progress_shown as progress:
+    with only_writer(output), limited_memory(limit), compiling_beside(), progress_shown as progress:
         result = refine_source(capture, output, recipe, overwrite=overwrite, progress=progress)
     if as_json or not quiet:
         report_result(result, output, as_json)
