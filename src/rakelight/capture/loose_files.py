@@ -296,6 +296,7 @@ def _the_one(folder: Path, word: str, files: Sequence[LooseFile]) -> LooseFile |
     itself = [file for file in files if file.path.parent == folder]
     found = itself if len(itself) == 1 else files
     if len(found) > 1:
+        _refuse_captures(folder, files)
         raise CaptureError(
             f"more than one {word}", source=str(folder), seen=_names(files),
             needed=f"one {word} for all photographs",
@@ -369,6 +370,7 @@ def _check_photographs(
         )
     places = sorted({Path(file.name).parent.as_posix() for file in files})
     if len(places) > 1:
+        _refuse_captures(folder, files)
         raise CaptureError(
             "photographs in several folders",
             source=source,
@@ -387,6 +389,29 @@ def _check_photographs(
             remedy="keep those of the most exact one (raw, then 16-bit TIFF, then the others); "
             + _WHERE,
         )
+
+
+def _refuse_captures(folder: Path, files: Sequence[LooseFile]) -> None:
+    """Raise CaptureError where the files lie in folders with photographs and depth of their own."""
+    places = sorted({file.path.parent for file in files} - {folder})
+    captures = [place.name for place in places if _holds_both(place)]
+    if len(captures) > 1:
+        raise folder_of_captures(folder, captures)
+
+
+def _holds_both(folder: Path) -> bool:
+    """Whether there are photographs and depth in it, by names and formats."""
+    images = images_in(folder)
+    depth = any(role == "depth" or kind in _ONLY_DEPTH for kind, role in images)
+    return depth and any(role is None for _, role in images)
+
+
+def folder_of_captures(folder: Path, captures: Sequence[str]) -> CaptureError:
+    """The error of a folder in which folders of these names are captures."""
+    return CaptureError(
+        "a folder of captures", source=str(folder), seen=listed(captures), needed="one capture",
+        remedy="name one of them, or all to `rakelight batch`",
+    )  # fmt: skip
 
 
 def _names(files: Sequence[LooseFile]) -> str:

@@ -18,7 +18,7 @@ from rakelight.capture.readers import find_reader
 from rakelight.errors import CaptureError, InputError
 from rakelight.model import Distortion
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
-from tests.capture.capture_builder import exif, small_capture
+from tests.capture.capture_builder import build, exif, small_capture
 from tests.capture.photo_files import dng, exr, heic, heic_of, mosaic_of, pfm
 
 K = b"40 0 15.25\n0 40.5 11.75\n0 0 1\n"
@@ -842,3 +842,14 @@ def test_a_file_called_after_a_lens_that_states_none_is_told(tmp_path, text):
     assert capture.camera.distortion is None
     (note,) = [f for f in capture.findings if f.code == "ignored-files"]
     assert (note.severity, "in distortion.txt" in note.message) == ("note", True)
+
+
+@pytest.mark.parametrize("made", ["capture folders", "loose files", "without masks"])
+def test_captures_of_their_own_are_told_to_be_captures(tmp_path, made):
+    for day in ("monday", "tuesday"):
+        (build if made == "capture folders" else fill)(tmp_path / day)
+        if made != "without masks":
+            mask = encode_png(small_capture().mask.astype(np.uint8))
+            (tmp_path / day / "mask.png").write_bytes(mask)
+    (tmp_path / "all.jpg").write_bytes(encode_jpeg(small_capture().photographs[0]))
+    refusal(tmp_path, "a folder of captures (seen monday, tuesday", "`rakelight batch`")

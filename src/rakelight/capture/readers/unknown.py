@@ -11,7 +11,12 @@ from pathlib import Path
 from rakelight.capture.config import CONFIG
 from rakelight.capture.headers import what_it_is
 from rakelight.capture.listing import TO_PNG, UNREAD
-from rakelight.capture.loose_files import images_in, kind_of, list_loose_files
+from rakelight.capture.loose_files import (
+    folder_of_captures,
+    images_in,
+    kind_of,
+    list_loose_files,
+)
 from rakelight.capture.matfile import AS_VERSION_7
 from rakelight.capture.readers.r3d_archive import EXPORT_AGAIN
 from rakelight.errors import CaptureError, InputError, listed, printable
@@ -142,10 +147,7 @@ def _refuse_by_content(source: Path, names: list[str]) -> None:
     _refuse_endings(source, names, _BEFORE_IMAGES)
     captures = [name for name in names if os.path.isfile(source / name / CONFIG)]  # noqa: PTH113
     if captures:
-        raise CaptureError(
-            "a folder of captures", source=str(source), seen=listed(captures), needed="one capture",
-            remedy="name one of them, or all to `rakelight batch`",
-        )  # fmt: skip
+        raise folder_of_captures(source, captures)
     with clear_errors(str(source), "cannot be read"):
         if images_in(source):
             list_loose_files(source)  # says what of a folder of photographs is not there
