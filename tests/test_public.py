@@ -2,10 +2,12 @@
 
 import ast
 import inspect
+import os
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 
 import rakelight
@@ -156,3 +158,24 @@ def test_what_holds_arrays_is_compared_by_identity():
         assert mine != yours
         assert [yours, mine].index(mine) == 1
         assert {mine: 1, yours: 2}[yours] == 2
+
+
+@pytest.mark.parametrize("name", ["load_capture", "load_result", "load_truth"])
+@pytest.mark.parametrize("value", [None, 3])
+def test_what_is_no_path_is_refused(name, value):
+    with pytest.raises(rakelight.InputError, match=r"this is no path .*needed str or pathlib"):
+        getattr(rakelight, name)(value)
+
+
+def test_results_and_captures_are_written_to_paths(tmp_path):
+    capture, _ = random_capture(0, size=0.2, shape="sphere", photographs=3)
+    with pytest.raises(rakelight.InputError, match="folder: this is no path"):
+        rakelight.write_capture(capture, None)
+    flat, facing = np.ones((4, 4)), np.tile([0.0, 0.0, -1.0], (4, 4, 1))
+    camera = rakelight.Camera(4, 4, 100.0, 100.0, 1.5, 1.5)
+    lights = rakelight.Lights(facing, flat)
+    result = rakelight.Result(flat, facing, np.ones((4, 4, 3)), flat, lights, camera, flat, "none")
+    with pytest.raises(rakelight.InputError, match="folder: this is no path"):
+        rakelight.save_result(result, None)
+    rakelight.save_result(result, os.fsencode(tmp_path / "out"))
+    assert rakelight.load_result(tmp_path / "out").method == "none"

@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from io import FileIO
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from rakelight.errors import InputError, MachineError
 
@@ -56,6 +56,21 @@ def in_threads(function: Callable[[S], T], items: Iterable[S]) -> list[T]:
     """[function(item) for item in items], a few at a time; the first error is raised."""
     with ThreadPoolExecutor(_THREADS) as pool:
         return list(pool.map(function, items))
+
+
+def as_path(value: str | bytes | os.PathLike[Any], name: str) -> Path:
+    """The path that the argument `name` holds; raises InputError where it is none.
+
+    >>> as_path(None, "folder")
+    Traceback (most recent call last):
+    rakelight.errors.InputError: folder: this is no path (seen NoneType, needed str or pathlib.Path)
+    """
+    try:
+        return Path(os.fsdecode(value))
+    except TypeError as error:
+        seen = type(value).__name__
+        needed = "str or pathlib.Path"
+        raise InputError("this is no path", source=name, seen=seen, needed=needed) from error
 
 
 def read_bytes(path: Path, *, source: str = "", max_bytes: int = MAX_BYTES) -> bytes:

@@ -57,7 +57,7 @@ from rakelight.capture.listing import (
 from rakelight.capture.tone_curve import stated_encoding
 from rakelight.capture.truth import write_truth
 from rakelight.errors import CaptureError, OutputExistsError, printable
-from rakelight.files import clear_errors, in_threads, read_bytes, write_bytes
+from rakelight.files import as_path, clear_errors, in_threads, read_bytes, write_bytes
 from rakelight.folders import file_list, staged_folder
 from rakelight.model import (
     Array,
@@ -161,7 +161,7 @@ def load_depth(folder: str | PathLike[str]) -> Floats:
     Traceback (most recent call last):
     rakelight.errors.CaptureError: no/such/folder: no such folder (needed ...
     """
-    root = Root(Path(os.fsdecode(folder)))
+    root = Root(as_path(folder, "folder"))
     table = _read_config(root)
     depth = list_images(root, "depth", "depth maps")
     check_depth_kind(depth, table, root)
@@ -225,7 +225,7 @@ def write_capture(
     capture = checked_arrays(capture)
     if truth is not None:
         checked_truth(truth, capture.camera.shape)
-    target = Path(os.fsdecode(folder))
+    target = as_path(folder, "folder")
     if capture.source and _same_folder(target, Path(capture.source)):
         raise OutputExistsError(
             "this is the input; it is never overwritten",

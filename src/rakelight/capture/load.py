@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Sequence
 from numbers import Integral
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 from rakelight.capture.readers import Wanted, find_reader
 from rakelight.errors import InputError
+from rakelight.files import as_path
 from rakelight.memory import limited_memory
 from rakelight.model import Capture
 
@@ -41,7 +40,7 @@ def load_capture(
     CaptureError
         something is missing, damaged or contradicts itself; says which file and what to do
     InputError
-        there are not so many photographs, or `photographs` or `memory` is no such thing
+        there are not so many photographs, or `source`, `photographs` or `memory` is no such thing
     MissingExtraError
         a library that this kind of source needs is not installed; says what installs it
     MachineError
@@ -53,7 +52,7 @@ def load_capture(
     Traceback (most recent call last):
     rakelight.errors.CaptureError: no/such/folder: no such folder or file (needed ...
     """
-    path = Path(os.fsdecode(source))
+    path = as_path(source, "source")
     wanted = Wanted(None if photographs is None else _numbers(photographs))
     with limited_memory(memory):
         return find_reader(path).read(path, wanted).capture

@@ -13,7 +13,7 @@ from rakelight.capture.headers import read_header
 from rakelight.capture.images import decode_image, encode_tiff
 from rakelight.capture.listing import Root
 from rakelight.errors import CaptureError, parsing
-from rakelight.files import MAX_TEXT_BYTES, read_bytes, write_bytes
+from rakelight.files import MAX_TEXT_BYTES, as_path, read_bytes, write_bytes
 from rakelight.model import Floats, Lights, Truth
 
 TRUE_MAPS: dict[str, tuple[int, ...]] = {"depth": (), "normals": (3,), "albedo": (3,)}
@@ -26,7 +26,7 @@ def has_truth(folder: str | PathLike[str]) -> bool:
     >>> has_truth("no/such/folder")
     False
     """
-    return (Path(os.fsdecode(folder)) / "truth" / "depth.tiff").is_file()
+    return (as_path(folder, "folder") / "truth" / "depth.tiff").is_file()
 
 
 def load_truth(folder: str | PathLike[str]) -> Truth:
@@ -34,7 +34,7 @@ def load_truth(folder: str | PathLike[str]) -> Truth:
 
     Raises CaptureError when there is none, or its files are damaged or do not fit each other.
     """
-    root = Root(Path(os.fsdecode(folder)))
+    root = Root(as_path(folder, "folder"))
     if not (root.path / "truth").is_dir():
         raise CaptureError(
             "this capture has no truth",

@@ -38,7 +38,7 @@ from rakelight.export.summary import (
     summarise,
     summary_json,
 )
-from rakelight.files import in_threads, write_bytes, write_parts
+from rakelight.files import as_path, in_threads, write_bytes, write_parts
 from rakelight.folders import Manifest, staged_folder
 from rakelight.geometry.finite import only_finite
 from rakelight.model import Finding, Result
@@ -111,7 +111,7 @@ def write_result(
     _check_option("mesh", mesh, MESH_CHOICES)
     _check_option("normal_map", normal_map, tuple(AXES))
     result = only_finite(result)
-    with staged_folder(Path(folder), manifest=RESULT, overwrite=overwrite) as staging:
+    with staged_folder(as_path(folder, "folder"), manifest=RESULT, overwrite=overwrite) as staging:
         _write(result, staging.path, mesh, normal_map, extra_files or {})
     return staging.findings
 

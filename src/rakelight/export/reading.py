@@ -15,7 +15,7 @@ from rakelight.capture.images import decode_image
 from rakelight.errors import InputError
 from rakelight.export.lights import parse_lights
 from rakelight.export.summary import MARKER, Summary, parse_summary
-from rakelight.files import MAX_TEXT_BYTES, read_bytes
+from rakelight.files import MAX_TEXT_BYTES, as_path, read_bytes
 from rakelight.folders import put_back
 from rakelight.model import Array, Floats, Lights, Result
 from rakelight.prepare.linear import to_linear
@@ -43,7 +43,7 @@ def load_result(folder: str | PathLike[str]) -> Result:
     Raises InputError when `folder` is not a result, or one of these files is missing, damaged or of
     another result; it names the file.  MachineError when one cannot be read.
     """
-    folder = put_back(Path(os.fsdecode(folder)))
+    folder = put_back(as_path(folder, "folder"))
     summary = read_summary(folder)
     camera = summary.camera.as_camera()
     shape, files = camera.shape, _Files(folder)

@@ -10,8 +10,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from itertools import groupby
 from operator import itemgetter
-from os import PathLike, fsdecode
-from pathlib import Path
+from os import PathLike
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from rakelight.capture.folder import SYNTHETIC, write_all_but_photographs
 from rakelight.capture.listing import numbered
 from rakelight.capture.rows import TiffFile, pack_png_rows, pack_tiff_rows, png_parts
 from rakelight.capture.truth import TRUE_MAPS, write_lights
-from rakelight.files import write_parts
+from rakelight.files import as_path, write_parts
 from rakelight.folders import staged_folder
 from rakelight.model import Capture, Finding, ProgressCallback, Truth, silent
 from rakelight.synthetic.albedo import Albedo, make_albedo
@@ -89,7 +88,8 @@ def write_scene(
     ...     load_capture(f"{scratch}/ball").photographs.shape
     (3, 36, 48, 3)
     """
-    with staged_folder(Path(fsdecode(folder)), manifest=SYNTHETIC, overwrite=overwrite) as staging:
+    target = as_path(folder, "folder")
+    with staged_folder(target, manifest=SYNTHETIC, overwrite=overwrite) as staging:
         true, rgb = staging.path / "truth", staging.path / "rgb"
         true.mkdir()
         rgb.mkdir()
