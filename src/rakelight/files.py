@@ -8,7 +8,7 @@ import secrets
 import stat
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import FileIO
 from pathlib import Path
 from typing import Any, TypeVar
@@ -118,12 +118,27 @@ def write_bytes(path: Path, data: bytes, source: str = "") -> None:
     Raises MachineError with the system's words and the bytes needed when the disk is full or may
     not be written to, InputError when the path cannot be one.
     """
-    with clear_errors(source or str(path), "cannot be written", needed=f"{len(data)} bytes"):
+    with clear_errors(source or str(path), "cannot be written", needed=bytes_needed(len(data))):
         try:
             path.write_bytes(data)
         except OSError:
-            path.unlink(missing_ok=True)
+            _remove(path)
             raise
+
+
+def bytes_needed(size: int, words: str = "") -> str:
+    """A size for messages about a disk, after these words; empty where it says nothing.
+
+    >>> bytes_needed(70), bytes_needed(0)
+    ('70 bytes', '')
+    """
+    return f"{words}{size} bytes" if size else ""
+
+
+def _remove(path: Path) -> None:
+    """Delete a stump, if there is one; where the system refuses, what was refused before counts."""
+    with suppress(OSError):
+        path.unlink()
 
 
 _PARTIAL_END = ".partial"
@@ -150,7 +165,7 @@ def replace_bytes(path: Path, data: bytes) -> None:
                 os.fsync(written.fileno())
             partial.replace(path)
     finally:
-        partial.unlink(missing_ok=True)
+        _remove(partial)
 
 
 def is_partial(found: str, name: str) -> bool:
@@ -175,8 +190,9 @@ def write_parts(path: Path, parts: Iterable[bytes]) -> None:
                 size += len(part)
                 file.write(part)
     except OSError:
-        with clear_errors(str(path), "cannot be written", needed=f"more than {size} bytes"):
-            path.unlink(missing_ok=True)
+        needed = bytes_needed(size, "more than ")
+        with clear_errors(str(path), "cannot be written", needed=needed):
+            _remove(path)
             raise
 
 

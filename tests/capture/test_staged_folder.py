@@ -12,7 +12,7 @@ import pytest
 
 from rakelight import files, folders
 from rakelight.errors import InputError, MachineError, OutputExistsError
-from rakelight.files import read_bytes, write_bytes
+from rakelight.files import read_bytes, replace_bytes, write_bytes, write_parts
 from rakelight.folders import (
     FILE_LIST,
     Manifest,
@@ -553,3 +553,31 @@ def test_the_only_writer_stages_the_folder_and_nobody_else(tmp_path):
         write(tmp_path / "out")
     write(tmp_path / "out", overwrite=True)
     assert names(tmp_path) == ["out"]
+
+
+@pytest.mark.parametrize(
+    ("write", "content", "needed"),
+    [(write_bytes, b"123", "3 bytes"), (write_bytes, b"", ""), (write_parts, [b"123"], "")],
+)
+def test_a_disk_that_takes_no_byte(tmp_path, monkeypatch, write, content, needed):
+    monkeypatch.setattr(Path, "open", refusing(errno.ENOSPC))  # by Path.write_bytes, too
+    with pytest.raises(MachineError, match="No space left") as caught:
+        write(tmp_path / "page", content)
+    assert caught.value.needed == needed
+
+
+@pytest.mark.parametrize("write", [write_bytes, replace_bytes])
+def test_where_nothing_may_be_deleted_the_first_refusal_counts(tmp_path, monkeypatch, write):
+    monkeypatch.setattr(Path, "open", refusing(errno.EROFS))
+    monkeypatch.setattr(Path, "unlink", refusing(errno.EPERM))
+    with pytest.raises(MachineError, match=r"page: .*Read-only.*Fix: choose"):
+        write(tmp_path / "page", b"123")
+
+
+def refusing(number):
+    """A call that the system refuses."""
+
+    def call(*_, **__):
+        raise OSError(number, os.strerror(number))
+
+    return call

@@ -14,7 +14,7 @@ import numpy as np
 
 from rakelight.capture.headers import PNG_MAGIC
 from rakelight.capture.png import chunk
-from rakelight.files import clear_errors
+from rakelight.files import bytes_needed, clear_errors
 from rakelight.model import Array
 
 # The modulus of zlib's checksum (RFC 1950).
@@ -161,6 +161,5 @@ class TiffFile:
         self._file.write(b"II*\0" + struct.pack("<I", place))
 
     def _clear(self) -> AbstractContextManager[None]:
-        return clear_errors(
-            str(self.path), "cannot be written", needed=f"{sum(self._counts)} bytes"
-        )
+        needed = bytes_needed(sum(self._counts), "more than ")
+        return clear_errors(str(self.path), "cannot be written", needed=needed)
