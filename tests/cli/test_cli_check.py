@@ -126,3 +126,11 @@ def test_a_stream_without_the_sign_of_degrees_has_a_word(shown):
     text = "\n".join(shown(Screen(terminal=False, encoding="ascii"), 80))
     assert "37 deg" in text
     assert "\\x" not in text
+
+
+@pytest.mark.parametrize("options", [(), ("--overwrite",)])
+def test_a_folder_is_no_page(refused, capture, tmp_path, options):
+    (tmp_path / "pages").mkdir()
+    words = ("a folder stands where the page is to be written", "name a file in it")
+    page = tmp_path / "pages"
+    refused("check", capture, "--html", page, *options, about=page, words=words)

@@ -35,6 +35,12 @@ def require_free_page(file: Path, *, overwrite: bool = False, kind: str = "check
     with clear_errors(source, "cannot be written"):
         if not (file.exists() or file.is_symlink()):
             return
+        if file.is_dir():
+            raise OutputExistsError(
+                "a folder stands where the page is to be written",
+                source=source,
+                remedy="name a file in it, or choose another name",
+            )
         if not overwrite:
             remedy = "choose another name, or overwrite it: overwrite=True, or --overwrite"
             raise OutputExistsError("the file exists", source=source, remedy=remedy)
