@@ -34,7 +34,7 @@ from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.methods.multi_light.model_selection import (
     SHARED_AMBIENT,
     Search,
-    plausible,
+    are_near,
     radius_over_distance,
     sensor_cost,
     starts,
@@ -117,7 +117,7 @@ def figures(level: Level, exact: Level, truth: Truth, fit: Fit, weight: float) -
         "mm": 1000 * float(level.middle_m[2]) * float(np.std(off)),
         "lights_deg": lights_deg(fit.lights.as_lights(level.middle_m), truth.lights),
         "near": fit.model.near,
-        "plausible": not fit.model.near or plausible(level, fit.lights),
+        "plausible": not fit.model.near or are_near(level, fit.lights),
         "log_sigma": float(np.log(fit.linearization.noise_sigma) + np.log1p(nearness**2)),
         "sensor": sensor_cost(level, fit, weight),
         "equal_intensity": equal_intensity_energy(fit.lights.vector),

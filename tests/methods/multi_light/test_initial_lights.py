@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation, binary_erosion
+from scipy.spatial.transform import Rotation
 
 from rakelight.geometry.normals import normals_from_depth
 from rakelight.methods.levels import finest_level, pyramid
@@ -60,6 +61,36 @@ def dome(grow=0, rms_mm=2.0, correlation_px=0.0):
     )
 
 
+def wall(slant_deg):
+    """A wall with waves, its right side farther away, under lamps around its normal; lights (N, 3).
+
+    The sensor's noise hides the waves: the lights that fit its normals lie along their mean.
+    """
+    v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
+    x, y = (u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy
+    waves = 0.0008 * (np.sin(300 * x + 40 * y) + np.sin(-60 * x + 280 * y))
+    slant = np.radians(slant_deg)
+    depth = 0.8 / (1 - np.tan(slant) * x) + waves
+    everywhere = np.ones(depth.shape, bool)
+    normals = normals_from_depth(depth, everywhere, CAMERA)
+
+    turn = 2 * np.pi * (np.arange(LAMPS) + 0.5) / LAMPS
+    tilt = np.radians(30 + 20 * (0.618 * np.arange(LAMPS) % 1))
+    lights = np.stack([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), -np.cos(tilt)], -1)
+    lights = lights @ Rotation.from_euler("y", -slant_deg, degrees=True).as_matrix().T
+    shading = np.maximum(np.einsum("hwk,nk->nhw", normals, lights), 0) + 0.05
+    noise = np.random.default_rng(0).normal(size=(*shading.shape, 3))
+    light = 0.6 * shading[..., None] + 0.002 * noise
+    blocks = depth.reshape(CAMERA.height // 2, 2, CAMERA.width // 2, 2).mean(axis=(1, 3))
+    capture = Capture(
+        photographs=np.rint(65535 * np.clip(light, 0, 1)).astype(np.uint16),
+        depth_m=add_depth_noise(blocks, DepthNoise(rms_mm=1.0, correlation_length_px=2.0))[None],
+        mask=everywhere,
+        camera=CAMERA,
+    )
+    return capture, lights
+
+
 def coarsest(capture):
     return pyramid(finest_level(prepare(capture)), 4000)[-1]
 
@@ -76,6 +107,13 @@ def test_the_photographs_tell_lights_that_a_rough_prior_does_not():
     factored = off_deg(factored_start(level)[1], true)
     assert factored.max() < 20
     assert factored.max() < 0.6 * off_deg(lights_of_prior(level), true).max()
+
+
+def test_a_wall_seen_obliquely_is_as_good_as_one_seen_frontally():
+    frontal, oblique = (
+        off_deg(lights_of_prior(coarsest(capture)), true) for capture, true in (wall(0), wall(45))
+    )
+    np.testing.assert_allclose(oblique, frontal, atol=6)
 
 
 def test_a_generous_mask_does_not_end_in_a_wrong_surface():

@@ -31,6 +31,7 @@ from rakelight.model import silent
 from rakelight.photometry.images import LightParameters
 from rakelight.pipeline import refine
 from rakelight.prepare import prepare
+from rakelight.solve.robust import NOTABLE
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
 CORRELATED = DepthNoise(rms_mm=3.3, correlation_length_px=14.0)
@@ -186,6 +187,24 @@ def test_the_cost_counts_unequal_lights_but_not_given_ones():
     given = LightModel(directions=directions)
     held = [cost(level, replace(each, model=given), 1.0) for each in both]
     assert held[0] == held[1]
+
+
+def test_lights_beside_the_surface_cost_by_how_little_of_them_arrives():
+    """Of a plane the cosine of their tilt, where it is next to none; not their strength."""
+    level, fit = coarsest(CORRELATED)[0], selected(CORRELATED).fit
+    fit = replace(fit, log_depth=np.full_like(fit.log_depth, np.median(fit.log_depth)))
+    turn = 2 * np.pi * np.arange(12) / 12
+
+    def at(tilt_deg, strength):
+        tilt = np.radians(tilt_deg) * np.ones(12)
+        toward = np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), -np.cos(tilt)
+        vector = strength * np.stack(toward, axis=-1)[:, None]
+        return cost(level, replace(fit, lights=replace(fit.lights, vector=vector)), 1.0)
+
+    before = at(30, 1.0)
+    more = 2 * 12 * np.log(NOTABLE / np.cos(np.radians(89)))
+    assert at(89, 1.0) - before == pytest.approx(more, rel=1e-3)
+    assert at(80, 100.0) == pytest.approx(before)
 
 
 def test_lights_that_would_be_very_near_are_penalised():

@@ -22,15 +22,16 @@ def lights_of_prior(level: Level) -> LightParameters:
     Without ambient light: the part that is the same on all normals may belong to either.
     """
     values, colour, normals = _seen(level)
-    albedo, frontal = np.broadcast_to(colour, values[0].shape), np.array([0.0, 0.0, -1.0])
+    albedo, facing = np.broadcast_to(colour, values[0].shape), normals.mean(axis=0)
+    facing /= np.linalg.norm(facing)
     lights = np.array(
         [
-            estimate_light(np.maximum(value, 0.0), value >= 0, albedo, normals, frontal)
+            estimate_light(np.maximum(value, 0.0), value >= 0, albedo, normals, facing)
             for value in values
         ]
     )
-    # Noise of the normals makes light from the camera's side look like ambient light.
-    vector = lights[:, None, :3] + lights[:, None, 3:] * frontal
+    # Noise of the normals makes light along their mean look like ambient light.
+    vector = lights[:, None, :3] + lights[:, None, 3:] * facing
     return LightParameters.distant(vector, np.zeros((len(lights), 1)))
 
 

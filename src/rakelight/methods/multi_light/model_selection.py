@@ -1,8 +1,8 @@
 """What is chosen at the coarsest level: the start, the light model, the depth weight.
 
 Each is tried by a descent of its own, and the one of the least `cost` is taken.  A light per
-channel is tried where that explains more, near lights count where they are `plausible`.  At the
-finest level near lights are tried once more.
+channel is tried where that explains more, near lights count where they are near enough to matter.
+At the finest level near lights are tried once more.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class Search:
             if options.distance == "near":
                 choices = near
             else:
-                choices += [each for each in near if plausible(self.level, each.fit.lights)]
+                choices += [each for each in near if are_near(self.level, each.fit.lights)]
         best = self.with_larger_weights(self.cheapest(choices))
         own_ambient = replace(best.fit.model, shared_ambient=False)
         return replace(best, fit=replace(best.fit, model=own_ambient))
@@ -103,8 +103,7 @@ class Search:
         along = partial(self.descents, stage="try near lights")
         begun = [with_near_lights(self.level, fit) for fit in begins]
         best = self.cheapest([each for fit in begun for each in along(self.weights[-1:], fit)])
-        nearness = radius_over_distance(self.level, best.fit.lights)
-        if nearness < LEAST_RADIUS_OVER_DISTANCE and self.options.distance != "near":
+        if not are_near(self.level, best.fit.lights) and self.options.distance != "near":
             return [best]
         smaller = along(self.weights[:-1][::-1], best.fit)
         again = [each for fit in begun for each in along(self.weights[:1], fit)]
@@ -134,13 +133,13 @@ def cost(level: Level, fit: Fit, weight: float) -> float:
     """Minus twice the logarithm of the likelihood of photographs, depth and lights.
 
         N log(sigma^2 (1 + R^2/D^2)^2 V^2)  +  N (`sensor_cost`)
-            +  (N - 4) log(variance of log |s_i|)
+            +  (N - 4) log(variance of log |s_i|)  +  `grazing_cost`
 
     each with the variance that makes it most likely.  Errors are correlated within a photograph and
     within the depth map, over areas that are not known: each photograph counts as one value, the
     depth map as many as all photographs.  Lights at a distance D about the object's radius R would
     let fall-off make all shading, and so would distances that vary more than a hand's, V times.
-    Lights in given directions have neither of these penalties, nor the third term.
+    Lights in given directions have none of these penalties.
 
     level : its depth weight is of one sensor pixel's noise
     weight : a multiple of that, under which the fit was found
@@ -148,8 +147,21 @@ def cost(level: Level, fit: Fit, weight: float) -> float:
     photographs = 2 * np.log(penalised_sigma(level, fit)) + sensor_cost(level, fit, weight)
     total = len(level.photographs) * photographs
     if fit.model.directions is None:
-        total += equal_intensity_energy(fit.lights.vector)
+        total += equal_intensity_energy(fit.lights.vector) + grazing_cost(level, fit)
     return float(total)
+
+
+def grazing_cost(level: Level, fit: Fit) -> float:
+    """2 sum log max(1, `NOTABLE` / a_i), a_i the mean of max(0, n . s_i / |s_i|).
+
+    A lamp is held to where it lights the object.  Else the flatter a surface the better: whatever
+    the photographs show, lights of any strength in its plane make that of next to no relief.
+    """
+    normals = level.normals(fit.log_depth)[0][level.photographs.active]
+    vectors = fit.lights.vector.mean(axis=1)
+    size = np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), np.finfo(float).tiny)
+    arriving = np.maximum(normals @ (vectors / size).T, 0.0).mean(axis=0)
+    return float(2 * np.log(np.maximum(NOTABLE / np.maximum(arriving, TINY), 1.0)).sum())
 
 
 def penalised_sigma(level: Level, fit: Fit) -> float:
@@ -204,7 +216,7 @@ def try_near_lights(level: Level, fit: Fit, options: MultiLight, progress: Progr
         return descend(level, start, briefly, progress, "try near lights", last=True).fit
 
     near = after(replace(with_near_lights(level, fit), equal_intensity_weight=weight))
-    if not plausible(level, near.lights) or not explains_more(level, near, fit):
+    if not are_near(level, near.lights) or not explains_more(level, near, fit):
         return fit
     return near if explains_more(level, near, after(fit)) else fit
 
@@ -234,9 +246,9 @@ def given_fit(level: Level, given: GivenLights) -> Fit:
     return fit if given.fixed else replace(fit, model=SHARED_AMBIENT)
 
 
-def plausible(level: Level, lights: LightParameters) -> bool:
-    """Whether near lights are near enough to matter, and outside the object."""
-    return LEAST_RADIUS_OVER_DISTANCE <= radius_over_distance(level, lights) <= 1
+def are_near(level: Level, lights: LightParameters) -> bool:
+    """Whether lights are near enough to matter."""
+    return radius_over_distance(level, lights) >= LEAST_RADIUS_OVER_DISTANCE
 
 
 def variation_of_distances(lights: LightParameters) -> float:
