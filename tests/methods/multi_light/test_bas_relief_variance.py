@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
+from scipy.spatial.transform import Rotation
 
 from rakelight.geometry.normals import normals_from_gradient
 from rakelight.methods.levels import finest_level
@@ -96,8 +97,22 @@ def test_lights_that_differ_by_chance_contradict_little():
     rng = np.random.default_rng(0)
     gains = np.exp(0.3 * rng.normal(size=(200, len(lights.vector), 1, 1)))
     found = [lights_moment(level, replace(lights, vector=gain * lights.vector)) for gain in gains]
-    silent = np.mean([not moment.any() for moment in found])
-    assert silent > 0.3  # F below 1 has a probability of one half
+    assert np.mean([not moment.any() for moment in found]) > 0.8
+
+
+def test_lights_at_one_tilt_say_nothing_along_the_view():
+    """No g along the view changes how their intensities differ, but all of them alike."""
+    level, _, _ = true_level(NOISE)
+    rng = np.random.default_rng(0)
+    turn, tilt = 2 * np.pi * np.arange(8) / 8, np.radians(40) + 0.001 * rng.normal(size=8)
+    sides = np.sin(tilt)[:, None] * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=-1)
+    ring = sides - np.cos(tilt)[:, None] * [0.0, 0.0, 1.0]
+    view = level.middle_m / np.linalg.norm(level.middle_m)
+    turned, _ = Rotation.align_vectors(view[None], [[0.0, 0.0, 1.0]])
+    gains = np.exp(0.002 * rng.normal(size=(30, 8, 1)))
+    for vector in gains * turned.apply(ring):
+        found = lights_moment(level, LightParameters.distant(vector[:, None], np.zeros((8, 1))))
+        assert view @ found @ view < 1e-4
 
 
 def test_few_lights_say_nothing():

@@ -18,14 +18,17 @@ from rakelight.geometry.normals import normal_derivatives
 from rakelight.methods.base import DARK, scatter
 from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.bas_relief import sensed_columns
-from rakelight.methods.multi_light.equal_intensity import GAUGE_FREEDOM
+from rakelight.methods.multi_light.equal_intensity import GAUGE_FREEDOM, LEAST_LOG_SIGMA
 from rakelight.methods.multi_light.noise import FEWEST_BLOCKS
 from rakelight.model import Floats, Mask
 from rakelight.photometry.images import LightParameters
+from rakelight.solve.robust import BY_CHANCE
 
 # Least number of lights.  Four numbers are fitted to their intensities, the mean and g; a variance
 # from fewer than two more would be chance.
 LIGHTS_NEEDED = GAUGE_FREEDOM + 2
+# Least spread of the lights along a component of g, metres, that is not rounding.
+TINY = 1e-12
 
 
 def shape_errors(
@@ -102,8 +105,9 @@ def sensor_moment(level: Level, log_depth: Floats, scale_only: bool = False) -> 
 def lights_moment(level: Level, lights: LightParameters) -> Floats:
     """(3, 3) second moment of g, 1/metre, by which the lights' intensities contradict the surface.
 
-    The g that would make the intensities most equal, squared, less the part that chance makes of
-    the variance that remains.  0 for fewer than six lights.
+    The g that would make the intensities most equal, squared, less what chance makes of that.  Of
+    its principal components only those that are not by chance: lights at one tilt say nothing of g
+    along the view, which changes all of them alike.  0 for fewer than six lights.
     """
     vector = lights.vector.mean(axis=1)
     size = np.linalg.norm(vector, axis=1)
@@ -113,16 +117,16 @@ def lights_moment(level: Level, lights: LightParameters) -> Floats:
     toward = vector[reaching] / size[reaching, None]
     # A transform multiplies lights by (1 + X g^T)^-1, their size by about 1 - (l . X) (g . l).
     design = -(toward @ level.middle_m)[:, None] * toward
-    design = np.column_stack([np.ones(len(toward)), design])
     logs = -np.log(size[reaching])
-    inverse = np.linalg.pinv(design.T @ design)
-    fitted = inverse @ (design.T @ logs)
-    freedom = len(logs) - GAUGE_FREEDOM
-    variance = float(((logs - design @ fitted) ** 2).sum()) / freedom
-    g, covariance = fitted[1:], variance * inverse[1:, 1:]
-    # F statistic: 1 is chance.
-    over_chance = float(g @ np.linalg.pinv(covariance) @ g) / 3
-    return np.asarray(max(1 - 1 / max(over_chance, 1e-12), 0.0) * np.outer(g, g))
+    left, spread, components = np.linalg.svd(design - design.mean(axis=0), full_matrices=False)
+    along = (logs - logs.mean()) @ left
+    rest = float(np.square(logs - logs.mean() - left @ along).sum())
+    variance = rest / (len(logs) - GAUGE_FREEDOM) + LEAST_LOG_SIGMA**2
+    square = along**2
+    sure = (square > BY_CHANCE**2 * variance) & (spread > TINY)
+    length = np.sqrt(np.where(sure, square - variance, 0.0)) / np.maximum(spread, TINY)
+    g = (np.sign(along) * length) @ components
+    return np.outer(g, g)
 
 
 def _clustered(scores: Floats, where: Mask) -> Iterator[Floats]:
