@@ -202,9 +202,9 @@ def test_lights_beside_the_surface_cost_by_how_little_of_them_arrives():
         return cost(level, replace(fit, lights=replace(fit.lights, vector=vector)), 1.0)
 
     before = at(30, 1.0)
-    more = 2 * 12 * np.log(NOTABLE / np.cos(np.radians(89)))
-    assert at(89, 1.0) - before == pytest.approx(more, rel=1e-3)
-    assert at(80, 100.0) == pytest.approx(before)
+    more = 12 * np.log(NOTABLE / np.cos(np.radians(85)) ** 2)
+    assert at(85, 1.0) - before == pytest.approx(more, rel=1e-3)
+    assert at(75, 100.0) == pytest.approx(before)
 
 
 def test_lights_that_would_be_very_near_are_penalised():

@@ -152,7 +152,7 @@ def cost(level: Level, fit: Fit, weight: float) -> float:
 
 
 def grazing_cost(level: Level, fit: Fit) -> float:
-    """2 sum log max(1, `NOTABLE` / a_i), a_i the mean of max(0, n . s_i / |s_i|).
+    """sum log max(1, `NOTABLE` / a_i^2), a_i the mean of max(0, n . s_i / |s_i|).
 
     A lamp is held to where it lights the object.  Else the flatter a surface the better: whatever
     the photographs show, lights of any strength in its plane make that of next to no relief.
@@ -161,7 +161,7 @@ def grazing_cost(level: Level, fit: Fit) -> float:
     vectors = fit.lights.vector.mean(axis=1)
     size = np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), np.finfo(float).tiny)
     arriving = np.maximum(normals @ (vectors / size).T, 0.0).mean(axis=0)
-    return float(2 * np.log(np.maximum(NOTABLE / np.maximum(arriving, TINY), 1.0)).sum())
+    return float(np.log(np.maximum(NOTABLE / np.maximum(arriving**2, TINY), 1.0)).sum())
 
 
 def penalised_sigma(level: Level, fit: Fit) -> float:
