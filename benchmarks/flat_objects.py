@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -165,7 +164,7 @@ def main() -> None:
         return
     records = []
     with processes(arguments.jobs) as pool:
-        for found in pool.imap(partial(scores), arguments.seeds):
+        for found in pool.imap(scores, arguments.seeds):
             records.append(found)
             (before, _), (after, _) = found["prepared"], found["refined"]
             depths = f"{found['prepared'][1]:7.3f} to {found['refined'][1]:7.3f} mm"

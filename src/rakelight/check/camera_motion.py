@@ -124,23 +124,23 @@ def stood_still(capture: Capture) -> tuple[Floats, Array]:
     Shifts are those beside the position in which most photographs are; NaN = not known.
     """
     known = np.full((len(capture.photographs), 2), np.nan)
+    # Where the lamp hardly reaches the object there are shadows and ambient light.
+    brightness = exposure(capture).brightness
+    lit = brightness >= UNDEREXPOSED * np.median(brightness)
     for view in views(capture.mask):
-        shifts, moved = seen_in(view, capture)
+        shifts, moved = seen_in(view, capture, lit)
         if moved.any():
             return shifts, moved
         known = np.where(np.isnan(known), shifts, known)
     return known, moved
 
 
-def seen_in(view: View, capture: Capture) -> tuple[Floats, Array]:
-    """As `stood_still`, by what a view shows."""
+def seen_in(view: View, capture: Capture, lit: Array) -> tuple[Floats, Array]:
+    """As `stood_still`, by what a view shows of those photographs that are lit, (N,)."""
     pictures = [view.light(each, capture.encoding) for each in capture.photographs]
     bands, count = details(pictures), len(pictures)
     all_shifts, all_moved = np.full((count, 2), np.nan), np.zeros(count, dtype=bool)
-    clear = np.array([has_detail(each[view.where]) for each in bands])
-    # Where the lamp hardly reaches the object there are shadows and ambient light.
-    brightness = exposure(capture).brightness
-    clear &= brightness >= UNDEREXPOSED * np.median(brightness)
+    clear = lit & np.array([has_detail(each[view.where]) for each in bands])
     pictures, bands = (
         [each for each, shown in zip(images, clear, strict=True) if shown]
         for images in (pictures, bands)

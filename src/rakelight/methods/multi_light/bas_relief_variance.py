@@ -118,6 +118,7 @@ def lights_moment(level: Level, lights: LightParameters) -> Floats:
     # A transform multiplies lights by (1 + X g^T)^-1, their size by about 1 - (l . X) (g . l).
     design = -(toward @ level.middle_m)[:, None] * toward
     logs = -np.log(size[reaching])
+    # Of each principal component of g: what it explains of the intensities, and what chance would.
     left, spread, components = np.linalg.svd(design - design.mean(axis=0), full_matrices=False)
     along = (logs - logs.mean()) @ left
     rest = float(np.square(logs - logs.mean() - left @ along).sum())
