@@ -18,8 +18,9 @@ limit : the true relief, its generalised bas-relief transform (depth scale and p
     the sensor's depth by weighted least squares.  No method can do better by the sensor alone
 
 over the pixels that the object covers whole, in the mask and not in a hole that nothing fills.
-Torn are neighbours that the truth links (no jump) and whose depth difference is off by more than
-3 mm and three deviations of the sensor's white noise and steps, as a share of the linked pairs.
+Of the pairs of neighbours that the truth links (no jump) two shares are off by more than 3 mm and
+three deviations of the sensor's white noise and steps: torn are those that the result takes that
+far apart, and farther than they are; flattened those on true slopes that it makes less steep.
 Within are the shares of pixels whose error is at most what the method expects (`normal_sigma`,
 `depth_sigma`): 63 % and 68 % where it is right and errors are normally distributed.
 Seconds are the processor's: a busy machine does not change them.
@@ -122,7 +123,7 @@ def scores(drawn: Draw, capture: Capture, truth: Truth, method: str, oracle: boo
         "prepared": errors(before, surface_normals(before, seen, capture.camera)),
         "result": errors(result.depth, result.normals),
         "limit": errors(*limit(capture, truth)),
-        "torn": torn(result.depth, capture, truth, counted, drawn),
+        **parted(result.depth, capture, truth, counted, drawn),
         "within": within(result, truth, counted),
         "converged": result.converged,
         "seconds": seconds,
@@ -162,19 +163,24 @@ def limit(capture: Capture, truth: Truth) -> tuple[Floats, Floats]:
     return 1 / inverse, a * truth.normals + distance[..., None] * np.asarray(g)
 
 
-def torn(depth: Floats, capture: Capture, truth: Truth, counted: Mask, drawn: Draw) -> float:
-    """The share of linked pairs of neighbours that the result parts."""
+def parted(
+    depth: Floats, capture: Capture, truth: Truth, counted: Mask, drawn: Draw
+) -> dict[str, float]:
+    """The shares of linked pairs of neighbours that the result tears, and that it flattens."""
     links = surface_links(truth.depth, counted, capture.camera)
     fine_m = np.hypot(drawn.depth_white_mm, drawn.depth_step_mm / np.sqrt(12)) / 1000
-    off_m = depth - truth.depth
-    parted = count = 0
+    limit = max(TORN_M, TORN_SIGMAS * fine_m)
+    torn = off = count = 0
     for axis, linked in ((1, links.right), (0, links.down)):
         here, there = pair_slices(axis)
         with np.errstate(invalid="ignore"):
-            step = ~(np.abs(off_m[there] - off_m[here]) <= max(TORN_M, TORN_SIGMAS * fine_m))
-        parted += np.count_nonzero(step & linked[here])
+            found, true = (each[there] - each[here] for each in (depth, truth.depth))
+            wrong = linked[here] & ~(np.abs(found - true) <= limit)
+            apart = ~(np.abs(found) <= np.maximum(limit, np.abs(true)))
+        torn += np.count_nonzero(wrong & apart)
+        off += np.count_nonzero(wrong)
         count += np.count_nonzero(linked)
-    return parted / max(count, 1)
+    return {"torn": torn / max(count, 1), "flattened": (off - torn) / max(count, 1)}
 
 
 def within(result: Result, truth: Truth, counted: Mask) -> Record | None:
@@ -273,7 +279,7 @@ def summary(records: Sequence[Record]) -> Iterator[str]:
                     f"90th percentile {np.quantile(ratios, 0.9):.2f}; ratio of medians "
                     f"{medians:.2f}, of 90th percentiles {ninth:.2f}"
                 )
-    yield f"torn: {torn_in(done)}"
+    yield f"torn: {share_in(done, 'torn')}; flattened: {share_in(done, 'flattened')}"
     if told := [record for record in done if record.get("within")]:
         pixels = np.array([record["pixels"] for record in told])
         for unit, of in (("deg", "angle"), ("mm", "depth")):
@@ -309,11 +315,13 @@ def worst(records: Sequence[Record], count: int) -> Iterator[str]:
         yield f"      {Draw(**record['draw'])}"
 
 
-def torn_in(records: Sequence[Record]) -> str:
+def share_in(records: Sequence[Record], what: str) -> str:
     """The share of the neighbours of all draws that the results part, and in how many draws."""
     pixels = [record["pixels"] for record in records]
-    share = np.average([record["torn"] for record in records], weights=pixels)
-    return f"{share:.3%} of neighbours, in {sum(record['torn'] > 0 for record in records)} draws"
+    share = np.average([record.get(what, np.nan) for record in records], weights=pixels)
+    return (
+        f"{share:.3%} of neighbours, in {sum(record.get(what, 0) > 0 for record in records)} draws"
+    )
 
 
 def compared(before: Sequence[Record], after: Sequence[Record]) -> Iterator[str]:
@@ -345,7 +353,9 @@ def compared(before: Sequence[Record], after: Sequence[Record]) -> Iterator[str]
     if len(lights):
         change = np.exp(np.log(lights[:, 1] / lights[:, 0]).mean())
         yield f"lights: geometric mean of ratios {change:.3f}"
-    yield f"torn before: {torn_in([a for a, _ in pairs])}; after: {torn_in([b for _, b in pairs])}"
+    for what in ("torn", "flattened"):
+        shares = [share_in(side, what) for side in zip(*pairs, strict=True)]
+        yield f"{what} before: {shares[0]}; after: {shares[1]}"
     for name, test in (
         ("worse than prepared", worse),
         ("not converged", lambda record: not record["converged"]),
