@@ -275,6 +275,23 @@ def connected(grid: Grid) -> tuple[Array, int]:
     return labels, int(count) if size else 0
 
 
+def reached(start: Mask, links: Links, steps: int) -> Mask:
+    """(H, W) the pixels to which at most so many links lead from those of `start`, and these.
+
+    >>> links = Links.of(np.array([[1, 1, 1, 0, 1]], bool))
+    >>> reached(np.array([[1, 0, 0, 0, 0]], bool), links, 1).tolist()
+    [[True, True, False, False, False]]
+    """
+    found = start & links.mask
+    for _ in range(steps):
+        before = found.copy()
+        for axis, linked in ((1, links.right), (0, links.down)):
+            here, there = pair_slices(axis)
+            found[there] |= before[here] & linked[here]
+            found[here] |= before[there] & linked[here]
+    return found
+
+
 def row_strips(height: int, most: int = 256) -> Iterator[slice]:
     """Rows of an image from the first to the last, at most so many at a time.
 

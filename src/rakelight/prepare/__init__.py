@@ -28,6 +28,7 @@ from rakelight.model import (
     GivenLights,
     Mask,
 )
+from rakelight.prepare.background import beside_the_object
 from rakelight.prepare.denoise import bilateral
 from rakelight.prepare.holes import hole_findings, thin_finding, unseen, within_reach
 from rakelight.prepare.inpaint import inpaint
@@ -40,7 +41,6 @@ from rakelight.prepare.sensor import (
     sensed,
     sensor_shape,
 )
-from rakelight.prepare.surfaces import beside_the_object
 from rakelight.prepare.upsample import upsample
 from rakelight.scratch import release
 
@@ -224,8 +224,9 @@ def shrunk_view(capture: Capture, shrink: int) -> PreparedView:
     average, sigma = sensed(capture, capture.mask)
     sensor_mask = grid.touched(mask)
     measured = sensor_mask & np.isfinite(average)
+    sensor = camera.resized(*grid.sensor[::-1])
     measured &= ~beside_the_object(
-        average, sensor_mask, grid.covered(mask), camera.resized(*grid.sensor[::-1])
+        average, sensor_mask, grid.covered(mask), sensor, shrink * grid.factor
     )
     if not measured.any():
         raise no_depth(capture)
@@ -244,7 +245,7 @@ def shrunk_view(capture: Capture, shrink: int) -> PreparedView:
         encoding=capture.encoding,
         mask=seen,
         smooth_m=smooth,
-        links=surface_links(smooth, carried, camera.resized(*grid.sensor[::-1])),
+        links=surface_links(smooth, carried, sensor),
         average_m=average,
         sigma_m=sigma,
         measured=measured,
