@@ -44,9 +44,15 @@ def beside_the_object(
         return found
     border = 1 + int(np.ceil(SHIFT_PX / factor))
     window = bounding_window(touched, margin=2 * border)
-    depth, inside = depth_m[window], touched[window]
+    depth, inside, whole = depth_m[window], touched[window], covered[window]
     measured = np.isfinite(depth)
     seen = inside & measured
+    # Thin parts of the object need not touch the rest of it: only a jump tells.
+    jump, size = 1 + LEAST_PIXELS / min(camera.fx, camera.fy), 2 * border + 1
+    behind = seen & (dilate(~inside, border) | ~whole)
+    behind[behind] = (jump * minimum_filter(np.where(seen, depth, np.inf), size) < depth)[behind]
+    if not behind.any():
+        return found
     links = surface_links(depth, measured, camera)
     links = without_measured_jumps(links, depth, camera)
     # Well outside, since the object's own rim may reach beyond a narrow mask.  Steps are twice the
@@ -54,10 +60,8 @@ def beside_the_object(
     from_outside = reached(~dilate(inside, border), links, 4 * border)
     from_inside = reached(~dilate(~inside, border), links, 2 * border)
     components, _ = surfaces(np.where(seen, depth, np.nan), camera)
-    own = seen & np.isin(components, np.unique(components[seen & covered[window]]))
+    own = seen & np.isin(components, np.unique(components[seen & whole]))
     own &= from_inside | ~from_outside
-    nearest = minimum_filter(np.where(own, depth, np.inf), 2 * border + 1)
-    # Thin parts of the object need not touch the rest of it: only a jump tells.
-    jump = 1 + LEAST_PIXELS / min(camera.fx, camera.fy)
-    found[window] = seen & ~own & (jump * nearest < np.where(seen, depth, 0.0))
+    nearest = minimum_filter(np.where(own, depth, np.inf), size)
+    found[window] = behind & ~own & (jump * nearest < depth)
     return found
