@@ -123,7 +123,7 @@ def scores(drawn: Draw, capture: Capture, truth: Truth, method: str, oracle: boo
         "prepared": errors(before, surface_normals(before, seen, capture.camera)),
         "result": errors(result.depth, result.normals),
         "limit": errors(*limit(capture, truth)),
-        **parted(result.depth, capture, truth, counted, drawn),
+        **torn_and_flattened(result.depth, capture, truth, counted, drawn),
         "within": within(result, truth, counted),
         "converged": result.converged,
         "seconds": seconds,
@@ -163,7 +163,7 @@ def limit(capture: Capture, truth: Truth) -> tuple[Floats, Floats]:
     return 1 / inverse, a * truth.normals + distance[..., None] * np.asarray(g)
 
 
-def parted(
+def torn_and_flattened(
     depth: Floats, capture: Capture, truth: Truth, counted: Mask, drawn: Draw
 ) -> dict[str, float]:
     """The shares of linked pairs of neighbours that the result tears, and that it flattens."""
@@ -316,7 +316,10 @@ def worst(records: Sequence[Record], count: int) -> Iterator[str]:
 
 
 def share_in(records: Sequence[Record], what: str) -> str:
-    """The share of the neighbours of all draws that the results part, and in how many draws."""
+    """The share of all draws' neighbours that are `what`, torn or flattened; in how many draws.
+
+    nan where the records are older than that figure.
+    """
     pixels = [record["pixels"] for record in records]
     share = np.average([record.get(what, np.nan) for record in records], weights=pixels)
     return (

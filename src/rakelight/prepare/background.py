@@ -47,10 +47,11 @@ def beside_the_object(
     depth, inside, whole = depth_m[window], touched[window], covered[window]
     measured = np.isfinite(depth)
     seen = inside & measured
+    rim = dilate(~inside, border)
     # Thin parts of the object need not touch the rest of it: only a jump tells.
     jump, size = 1 + LEAST_PIXELS / min(camera.fx, camera.fy), 2 * border + 1
-    behind = seen & (dilate(~inside, border) | ~whole)
-    behind[behind] = (jump * minimum_filter(np.where(seen, depth, np.inf), size) < depth)[behind]
+    nearest = minimum_filter(np.where(seen, depth, np.inf), size)
+    behind = seen & (rim | ~whole) & (jump * nearest < depth)
     if not behind.any():
         return found
     links = surface_links(depth, measured, camera)
@@ -58,7 +59,7 @@ def beside_the_object(
     # Well outside, since the object's own rim may reach beyond a narrow mask.  Steps are twice the
     # distances: links lead along rows and columns only.
     from_outside = reached(~dilate(inside, border), links, 4 * border)
-    from_inside = reached(~dilate(~inside, border), links, 2 * border)
+    from_inside = reached(~rim, links, 2 * border)
     components, _ = surfaces(np.where(seen, depth, np.nan), camera)
     own = seen & np.isin(components, np.unique(components[seen & whole]))
     own &= from_inside | ~from_outside
