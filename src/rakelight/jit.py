@@ -240,7 +240,8 @@ def one_blas_thread() -> Iterator[None]:
 
     They are small here, and the threads of a BLAS, which wait awake, would keep the kernels' off.
     The number is the process's: of all threads the first one inside sets it, the last one out puts
-    it back.
+    it back.  Enter it before threads are begun whose products it is about: a BLAS is not made for
+    its number to change while it is at work.
     """
     from threadpoolctl import threadpool_limits
 

@@ -153,8 +153,9 @@ def test_a_check_in_the_table_is_run_by_check_alone(vase, monkeypatch):
     assert len(seen) == 1
 
 
-def test_a_check_that_refine_is_to_run_is_run_by_both(vase, monkeypatch):
-    seen = with_row(monkeypatch, in_refine=True)
+@pytest.mark.parametrize("stage", ["prepare", "method"])
+def test_a_check_that_refine_is_to_run_is_run_by_both(vase, monkeypatch, stage):
+    seen = with_row(monkeypatch, in_refine=stage)
     unnamed = replace(vase, names=())
     assert "too-soft" in {finding.code for finding in refine(unnamed).findings}
     assert check_capture(unnamed).findings[0].code == "too-soft"

@@ -26,7 +26,7 @@ def test_an_inverted_mask_is_asked_for(relief):
 
 def test_it_is_said_before_all_else():
     assert FINDINGS[0].codes == ("mask-inverted",)
-    assert mask_inverted in checks(in_refine=True)
+    assert mask_inverted in checks(in_refine="prepare")
 
 
 def test_an_object_that_stands_on_the_images_border_may_be_left_out():

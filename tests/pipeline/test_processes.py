@@ -121,6 +121,23 @@ def test_overlapping_threads_leave_the_number_of_blas_threads_as_it_was():
             assert blas_threads() == {2}
 
 
+@pytest.mark.parametrize("module", ["pipeline", "checkup"])
+def test_no_check_runs_while_the_number_of_blas_threads_changes(module, capture, monkeypatch):
+    """A product that is computed meanwhile might wait for threads that are gone."""
+    seen = []
+
+    def check(measured):
+        seen.append(blas_threads())
+        return ()
+
+    monkeypatch.setattr(f"rakelight.{module}.checks", lambda **stage: {check: "too-soft"})
+    with threadpool_limits(2, user_api="blas"):
+        {"pipeline": refine, "checkup": rakelight.check_capture}[module](capture)
+        assert blas_threads() == {2}
+    assert seen
+    assert all(each == {1} for each in seen)
+
+
 @forks
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
 def test_a_fork_while_another_thread_sets_the_number_of_blas_threads(monkeypatch):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from typing import Literal
 
 from rakelight.check.camera_motion import camera_motion
 from rakelight.check.depth_orientation import depth_orientation
@@ -20,6 +21,7 @@ from rakelight.check.sharpness import sharpness_findings
 from rakelight.model import Finding
 
 Check = Callable[[Measured], tuple[Finding, ...]]
+Stage = Literal["prepare", "method"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,14 +30,15 @@ class Row:
 
     check : what finds them, or raises CaptureError where the capture is wrong beyond doubt; None
         where the reader, the preparation or a method says them
-    in_refine : whether `refine` runs the check, too
+    in_refine : the stage of `refine` beside which it runs the check, too: the preparation where the
+        check may refuse the capture, which comes before the method then
     nothing_gained : whether the result is then the depth as it was, or little else
     instead_of : codes of findings that say less of the same
     """
 
     codes: tuple[str, ...]
     check: Check | None = None
-    in_refine: bool = False
+    in_refine: Stage | None = None
     nothing_gained: bool = False
     instead_of: tuple[str, ...] = ()
 
@@ -43,20 +46,20 @@ class Row:
 # First what makes the others meaningless; then the cause before its effects: a photograph that
 # moved does not fit the others either.  Warnings are said before all notes.
 FINDINGS = (
-    Row(("mask-inverted",), mask_inverted, in_refine=True),
-    Row(("depth-turned",), depth_orientation, in_refine=True),
-    Row(("depth-inside-out",), inside_out, in_refine=True),
-    Row(("depth-shifted",), depth_shift, in_refine=True),
+    Row(("mask-inverted",), mask_inverted, in_refine="prepare"),
+    Row(("depth-turned",), depth_orientation, in_refine="prepare"),
+    Row(("depth-inside-out",), inside_out, in_refine="prepare"),
+    Row(("depth-shifted",), depth_shift, in_refine="prepare"),
     Row(("registration-doubtful", "not-registered", "registered")),
     Row(("no-depth",), depth_findings),
     Row(
-        ("depth-one-value",), one_value, in_refine=True,
+        ("depth-one-value",), one_value, in_refine="prepare",
         instead_of=("one-lamp-position", "lights-in-one-plane", "lights-on-one-side"),
     ),
     Row(("too-few-photographs", "no-surface")),
     Row(("few-lights", "one-lamp-position"), nothing_gained=True),
     Row(("given-lights-wrong",)),
-    Row(("camera-moved",), camera_motion, in_refine=True),
+    Row(("camera-moved",), camera_motion, in_refine="method"),
     Row(("overexposed", "underexposed"), exposure_findings, instead_of=("saturated", "black")),
     Row(("blurred", "out-of-focus"), sharpness_findings),
     Row(("photographs-say-nothing",), nothing_gained=True),
@@ -94,14 +97,14 @@ FINDINGS = (
 )  # fmt: skip
 
 
-def checks(in_refine: bool = False) -> dict[Check, str]:
+def checks(in_refine: Stage | None = None) -> dict[Check, str]:
     """The checks, each once, in the order of the table, and the code for what each refuses.
 
-    in_refine : those alone that `refine` runs
+    in_refine : those alone that `refine` runs beside that stage
     """
     found: dict[Check, str] = {}
     for row in FINDINGS:
-        if row.check is not None and (row.in_refine or not in_refine):
+        if row.check is not None and in_refine in (None, row.in_refine):
             found.setdefault(row.check, row.codes[0])
     return found
 

@@ -23,6 +23,7 @@ from rakelight.checkup.quick import Quick, any_lights, quick_options, quickly_re
 from rakelight.checkup.report import CheckReport, PhotographCheck
 from rakelight.checkup.verdict import judged, refused_finding
 from rakelight.errors import CaptureError, InputError
+from rakelight.jit import one_blas_thread
 from rakelight.methods import choose_method, load_method
 from rakelight.model import Capture, Finding
 from rakelight.pipeline import pose_corrected
@@ -52,15 +53,16 @@ def check_capture(capture: Capture) -> CheckReport:
     """
     began = perf_counter()
     capture = undistorted(checked_capture(capture))
-    capture = _posed(replace(capture, names=_names(capture)))
-    measured = Measured(capture)
-    # Most of the checks runs on one core.
-    with ThreadPoolExecutor(1) as beside:
-        checked = beside.submit(_checked, measured)
-        quick = quickly_refined(capture)
-        found, refusal = checked.result()
-    if refusal is None:
-        found, refusal = _refused_inverted(measured, found)
+    with one_blas_thread():
+        capture = _posed(replace(capture, names=_names(capture)))
+        measured = Measured(capture)
+        # Most of the checks runs on one core.
+        with ThreadPoolExecutor(1) as beside:
+            checked = beside.submit(_checked, measured)
+            quick = quickly_refined(capture)
+            found, refusal = checked.result()
+        if refusal is None:
+            found, refusal = _refused_inverted(measured, found)
     if refusal is None:
         refusal, found = quick.refusal, (*found, *quick.findings)
     findings = ordered((*capture.findings, *found))

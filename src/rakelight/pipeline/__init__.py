@@ -13,7 +13,7 @@ import numpy as np
 
 from rakelight.capture.arrays import checked_capture
 from rakelight.check.depth_orientation import depth_orientation
-from rakelight.check.findings import checks
+from rakelight.check.findings import Stage, checks
 from rakelight.check.measured import Measured
 from rakelight.errors import CaptureError, InputError, MethodError
 from rakelight.geometry.finite import only_finite
@@ -82,7 +82,7 @@ def refine(
     if not callable(progress):
         raise InputError("progress is no function", seen=type(progress).__name__)
     chosen, options = _chosen(capture, method, options)
-    with solving(capture), limited_memory(memory):
+    with solving(capture), limited_memory(memory), one_blas_thread():
         result = _refined(capture, chosen, scale, options, progress)
     return only_finite(result, mask=np.isfinite(result.prepared_depth))
 
@@ -161,10 +161,15 @@ def _refined(
     capture = pose_corrected(capture, chosen, options, progress)
     registered_at = perf_counter()
     progress(Progress("prepare"))
-    with checks_beside(capture) as checked:
+    measured = Measured(capture)
+    with checked_beside("prepare", measured) as checked:
         view = prepared_view(capture, scale)
+    # Quick refinements that tell whether depth is inside out use all cores; only suspicious
+    # captures have them.
+    refuse_inverted(measured, checked)
     prepared_at = perf_counter()
-    made, prepared, estimate, maps = _maps(capture, view, chosen, options, progress)
+    with checked_beside("method", measured) as checked_later:
+        made, prepared, estimate, maps = _maps(capture, view, chosen, options, progress)
     refined_at = perf_counter()
     depth_m, normals = surface(prepared, estimate)
     result = Result(
@@ -187,7 +192,7 @@ def _refined(
             "refine": refined_at - prepared_at,
             **estimate.timings_s,
         },
-        findings=view.findings + tuple(checked) + made + _convergence(estimate),
+        findings=(*view.findings, *checked, *checked_later, *made, *_convergence(estimate)),
         source=capture.source,
         photograph_names=prepared.names,
         capture=_figures(as_read, capture.depth_to_color if capture.register else None),
@@ -233,22 +238,19 @@ def _maps(
 
 
 @contextmanager
-def checks_beside(capture: Capture) -> Iterator[list[Finding]]:
-    """What the checks of a capture find, once the block has ended, beside which they run.
+def checked_beside(stage: Stage, measured: Measured) -> Iterator[list[Finding]]:
+    """What the checks that belong to a stage find, once the block has ended, beside which they run.
 
-    Most of the preparation runs on one core.  Quick refinements that tell whether depth is inside
-    out follow it, since they use all cores; only suspicious captures have them.
+    A stage leaves half a core idle or more: most of the preparation runs on one, and the method
+    where its systems are small.
     """
     found: list[Finding] = []
-    measured = Measured(capture)
     with ThreadPoolExecutor(1) as beside:
         checked = beside.submit(
-            lambda: [each for check in checks(in_refine=True) for each in check(measured)]
+            lambda: [each for check in checks(in_refine=stage) for each in check(measured)]
         )
         yield found
-        said = checked.result()
-    refuse_inverted(measured, said)
-    found += said
+        found += checked.result()
 
 
 def _embedded(prepared: Prepared, sigma: Floats | None) -> Floats | None:
@@ -275,8 +277,7 @@ def pose_corrected(
     from rakelight.pipeline.pose import registered
 
     depth_orientation(Measured(capture))
-    with one_blas_thread():
-        return registered(capture, options, progress)
+    return registered(capture, options, progress)
 
 
 def _figures(capture: Capture, depth_to_color: RigidTransform | None) -> dict[str, Any]:

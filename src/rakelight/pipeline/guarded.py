@@ -11,7 +11,6 @@ import numpy as np
 from rakelight.check.odd_photograph import odd_finding, odd_photographs
 from rakelight.errors import MethodError
 from rakelight.geometry.normals import surface_normals
-from rakelight.jit import one_blas_thread
 from rakelight.methods.base import ONE_LAMP_POSITION, Estimate, Method
 from rakelight.model import Finding, Floats, ProgressCallback, silent
 from rakelight.pipeline.degenerate import without_normals
@@ -38,14 +37,13 @@ def estimated(
 
     Raises MethodError where a method gives back what is no estimate.
     """
-    with one_blas_thread():
-        degenerate = without_normals(prepared)
-        if degenerate is not None:
-            return prepared, degenerate
-        if chosen.starts_from_depth:
-            wrong = wrong_lights(prepared) if chosen.given_lights == "use" else ()
-            return guarded(chosen.estimate, prepared, options, progress, wrong)
-        return prepared, chosen.estimate(prepared, options, progress)
+    degenerate = without_normals(prepared)
+    if degenerate is not None:
+        return prepared, degenerate
+    if chosen.starts_from_depth:
+        wrong = wrong_lights(prepared) if chosen.given_lights == "use" else ()
+        return guarded(chosen.estimate, prepared, options, progress, wrong)
+    return prepared, chosen.estimate(prepared, options, progress)
 
 
 def guarded(

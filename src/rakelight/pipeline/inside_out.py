@@ -18,7 +18,6 @@ from rakelight.check.evidence import FEWEST
 from rakelight.check.inside_out import outline_of
 from rakelight.check.measured import Measured
 from rakelight.errors import CaptureError, InputError
-from rakelight.jit import one_blas_thread
 from rakelight.methods import load_method
 from rakelight.model import Capture, Finding, Floats, silent
 from rakelight.pipeline.guarded import surface
@@ -83,6 +82,5 @@ def log_ratios(capture: Capture) -> Floats:
 
 def _errors(prepared: Prepared, options: Any) -> Floats:
     """(N,) errors of the photographs' predictions after a quick refinement."""
-    with one_blas_thread():
-        estimate = load_method("multi-light").run(prepared, options, silent)
+    estimate = load_method("multi-light").run(prepared, options, silent)
     return np.array(prediction_errors(prepared, *surface(prepared, estimate), estimate.lights))

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rakelight.geometry.grid import row_strips
-from rakelight.jit import one_blas_thread, side_by_side, worth_side_by_side
+from rakelight.jit import side_by_side, worth_side_by_side
 from rakelight.memory import available_memory, give_memory_back, require_memory
 from rakelight.methods.base import Estimate, Method, brightest, lights_unused
 from rakelight.model import Capture, Finding, Floats, Mask, Progress, ProgressCallback
@@ -190,13 +190,12 @@ def refined_in_tiles(
         return answer(tile, whole, check, moved=estimate.iterations > 0)
 
     progress(Progress("refine tiles", 1, len(places)))
-    with one_blas_thread():
-        answers = side_by_side(refined, places, workers)
-        for number, ((row, column), found) in enumerate(zip(places, answers, strict=True)):
-            share = np.outer(row.share(), column.share()) * found.mask
-            maps.add((row.refined, column.refined), share, found)
-            bounded += float((share * found.bounded).sum())
-            progress(Progress("refine tiles", min(number + 2, len(places)), len(places)))
+    answers = side_by_side(refined, places, workers)
+    for number, ((row, column), found) in enumerate(zip(places, answers, strict=True)):
+        share = np.outer(row.share(), column.share()) * found.mask
+        maps.add((row.refined, column.refined), share, found)
+        bounded += float((share * found.bounded).sum())
+        progress(Progress("refine tiles", min(number + 2, len(places)), len(places)))
     gain = finish(maps, view)
     lights = estimate.lights
     lights = replace(lights, vector=gain * lights.vector, ambient=gain * lights.ambient)
