@@ -22,14 +22,18 @@ def no_distances(known_m: Floats) -> tuple[float, float, str] | None:
 
     known_m : (V,) the measured values of a capture, metres
 
-    Those of one kind, and the farthest alone: without them others may be too far.  None without
-    any.
+    Those of one kind, and of far values that many pixels share those that are twice as far as the
+    median with all others: without them more may be too far.  None without any.
 
     >>> known_m = np.full(64, 0.6)
     >>> no_distances(known_m)
     >>> known_m[:8] = 65.535
     >>> no_distances(known_m)
     (65.535, 65.535, 'beyond 20 m')
+    >>> known_m[:8] = 19.0
+    >>> known_m[8:20], known_m[20:30] = 8.0, 5.0
+    >>> no_distances(np.append(known_m, [7.0, 19.0, 19.0]))
+    (8.0, 19.0, 'at one far value')
     """
     least = float(known_m.min(initial=np.inf, where=known_m > 0))
     largest = float(known_m.max(initial=0))
@@ -45,7 +49,9 @@ def no_distances(known_m: Floats) -> tuple[float, float, str] | None:
         beyond = known_m[known_m > PLAUSIBLE_M[1]]
         return float(beyond.min()), largest, f"beyond {PLAUSIBLE_M[1]:g} m"
     if largest > FAR * middle and known_m.size - others.size >= MANY:
-        return largest, largest, "at one far value"
+        far, pixels = np.unique(known_m[known_m > FAR * middle], return_counts=True)
+        shared = far[np.append(0, np.flatnonzero(pixels < MANY) + 1)[-1] :]
+        return float(shared[0]), largest, "at one far value"
     return None
 
 
