@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from rakelight.errors import InputError
-from rakelight.prepare.inpaint import inpaint, nearest_fill
+from rakelight.geometry.fill import nearest_fill
+from rakelight.prepare.inpaint import inpaint
 from tests.solve.stalling import stalling_solver
 
 SHAPE = (40, 56)

@@ -26,6 +26,7 @@ import numpy as np
 
 from rakelight.errors import MethodError
 from rakelight.geometry.camera import pixel_rays
+from rakelight.geometry.fill import nearest_fill
 from rakelight.geometry.grid import has_gradient, mean_gradient
 from rakelight.geometry.normals import normal_derivatives
 from rakelight.methods.base import (
@@ -40,7 +41,6 @@ from rakelight.methods.base import (
 from rakelight.model import Array, Camera, Finding, Floats, Lights, Mask, Progress, ProgressCallback
 from rakelight.photometry.forward import least_squares_albedo
 from rakelight.prepare import Prepared
-from rakelight.prepare.inpaint import nearest_fill
 from rakelight.solve import assemble, solve
 from rakelight.solve.robust import SMALLEST_NOISE
 

@@ -13,6 +13,7 @@ from rakelight.geometry.blur import blurred
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.cells import cell_sums, interpolate
 from rakelight.geometry.derivatives import gradient_image
+from rakelight.geometry.fill import nearest_fill
 from rakelight.geometry.grid import (
     Grid,
     Links,
@@ -31,7 +32,6 @@ from rakelight.model import BLACK, SATURATED, Array, Camera, Floats, Mask
 from rakelight.photometry.images import Photographs, Surface
 from rakelight.prepare import Prepared
 from rakelight.prepare.average import pixel_noise
-from rakelight.prepare.inpaint import nearest_fill
 from rakelight.prepare.jumps import without_measured_jumps
 from rakelight.prepare.linear import linear_table
 from rakelight.solve.sparse import factorised

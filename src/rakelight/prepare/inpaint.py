@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from rakelight.geometry.fill import nearest_fill
 from rakelight.geometry.masks import dilate
 from rakelight.model import Floats, Mask
 from rakelight.solve import assemble, solve
@@ -45,13 +46,3 @@ def inpaint(depth_m: Floats, mask: Mask) -> Floats:
     change = replace(system, rhs=system.rhs - system.apply(log_depth), target=0 * log_depth)
     filled = np.exp(log_depth + solve(change).required("the holes of the depth"))
     return np.where(holes, filled, np.where(mask, depth_m, np.nan))
-
-
-def nearest_fill(values: Floats, measured: Mask) -> Floats:
-    """`values` (h, w) with every other pixel given the value of the nearest measured one."""
-    from scipy.ndimage import distance_transform_edt
-
-    if measured.all():
-        return np.array(values, dtype=np.float64)
-    index = distance_transform_edt(~measured, return_distances=False, return_indices=True)
-    return np.asarray(values[tuple(index)], dtype=np.float64)

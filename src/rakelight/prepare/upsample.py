@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from rakelight.geometry.fill import nearest_fill
 from rakelight.geometry.grid import Links, mean_gradient, pair_slices
 from rakelight.geometry.masks import dilate
 from rakelight.model import Array, Floats
-from rakelight.prepare.inpaint import nearest_fill
 
 # Distance from a jump, pixels, beyond which a spline's ringing is negligible: it falls to a quarter
 # with every pixel.

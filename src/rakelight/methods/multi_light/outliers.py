@@ -16,13 +16,13 @@ from functools import cached_property
 import numpy as np
 
 from rakelight.geometry.camera import back_project
+from rakelight.geometry.fill import nearest_fill
 from rakelight.methods.levels import Level
 from rakelight.model import FARTHEST_M, Floats, Lights, Mask
 from rakelight.photometry.cast_shadows import in_sight
 from rakelight.photometry.forward import arriving
 from rakelight.photometry.images import SAMPLE_PIXELS, LightParameters
 from rakelight.photometry.specular import Highlights
-from rakelight.prepare.inpaint import nearest_fill
 
 
 @dataclass(frozen=True, eq=False)

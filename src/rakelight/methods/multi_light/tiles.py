@@ -22,6 +22,7 @@ import numpy as np
 from rakelight.geometry.averaging import Averaging
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.cells import interpolate
+from rakelight.geometry.fill import nearest_fill
 from rakelight.geometry.grid import has_gradient
 from rakelight.methods.base import UNDETERMINED_RAD, Estimate
 from rakelight.methods.levels import Level, finest_level
@@ -34,7 +35,6 @@ from rakelight.methods.multi_light.steps import depth_step
 from rakelight.model import Array, Floats, Lights, Mask
 from rakelight.photometry.images import LightParameters
 from rakelight.prepare import Prepared
-from rakelight.prepare.inpaint import nearest_fill
 
 # Pixels of the lower resolution within which a correction of their means fades.  From 2 to 12 the
 # depth changes by 2 %, normals by 0.015 degrees (docs/explanation/scale.md).
