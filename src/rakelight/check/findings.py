@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from rakelight.check.camera_motion import camera_motion
+from rakelight.check.depth_edges import depth_edges
 from rakelight.check.depth_orientation import depth_orientation
 from rakelight.check.depth_quality import depth_findings, one_value
 from rakelight.check.depth_shift import depth_shift
@@ -68,6 +69,7 @@ FINDINGS = (
     Row(("depth-unit",), depth_findings),
     Row(("off-centre",)),
     Row(("lens-missing",)),
+    Row(("depth-blurred",), depth_edges, in_refine="prepare", instead_of=("depth-holes",)),
     Row(("depth-holes",), depth_findings, instead_of=("depth-missing", "holes-carried")),
     Row(("depth-missing",)),
     Row(("holes-left-out",), depth_findings),

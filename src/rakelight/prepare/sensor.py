@@ -14,6 +14,7 @@ from rakelight.model import Array, Camera, Capture, Floats, Mask, RigidTransform
 from rakelight.prepare.average import NEIGHBOURHOOD_PX, noise_sigma, robust_average
 from rakelight.prepare.flying import flying, stray
 from rakelight.prepare.register import project, register, sensor_grid
+from rakelight.prepare.soft_edges import mixed_with_background
 
 # By how much rounding to whole pixels changes the side of a depth map, pixels.
 ROUNDED_PX = 0.5
@@ -125,6 +126,14 @@ class SensorGrid:
         [[True, False]]
         """
         return self._area(~mask) <= LEAST_SHARE
+
+    def share(self, mask: Mask) -> Floats:
+        """(hs, ws) how much of each sensor pixel lies in the mask (h, w), 0 to 1.
+
+        >>> SensorGrid((1, 2), (2, 3)).share(np.array([[1, 1, 0], [1, 1, 0]], bool)).round(3)
+        array([[1.   , 0.333]])
+        """
+        return self._area(mask) * np.prod(self.sensor) / np.prod(self.shape)
 
     def of_object(self, mask: Mask) -> Mask:
         """(hs, ws) the sensor pixels that show the object alone; if none does, all that touch it.
@@ -250,7 +259,8 @@ def _require_size(
 def sensed(capture: Capture, mask: Mask | None = None) -> tuple[Floats, Floats]:
     """The sensor's depth and its standard deviation (hs, ws), metres, before the colour camera.
 
-    Of several maps the average; stray and flying pixels left out; depth of a camera of its own
+    Of several maps the average; stray and flying pixels left out, and of depth that is aligned with
+    the photographs those that were mixed with the background; depth of a camera of its own
     registered to the colour camera, on the pixels of `sensor_grid`.
 
     mask : (H, W) the object in the photographs; None for everything.  What is further than a few
@@ -274,8 +284,14 @@ def sensed(capture: Capture, mask: Mask | None = None) -> tuple[Floats, Floats]:
         part = bounding_window(on_object, margin=NEIGHBOURHOOD_PX)
         maps_m = capture.depth_m[:, *part]
         camera = capture.camera.resized(shape[1], shape[0]).cropped(*part)
+        average = robust_average(maps_m)
+        if mask is not None:
+            first, noise = capture.depth_m[0], capture.depth_noise or SensorNoise()
+            share = SensorGrid(shape, mask.shape).share(mask)
+            mixed = mixed_with_background(first, noise.at(first), share)
+            average = np.where(mixed[part], np.nan, average)
         depth[part], sigma[part] = _without_outliers(
-            robust_average(maps_m), capture, maps_m, camera, on_object[part]
+            average, capture, maps_m, camera, on_object[part]
         )
     return depth, sigma
 

@@ -1,0 +1,122 @@
+"""Depth that was smoothed across the object's outline, on captures drawn at random.
+
+    python benchmarks/soft_edges.py --seeds 3200:3250 --jobs 2 -o out/soft.json
+    python benchmarks/soft_edges.py --seeds 3200:3250 --jobs 2 --sharp -o out/sharp.json
+    python benchmarks/random_captures.py --compare out/sharp.json out/soft.json
+
+The draws of random_captures.py before a wall 0.03 to 1 m behind them, in the middle of the image.
+The depth map is one of a smoothing sensor: 2 to 8 times as coarse, blurred by a Gaussian of 0.8 to
+2.5 of its pixels over object and wall alike, and off by an error of 0.5 to 2 mm that is correlated
+over three pixels.  `--sharp` leaves the blur away.  Errors as random_captures.py prints them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from rakelight import Capture, RakelightError, Truth
+from rakelight.geometry.grid import area_mean
+from rakelight.model import Array
+from rakelight.synthetic import draw, render_draw
+from random_captures import Record, add_sources, line, processes, scores, seeds, summary
+
+# Depth pixels around the object's image that show the wall alone.
+AROUND_PX = 16
+# Correlation of the depth's errors, depth pixels.
+CORRELATED_PX = 3.0
+
+
+def around(image: Array, width: int, value: float, axes: tuple[int, int] = (0, 1)) -> Array:
+    """An image with a border of `width` pixels of one value on all sides."""
+    pads = [(width, width) if axis in axes else (0, 0) for axis in range(image.ndim)]
+    return np.pad(image, pads, constant_values=value)
+
+
+def softened(capture: Capture, truth: Truth, seed: int, sharp: bool) -> tuple[Capture, Truth]:
+    """The capture and its truth with a wider view, and with depth of a smoothing sensor."""
+    rng = np.random.default_rng(seed)
+    factor = int(rng.choice([2, 4, 8]))
+    blur_px, gap_m = rng.uniform(0.8, 2.5), np.exp(rng.uniform(np.log(0.03), np.log(1.0)))
+    error_m = rng.uniform(0.5e-3, 2e-3)
+    height, width = (side // factor * factor for side in truth.mask.shape)
+    inside, border = np.s_[:height, :width], AROUND_PX * factor
+
+    def wider(image: Array, value: float) -> Array:
+        return around(image[inside], border, value)
+
+    mask = wider(truth.mask, False)
+    camera = replace(
+        capture.camera,
+        width=width + 2 * border, height=height + 2 * border,
+        cx=capture.camera.cx + border, cy=capture.camera.cy + border,
+    )  # fmt: skip
+    truth = Truth(
+        wider(truth.depth, np.nan), wider(truth.normals, np.nan), wider(truth.albedo, 0),
+        truth.lights,
+    )  # fmt: skip
+    scene = np.where(mask, np.nan_to_num(truth.depth), np.nanmax(truth.depth) + gap_m)
+    depth = area_mean(scene, factor)
+    if not sharp:
+        depth = cv2.GaussianBlur(depth, (0, 0), blur_px, borderType=cv2.BORDER_REPLICATE)
+    error = cv2.GaussianBlur(rng.normal(size=depth.shape), (0, 0), CORRELATED_PX)
+    depth += error_m / error.std() * error
+    capture = replace(
+        capture,
+        photographs=around(capture.photographs[:, :height, :width], border, 0, (1, 2)),
+        depth_m=depth[None].astype(np.float32),
+        mask=mask,
+        camera=camera,
+    )
+    return capture, truth
+
+
+def assess(seed: int, arguments: argparse.Namespace) -> Record:
+    """All about one draw."""
+    drawn = draw(seed, 1.0, arguments.scans, arguments.pictures, wall=False)
+    record: Record = {"seed": seed, "draw": asdict(drawn)}
+    began = time.process_time()
+    try:
+        capture, truth = softened(*render_draw(drawn), seed, arguments.sharp)
+        record["drawing_s"] = time.process_time() - began
+        return record | scores(drawn, capture, truth, "multi-light", False)
+    except RakelightError as error:
+        return record | {"failed": str(error)}
+
+
+def recorded(arguments: argparse.Namespace) -> Iterator[Record]:
+    """The records, in order, as they come."""
+    with processes(arguments.jobs) as pool:
+        yield from pool.imap(partial(assess, arguments=arguments), arguments.seeds)
+
+
+def main() -> None:
+    """Print a line for each draw, and a summary."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seeds", type=seeds, default=range(3200, 3250), help="FIRST:END")
+    parser.add_argument("--jobs", type=int, default=1, help="processes of one thread each")
+    parser.add_argument("--sharp", action="store_true", help="depth that is not blurred")
+    add_sources(parser)
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/soft.json"))
+    arguments = parser.parse_args()
+    arguments.output.parent.mkdir(parents=True, exist_ok=True)
+    records = []
+    for record in recorded(arguments):
+        print(line(record), flush=True)
+        records.append(record)
+        arguments.output.write_text(json.dumps(records, indent=1))
+    print(*summary(records), sep="\n")
+
+
+if __name__ == "__main__":
+    main()
