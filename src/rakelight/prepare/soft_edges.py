@@ -34,9 +34,10 @@ RELIEF, MOSTLY, DEEP = 0.25, 0.2, 0.7
 # parts as shorter.
 RIM_PX = 3
 # Least deviation, pixels, that is none of a sharp map: a ring of mixed pixels, each of which sees
-# the mean of an area, counts as 0.31, two rings of flying ones up to 0.9.  With it one of 220
-# random captures is called blurred, none of which is (depth-sensor.md).
-LEAST_PX = 1.0
+# the mean of an area, counts as 0.31, two rings of flying ones mostly as 0.5 to 0.7.  With 1.0 it
+# is one of 220 random captures that is called blurred, not 7, but what is blurred by less is lost
+# (depth-sensor.md).
+LEAST_PX = 0.75
 # Noise widths that are allowed for, as for flying pixels.
 SIGMAS = 3.0
 # Least share of the object's measurements that is left.
