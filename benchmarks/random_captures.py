@@ -35,6 +35,7 @@ import multiprocessing
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import asdict, replace
 from functools import partial
 from multiprocessing.pool import Pool
@@ -400,14 +401,20 @@ def setting(text: str) -> tuple[str, Any]:
         return name, value
 
 
-def recorded(arguments: argparse.Namespace) -> Iterator[Record]:
-    """The records, in order, as they come."""
-    job = partial(assess, arguments=arguments)
-    if arguments.jobs == 1:
-        yield from map(job, arguments.seeds)
-        return
-    with processes(arguments.jobs) as pool:
-        yield from pool.imap(job, arguments.seeds)
+def recorded(
+    job: Callable[[int, argparse.Namespace], Record], arguments: argparse.Namespace
+) -> list[Record]:
+    """The records that `job` makes of the seeds, printed and written as they come, in order."""
+    records: list[Record] = []
+    arguments.output.parent.mkdir(parents=True, exist_ok=True)
+    work = partial(job, arguments=arguments)
+    with processes(arguments.jobs) if arguments.jobs > 1 else nullcontext() as pool:
+        found = map(work, arguments.seeds) if pool is None else pool.imap(work, arguments.seeds)
+        for record in found:
+            print(line(record), flush=True)
+            records.append(record)
+            arguments.output.write_text(json.dumps(records, indent=1))
+    return records
 
 
 def processes(count: int) -> Pool:
@@ -454,12 +461,7 @@ def main() -> None:
         lighting = {"lighting": load_method(arguments.method).lighting}
         arguments.overrides = lighting | dict(arguments.set)
         arguments.with_oracle = arguments.seeds[: arguments.oracle]
-        arguments.output.parent.mkdir(parents=True, exist_ok=True)
-        records = []
-        for record in recorded(arguments):
-            print(line(record), flush=True)
-            records.append(record)
-            arguments.output.write_text(json.dumps(records, indent=1))
+        records = recorded(assess, arguments)
     print(*summary(records), *worst(records, arguments.worst), sep="\n")
 
 

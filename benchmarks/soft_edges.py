@@ -13,11 +13,8 @@ over three pixels.  `--sharp` leaves the blur away.  Errors as random_captures.p
 from __future__ import annotations
 
 import argparse
-import json
 import time
-from collections.abc import Iterator
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 
 import cv2
@@ -27,7 +24,7 @@ from rakelight import Capture, RakelightError, Truth
 from rakelight.geometry.grid import area_mean
 from rakelight.model import Array
 from rakelight.synthetic import draw, render_draw
-from random_captures import Record, add_sources, line, processes, scores, seeds, summary
+from random_captures import Record, add_sources, recorded, scores, seeds, summary
 
 # Depth pixels around the object's image that show the wall alone.
 AROUND_PX = 16
@@ -92,12 +89,6 @@ def assess(seed: int, arguments: argparse.Namespace) -> Record:
         return record | {"failed": str(error)}
 
 
-def recorded(arguments: argparse.Namespace) -> Iterator[Record]:
-    """The records, in order, as they come."""
-    with processes(arguments.jobs) as pool:
-        yield from pool.imap(partial(assess, arguments=arguments), arguments.seeds)
-
-
 def main() -> None:
     """Print a line for each draw, and a summary."""
     parser = argparse.ArgumentParser(
@@ -109,13 +100,7 @@ def main() -> None:
     add_sources(parser)
     parser.add_argument("-o", "--output", type=Path, default=Path("out/soft.json"))
     arguments = parser.parse_args()
-    arguments.output.parent.mkdir(parents=True, exist_ok=True)
-    records = []
-    for record in recorded(arguments):
-        print(line(record), flush=True)
-        records.append(record)
-        arguments.output.write_text(json.dumps(records, indent=1))
-    print(*summary(records), sep="\n")
+    print(*summary(recorded(assess, arguments)), sep="\n")
 
 
 if __name__ == "__main__":

@@ -14,8 +14,7 @@ STEP = 2.56
 def depth_edges(measured: Measured) -> tuple[Finding, ...]:
     """A warning where the depth runs from the object to its background without a jump.
 
-    Of depth that is aligned with the photographs: of a depth camera of its own the mask is not in
-    its view.
+    Depth of a camera of its own is not looked at: the mask is not in its view.
     """
     capture = measured.capture
     if capture.depth_camera is not None:
