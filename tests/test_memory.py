@@ -107,7 +107,7 @@ def test_threads_that_do_not_start_are_told(monkeypatch):
 
 
 def test_kernels_are_not_compiled_where_llvm_would_end_the_process(monkeypatch):
-    monkeypatch.setattr(jit, "free_addresses", lambda: 1e9)
+    monkeypatch.setattr(memory, "free_addresses", lambda: 1e9)
     jit._numba.cache_clear()
     with pytest.raises(MachineError, match=r"too few addresses .*ulimit -v unlimited"):
         jit.kernel(len)

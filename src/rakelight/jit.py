@@ -18,8 +18,7 @@ from queue import SimpleQueue
 from threading import Event, Lock, Thread
 from typing import Any, TypeAlias, TypeVar
 
-from rakelight.errors import MachineError
-from rakelight.memory import free_addresses, require_threads
+from rakelight.memory import require_addresses, require_threads
 
 # Below this many pixels the cores wait for each other longer than they work.
 WORTH_SHARING = 1 << 14
@@ -296,19 +295,20 @@ def waiting_for_others(wait: Callable[[Kernel], None]) -> Iterator[None]:
         _wait = None
 
 
+def compiler_addresses() -> float:
+    """Bytes of addresses that the compiler and its threads take on this machine.
+
+    >>> compiler_addresses() > COMPILER_BYTES
+    True
+    """
+    return COMPILER_BYTES + (os.cpu_count() or 1) * STACK_BYTES
+
+
 @cache
 def _numba() -> Any:
     """numba; MachineError where the system gives too little for it to end well."""
-    source, cores = "compiling the kernels", os.cpu_count() or 1
-    free, needed = free_addresses(), COMPILER_BYTES + cores * STACK_BYTES
-    if free < needed:
-        raise MachineError(
-            "too few addresses for this process",
-            source=source,
-            seen=f"{free / 1e6:,.0f} MB free",
-            needed=f"{needed / 1e6:,.0f} MB",
-            remedy="raise the limit on virtual memory (`ulimit -v unlimited`)",
-        )
+    source = "compiling the kernels"
+    require_addresses(compiler_addresses(), source=source)
     # numba imports scipy.linalg.cython_blas with its first kernel.  Where another thread imports
     # scipy.linalg at that moment, each waits for the other, and Python ends one with an error.
     import_module("scipy.linalg")

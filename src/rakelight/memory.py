@@ -135,6 +135,22 @@ def free_addresses(root: Path = Path("/")) -> float:
     return inf
 
 
+def require_addresses(needed: float, *, source: str) -> None:
+    """Raise MachineError where fewer than `needed` bytes of addresses may be taken.
+
+    >>> require_addresses(1e6, source="compiling the kernels")
+    """
+    free = free_addresses()
+    if free < needed:
+        raise MachineError(
+            "too few addresses for this process",
+            source=source,
+            seen=f"{free / 1e6:,.0f} MB free",
+            needed=f"{needed / 1e6:,.0f} MB",
+            remedy="raise the limit on virtual memory (`ulimit -v unlimited`)",
+        )
+
+
 def keep_freed_memory() -> None:
     """Let the next array have what the last one leaves, where the C library is glibc.
 

@@ -15,7 +15,7 @@ import click
 
 from rakelight.cli import INTERRUPTED
 from rakelight.errors import RakelightError, printable
-from rakelight.memory import keep_freed_memory
+from rakelight.memory import keep_freed_memory, require_addresses
 
 # Command -> module and function; `rakelight --help` shows them in this order.
 COMMANDS = {
@@ -29,6 +29,11 @@ COMMANDS = {
     "eval": "compare a result with the truth of a synthetic capture",
     "paper": "the paper's tables and figures on our captures",
 }
+# Those that compile kernels, whatever they are given.
+COMPILE = {"demo", "refine", "batch", "check", "synth", "paper"}
+# Bytes of addresses that the libraries and their threads take without the compiler: `eval` ends
+# well from 0.33e9 on, `import` from 0.55e9 (x86-64, two cores).
+LIBRARIES_BYTES = 0.55e9
 
 
 class LazyGroup(click.Group):
@@ -42,6 +47,7 @@ class LazyGroup(click.Group):
         """The command `name`, from the module of that name."""
         if name not in COMMANDS:
             return None
+        _require_addresses(name)
         file = "import_" if name == "import" else name  # a word of Python is no name of a module
         module = import_module(f"rakelight.cli.{file}")
         command: click.Command = module.command
@@ -51,6 +57,18 @@ class LazyGroup(click.Group):
         """The list of commands, without importing any of them."""
         with formatter.section("Commands"):
             formatter.write_dl(list(COMMANDS.items()))
+
+
+def _require_addresses(name: str) -> None:
+    """Refuse, before any library is loaded, a process that would run out of addresses in one.
+
+    There it would print lines that are not ours, fail with an error that says nothing, or leave a
+    thread waiting for ever.
+    """
+    from rakelight.jit import compiler_addresses
+
+    compiler = compiler_addresses() if name in COMPILE else 0.0
+    require_addresses(LIBRARIES_BYTES + compiler, source=f"rakelight {name}")
 
 
 def _show_version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
