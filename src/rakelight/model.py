@@ -360,12 +360,21 @@ class Lights:
 
         s = intensity[i, c] * (P - X) / |P - X| * (|P - M| / |P - X|)^2
 
+    A lamp whose light falls off to the sides of where it is aimed has a beam.  Of one whose light
+    has the standard deviation sigma across, aimed at A, with u towards the lamp,
+
+        s is multiplied by  exp(b . (X - M) + w (u . (X - M))^2),  b = (A - M) / sigma^2,
+        w = 1 / (2 sigma^2);
+
+    the rest of its Gaussian, exp(-w |X - M|^2), is the same in all photographs and counts as paint.
+
     vector : (N, C, 3) direction towards the lamp times its intensity, camera frame; C is 1 for
         white lights (shared by the channels) or 3 for coloured ones
     ambient : (N, C)
     position_m : (N, C, 3) of the lights in metres, camera frame, None for distant lights; a distant
         one among near ones stands at `FARTHEST_M`
-    middle_m : (3,) the object's middle in metres, None for distant lights
+    middle_m : (3,) the object's middle in metres, None for distant lights without beams
+    beam : (N, C, 3) b_x and b_y, 1/metre, and w, 1/metre^2; None without beams
 
     >>> lights = Lights(vector=np.array([[[0.0, 0.0, -2.0]]]), ambient=np.array([[0.1]]))
     >>> lights.direction[0, 0].tolist(), float(lights.intensity[0, 0])
@@ -376,17 +385,18 @@ class Lights:
     ambient: Floats
     position_m: Floats | None = None
     middle_m: Floats | None = None
+    beam: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.vector)
 
     def __post_init__(self) -> None:
-        if (self.position_m is None) != (self.middle_m is None):
+        if (self.position_m is None and self.beam is None) != (self.middle_m is None):
             raise InputError(
-                "lights' positions and the middle of the object go together",
+                "lights' positions or beams and the middle of the object go together",
                 source="Lights",
-                seen="one of position_m and middle_m",
-                needed="both or none",
+                seen="middle_m alone" if self.middle_m is not None else "no middle_m",
+                needed="position_m or beam with middle_m, or none of them",
             )
 
     def of(self, photograph: int) -> Lights:
@@ -397,8 +407,10 @@ class Lights:
         ([[[0.0, 1.0, 0.0]]], [[0.2]])
         """
         one = slice(photograph, photograph + 1)
-        position = None if self.position_m is None else self.position_m[one]
-        return Lights(self.vector[one], self.ambient[one], position, self.middle_m)
+        position, beam = (
+            None if each is None else each[one] for each in (self.position_m, self.beam)
+        )
+        return Lights(self.vector[one], self.ambient[one], position, self.middle_m, beam)
 
     @property
     def distance_m(self) -> Floats | None:

@@ -11,6 +11,7 @@ import rakelight
 from rakelight.errors import InputError
 from rakelight.export import load_result
 from rakelight.model import FARTHEST_M, Lights, Result
+from rakelight.photometry.forward import arriving
 from rakelight.photometry.images import LightParameters
 from tests.export.conftest import make_sphere
 
@@ -117,6 +118,30 @@ def test_lights_as_a_method_makes_them(sphere, tmp_path):
     assert again.vector.shape == (2, 3, 3)
     np.testing.assert_allclose(again.vector, lights.vector, rtol=1e-12)
     np.testing.assert_allclose(again.position_m, lights.position_m, rtol=1e-9)
+
+
+@pytest.mark.parametrize("near", [True, False])
+def test_lights_with_beams(sphere, tmp_path, near):
+    white, rng = np.array([[[0.0, -0.6, -0.8]], [[1.2, 0.0, -1.6]]]), np.random.default_rng(0)
+    beam = rng.uniform([-5, -5, 0], [5, 5, 30], (2, 1, 3))
+    nearness = np.full((2, 1), 2.0 if near else 0.0)
+    lights = LightParameters(white, np.full((2, 1), 0.1), nearness, beam=beam).as_lights(MIDDLE_M)
+    rakelight.save_result(replace(sphere, lights=lights), tmp_path / "out", mesh="none")
+    again = rakelight.load_result(tmp_path / "out").lights
+    np.testing.assert_allclose(again.beam, beam, rtol=1e-9)
+    np.testing.assert_allclose(again.middle_m, MIDDLE_M, rtol=0)
+    assert (again.position_m is not None) == near
+    points = MIDDLE_M + rng.normal(0, 0.05, (20, 3))
+    np.testing.assert_allclose(arriving(again, points), arriving(lights, points), rtol=1e-9)
+    one = again.of(1)
+    np.testing.assert_allclose(arriving(one, points)[0], arriving(lights, points)[1], rtol=1e-9)
+
+
+@pytest.mark.parametrize("part", ["position_m", "beam", "middle_m"])
+def test_places_and_beams_need_the_middle_they_are_about(part):
+    facing, value = np.array([[[0.0, 0.0, -1.0]]]), np.zeros((1, 1, 3))
+    with pytest.raises(InputError, match=r"positions or beams .*(no middle_m|middle_m alone)"):
+        Lights(facing, np.zeros((1, 1)), **{part: value[0, 0] if part == "middle_m" else value})
 
 
 FILES = [

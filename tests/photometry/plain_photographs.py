@@ -33,31 +33,39 @@ def m_of(gradient, camera):
     return np.stack([camera.fx * u, camera.fy * v, -(1 + x * u + y * v)], axis=-1)
 
 
-def light_at(vector, inverse_distance, points):
+def light_at(vector, inverse_distance, points, beam=(0.0, 0.0, 0.0)):
     """(h, w, 3) light vectors at each point, of a lamp towards `vector`, 1/inverse_distance away.
 
-    The inverse square law of a lamp at P = u / k:  s(X) = |q| |P|^2 (P - X) / |P - X|^3.
+    The inverse square law of a lamp at P = u / k:  s(X) = |q| |P|^2 (P - X) / |P - X|^3, times the
+    beam's  exp(b_x X_x + b_y X_y + w (u . X)^2).
     """
     size = length(vector)
     toward = vector / size - inverse_distance * points
-    return size * toward / length(toward) ** 3
+    across = beam[0] * points[..., :1] + beam[1] * points[..., 1:2]
+    along = (points * vector / size).sum(axis=-1, keepdims=True)
+    return np.exp(across + beam[2] * along**2) * size * toward / length(toward) ** 3
 
 
-def shading(photographs, gradient, points, vector, ambient, inverse_distance, lagged_length=None):
-    """(N, h, w, 3) of lights vector (N, C, 3), ambient (N, C), inverse_distance (N, C)."""
+def shading(
+    photographs, gradient, points, vector, ambient, inverse_distance, beam, lagged_length=None
+):
+    """(N, h, w, 3) of lights vector, beam (N, C, 3), ambient, inverse_distance (N, C)."""
     m = m_of(gradient, photographs.camera)
     n = m / (length(m) if lagged_length is None else lagged_length)
     count, channels = ambient.shape
     images = []
     for i in range(count):
         for c in range(channels):
-            dot = (light_at(vector[i, c], inverse_distance[i, c], points) * n).sum(axis=-1)
+            s = light_at(vector[i, c], inverse_distance[i, c], points, beam[i, c])
+            dot = (s * n).sum(axis=-1)
             images.append(np.where(dot.real > 0, dot, 0) + ambient[i, c])
     stack = np.stack(images, axis=-1).reshape(*m.shape[:2], count, channels)
     return np.moveaxis(np.broadcast_to(stack, (*stack.shape[:3], 3)), 2, 0)
 
 
-def highlight(photographs, gradient, points, vector, inverse_distance, gloss, lagged_length=None):
+def highlight(
+    photographs, gradient, points, vector, inverse_distance, beam, gloss, lagged_length=None
+):
     """(N, h, w, 3) Blinn-Phong highlights |s| sum_e k_e (n . h)^e, exponents 8, 32 and 128."""
     camera, (count, channels) = photographs.camera, inverse_distance.shape
     m = m_of(gradient, camera)
@@ -69,7 +77,7 @@ def highlight(photographs, gradient, points, vector, inverse_distance, gloss, la
     images = []
     for i in range(count):
         for c in range(channels):
-            s = light_at(vector[i, c], inverse_distance[i, c], points)
+            s = light_at(vector[i, c], inverse_distance[i, c], points, beam[i, c])
             halfway = s / length(s) + view
             cosine = (halfway / length(halfway) * n).sum(axis=-1)
             faces = ((s * n).sum(axis=-1).real > 0) & (cosine.real > 0)
@@ -81,7 +89,7 @@ def highlight(photographs, gradient, points, vector, inverse_distance, gloss, la
 
 def highlight_of(photographs, surface, lights):
     """(N, h, w, 3) highlights of a Surface under LightParameters."""
-    parts = lights.vector, lights.inverse_distance, lights.gloss
+    parts = lights.vector, lights.inverse_distance, lights.beams, lights.gloss
     return highlight(photographs, surface.gradient, surface.points, *parts)
 
 
@@ -91,14 +99,14 @@ def shading_of(photographs, surface, lights):
 
 
 def numbers(lights):
-    """vector (N, C, 3), ambient (N, C) and inverse_distance (N, C)."""
-    return lights.vector, lights.ambient, lights.inverse_distance
+    """vector (N, C, 3), ambient (N, C), inverse_distance (N, C) and beam (N, C, 3)."""
+    return lights.vector, lights.ambient, lights.inverse_distance, lights.beams
 
 
 def shading_by_gradient(photographs, surface, lights, lagged):
     """(2, N, h, w, 3) of shading, of highlights: with the gradient of log depth."""
     fixed = length(m_of(surface.gradient, photographs.camera)) if lagged else None
-    parts = lights.vector, lights.inverse_distance, lights.gloss
+    parts = lights.vector, lights.inverse_distance, lights.beams, lights.gloss
     derivatives = []
     for axis in (0, 1):
         moved = surface.gradient.astype(complex)
@@ -109,22 +117,27 @@ def shading_by_gradient(photographs, surface, lights, lagged):
     return (np.stack(each) for each in zip(*derivatives, strict=True))
 
 
-def shading_by_light(photographs, surface, lights, near):
-    """(K, N, h, w, 3) of shading, of highlights: with vector, [inverse distance,] ambient; gloss.
+# Places in `numbers` of each light's: vector, inverse distance, beam, ambient.
+EACH = [(0, 0), (0, 1), (0, 2), (2,), (3, 0), (3, 1), (3, 2), (1,)]
 
-    With the gloss only where there is one.
+
+def shading_by_light(photographs, surface, lights, count):
+    """(K, N, h, w, 3) of shading, of highlights: with `count` numbers of each light; the gloss.
+
+    Vector, [inverse distance, [beam,]] ambient.  With the gloss only where there is one.
     """
     derivatives = []
     for light in np.ndindex(lights.ambient.shape):
-        for k in [(0, 0), (0, 1), (0, 2), (2,), (1,)] if near else [(0, 0), (0, 1), (0, 2), (1,)]:
+        for k in [*EACH[: count - 1], EACH[-1]]:
             moved = [array.astype(complex) for array in numbers(lights)]
             moved[k[0]][(*light, *k[1:])] += 1j * TINY
             a = shading(photographs, surface.gradient, surface.points, *moved)
-            vector, _, inverse_distance = moved
-            parts = surface.gradient, surface.points, vector, inverse_distance, lights.gloss
+            vector, _, inverse_distance, beam = moved
+            parts = surface.gradient, surface.points, vector, inverse_distance, beam, lights.gloss
             g = highlight(photographs, *parts)
             derivatives.append((a.imag / TINY, g.imag / TINY))
-    parts = surface.gradient, surface.points, lights.vector, lights.inverse_distance
+    vector, _, inverse_distance, beam = numbers(lights)
+    parts = surface.gradient, surface.points, vector, inverse_distance, beam
     for one in np.eye(3) if lights.gloss.any() else ():
         g = highlight(photographs, *parts, one)
         derivatives.append((np.zeros_like(g), g))
@@ -188,13 +201,13 @@ def one_channel(shape):
 
 
 def light_slopes(photographs, surface, lights, rho, residual, w):
-    """Half the energy's derivatives with the lights (N, C, 5) and the gloss (3,)."""
-    by_shading, by_highlight = shading_by_light(photographs, surface, lights, near=True)
+    """Half the energy's derivatives with the lights (N, C, 8) and the gloss (3,)."""
+    by_shading, by_highlight = shading_by_light(photographs, surface, lights, 8)
     turned = rho * by_shading + by_highlight
     turned = (w * turned * residual).sum(axis=(1, 2, 3, 4))
-    own = 5 * lights.ambient.size
+    own = 8 * lights.ambient.size
     gloss_slope = turned[own:] if lights.gloss.any() else np.zeros(3)
-    return turned[:own].reshape(*lights.ambient.shape, 5), gloss_slope
+    return turned[:own].reshape(*lights.ambient.shape, 8), gloss_slope
 
 
 def linearize(
@@ -235,7 +248,7 @@ def linearize(
 
 
 def light_terms(
-    photographs, surface, lights, albedo, *, scale=0.0, near=False, project=True, subsampling=1,
+    photographs, surface, lights, albedo, *, scale=0.0, numbers=4, project=True, subsampling=1,
     mixed=False,
 ):  # fmt: skip
     """Derivatives of half the energy with the lights: `Photographs.light_terms`."""
@@ -249,7 +262,7 @@ def light_terms(
     residual = albedo * a - image
     w = weights(residual, good, np.asarray(scale, dtype=float))
 
-    by_shading, by_highlight = shading_by_light(photographs, surface, lights, near)
+    by_shading, by_highlight = shading_by_light(photographs, surface, lights, numbers)
     B = albedo * by_shading + by_highlight
     by_shading, by_highlight = shading_by_gradient(photographs, surface, lights, lagged=False)
     J = albedo * by_shading + by_highlight

@@ -38,13 +38,17 @@ def some_surface(height=HEIGHT, width=WIDTH, seed=0):
     return Surface(gradient, 0.1 * points)
 
 
-def some_lights(channels=1, near=False, seed=1, count=COUNT, gloss=(0.0, 0.0, 0.0)):
-    """Oblique enough for attached shadows; of one distance or all at infinity."""
+def some_lights(channels=1, near=False, seed=1, count=COUNT, gloss=(0.0, 0.0, 0.0), beam=False):
+    """Oblique enough for attached shadows; of one distance or all at infinity.
+
+    Beams change the light by up to a third across the points.
+    """
     rng = np.random.default_rng(seed)
     vector = rng.normal(size=(count, channels, 3)) * [0.35, 0.35, 0.1] - [0, 0, 0.5]
     ambient = rng.uniform(0.02, 0.12, (count, channels))
     inverse_distance = rng.uniform(0.5, 3, ambient.shape) if near else np.zeros_like(ambient)
-    return LightParameters(vector, ambient, inverse_distance, np.array(gloss))
+    beams = rng.uniform([-5, -5, 20], [5, 5, 60], (*ambient.shape, 3)) if beam else None
+    return LightParameters(vector, ambient, inverse_distance, np.array(gloss), beams)
 
 
 def seen(surface, lights, camera=CAMERA, seed=2):
@@ -87,12 +91,15 @@ KINDS = {
     "near": {"near": True},
     "coloured": {"channels": 3},
     "coloured near": {"channels": 3, "near": True},
+    "beam": {"beam": True},
+    "coloured near beam": {"channels": 3, "near": True, "beam": True},
 }
 GLOSS = (0.1, 0.05, 0.2)
 GLOSSY = {
     "glossy": {"gloss": GLOSS},
     "glossy near": {"gloss": GLOSS, "near": True},
     "glossy coloured near": {"gloss": GLOSS, "channels": 3, "near": True},
+    "glossy near beam": {"gloss": GLOSS, "near": True, "beam": True},
 }
 SCALES = {
     "plain": 0.0,
@@ -184,14 +191,14 @@ def test_maps_of_any_order_in_memory_are_taken_by_the_same_kernel():
 
 @pytest.mark.parametrize("scale", SCALES)
 @pytest.mark.parametrize(
-    ("near", "mixed", "subsampling", "project"),
-    [(False, False, 3, True), (True, True, 1, True), (False, True, 2, False)],
+    ("numbers", "mixed", "subsampling", "project"),
+    [(4, False, 3, True), (5, True, 1, True), (4, True, 2, False), (8, True, 1, True)],
 )
-def test_light_terms_are_the_plain_ones(any_lights, scale, near, mixed, subsampling, project):
+def test_light_terms_are_the_plain_ones(any_lights, scale, numbers, mixed, subsampling, project):
     lights, glossy = any_lights, any_lights.gloss.any()
     photographs, surface = faulty(lights)
     albedo = photographs.linearize(surface, lights, scale=SCALES[scale]).albedo
-    how = {"scale": SCALES[scale], "near": near, "project": project}
+    how = {"scale": SCALES[scale], "numbers": numbers, "project": project}
     how |= {"subsampling": subsampling, "mixed": mixed}
     found = photographs.light_terms(surface, lights, albedo, **how)
     expected = plain.light_terms(photographs, surface, lights, albedo, **how)
@@ -305,17 +312,17 @@ def test_vector_is_the_derivative_of_the_energy(lights, scale):
 
 
 @pytest.mark.parametrize("scale", [0.0, 0.05])
-@pytest.mark.parametrize("near", [True, False])
-def test_slope_is_the_derivative_of_half_the_energy(lights, scale, near):
+@pytest.mark.parametrize("numbers", [4, 5, 8])
+def test_slope_is_the_derivative_of_half_the_energy(lights, scale, numbers):
     photographs, surface = faulty(lights, noise=0.01)
     found = converged_albedo(photographs, surface, lights, scale)
     _, slope, _ = photographs.light_terms(
-        surface, lights, found.albedo, scale=scale, near=near, mixed=True
+        surface, lights, found.albedo, scale=scale, numbers=numbers, mixed=True
     )
     along = photographs.linearize(
         surface, lights, scale=scale, start=found.albedo, with_light_slope=True
     )
-    shape = (*lights.ambient.shape, 5 if near else 4)
+    shape, near = (*lights.ambient.shape, numbers), numbers > 4
     direction = np.random.default_rng(8).normal(size=shape)
     if near and not lights.inverse_distance.any():
         direction[..., 3] = np.abs(direction[..., 3])  # none is farther than infinity
@@ -329,21 +336,22 @@ def test_slope_is_the_derivative_of_half_the_energy(lights, scale, near):
     else:
         difference = (energy(step) - energy(-step)) / (2 * step)
     assert 2 * (slope * direction.ravel()).sum() == pytest.approx(difference, rel=1e-5)
-    if near:
+    if numbers == 8:
         slope = along.light_slope.ravel()
         assert 2 * (slope * direction.ravel()).sum() == pytest.approx(difference, rel=1e-5)
 
 
 def moved(lights, step):
     """As LightParameters.moved, without its bounds."""
-    inverse_distance = lights.inverse_distance + (step[..., 3] if step.shape[-1] == 5 else 0)
+    inverse_distance = lights.inverse_distance + (step[..., 3] if step.shape[-1] > 4 else 0)
     return replace(
         lights, vector=lights.vector + step[..., :3], ambient=lights.ambient + step[..., -1],
         inverse_distance=inverse_distance,
+        beam=lights.beams + step[..., 4:7] if step.shape[-1] > 5 else lights.beam,
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", ["white", "near", "coloured", "glossy near"])
+@pytest.mark.parametrize("kind", ["white", "near", "coloured", "glossy near", "beam"])
 def test_second_derivatives_are_exact_at_a_perfect_fit(kind):
     # Without residuals Gauss-Newton is Newton: with depth and lights moved together, the energy
     # is the quadratic form of tensor, mixed terms and Hessian, the albedo following.
@@ -353,12 +361,13 @@ def test_second_derivatives_are_exact_at_a_perfect_fit(kind):
     photographs = taken(0.7 * light, mask=np.ones((HEIGHT, WIDTH), bool))
     found = photographs.linearize(surface, lights)
     assert found.rms < 2e-5
-    near = "near" in kind
+    numbers = 8 if "beam" in kind else 5 if "near" in kind else 4
     hessian, _, mixed = photographs.light_terms(
-        surface, lights, found.albedo, near=near, mixed=True
+        surface, lights, found.albedo, numbers=numbers, mixed=True
     )
     rng = np.random.default_rng(10)
-    q = 3e-3 * rng.normal(size=(*lights.ambient.shape, 5 if near else 4))
+    q = 3e-3 * rng.normal(size=(*lights.ambient.shape, numbers))
+    q[..., 4 : numbers - 1] *= 30  # of b, 1/metre, and w, 1/metre^2
     q[..., -1] = np.abs(q[..., -1])
     k = np.append(q, 3e-3 * rng.normal(size=3)) if lights.gloss.any() else q.ravel()
     g = 4e-4 * np.sign(mixed @ k)  # where the mixed term is large
@@ -480,7 +489,7 @@ def test_lights_far_away_are_distant_lights():
         lights = replace(some_lights(), inverse_distance=np.full((COUNT, 1), inverse_distance))
         linearization = photographs.linearize(surface, lights)
         terms = photographs.light_terms(
-            surface, lights, linearization.albedo, near=True, mixed=True
+            surface, lights, linearization.albedo, numbers=5, mixed=True
         )
         found[inverse_distance] = (
             linearization.albedo,
@@ -521,7 +530,7 @@ def test_the_same_numbers_on_one_core_and_on_two():
     for threads in (1, 2):
         with limited_threads(threads):
             found = photographs.linearize(surface, lights, scale=0.01, with_light_slope=True)
-            terms = photographs.light_terms(surface, lights, found.albedo, near=True, mixed=True)
+            terms = photographs.light_terms(surface, lights, found.albedo, numbers=5, mixed=True)
             terms = (*terms, found.light_slope)
             small = photographs.halved().values
             results.append((found.albedo, found.energy, found.rms, found.jtwj, *terms, small))
@@ -554,6 +563,37 @@ def test_distant_lights_have_none_and_a_dark_lamp_is_no_trouble():
     np.testing.assert_allclose(lights.position_m[0], [[0, 0, -0.5]])
 
 
+@pytest.mark.parametrize("near", [True, False])
+def test_lights_with_beams_send_what_the_kernels_say(near):
+    lights, surface = some_lights(near=near, channels=3, beam=True), some_surface()
+    middle_m = np.array([0.1, -0.2, 0.7])
+    stated = arriving(lights.as_lights(middle_m), surface.points.reshape(-1, 3) + middle_m)
+    for i, c in np.ndindex(lights.ambient.shape):
+        place, beam = lights.inverse_distance[i, c], lights.beam[i, c]
+        s = plain.light_at(lights.vector[i, c], place, surface.points, beam)
+        np.testing.assert_allclose(s.reshape(-1, 3), stated[i, :, c], rtol=1e-12)
+
+
+def test_a_beam_is_that_of_a_gaussian_around_where_it_is_aimed():
+    # All but a factor of the point alone, which the albedo takes up.
+    rng, sigma = np.random.default_rng(3), 0.04
+    points, toward = rng.normal(0, 0.03, (50, 3)), rng.normal(size=(4, 1, 3))
+    toward /= np.linalg.norm(toward, axis=-1, keepdims=True)
+    aims = rng.normal(0, 0.01, (4, 3))
+    aims -= (aims * toward[:, 0]).sum(axis=-1, keepdims=True) * toward[:, 0]
+    points[:, 2] = 0.0
+    off = points - aims[:, None]
+    across2 = (off**2).sum(axis=-1) - (off * toward).sum(axis=-1) ** 2
+    gaussian = np.exp(-across2 / (2 * sigma**2))
+    beam = np.concatenate([aims[:, :2] / sigma**2, np.full((4, 1), 0.5 / sigma**2)], axis=-1)
+    lights = LightParameters(toward, np.zeros((4, 1)), np.zeros((4, 1)), beam=beam[:, None])
+    sent = np.linalg.norm(arriving(lights.as_lights(np.zeros(3)), points), axis=-1)[..., 0]
+    paint = gaussian / sent
+    paint /= np.mean(paint, axis=1, keepdims=True)
+    np.testing.assert_allclose(paint, np.broadcast_to(paint[0], paint.shape), rtol=1e-10)
+    assert np.ptp(gaussian / gaussian.mean(axis=1, keepdims=True), axis=0).max() > 0.5
+
+
 @pytest.mark.parametrize("channels", [1, 3])
 def test_positions_are_where_the_light_comes_from(channels):
     # The lamp that as_lights names sends what the kernels say: along P - X, with 1 / |P - X|^2.
@@ -568,6 +608,18 @@ def test_positions_are_where_the_light_comes_from(channels):
         law = strength * toward / np.linalg.norm(toward, axis=-1, keepdims=True) ** 3
         np.testing.assert_allclose(s, law, rtol=1e-12)
         np.testing.assert_allclose(s.reshape(-1, 3), stated[i, :, c], rtol=1e-12)
+
+
+def test_moved_beams():
+    lights = some_lights(beam=True)
+    step = 10 * np.random.default_rng(12).normal(size=(COUNT, 1, 8))
+    step[0, 0, 6] = -100
+    there = lights.moved(step)
+    np.testing.assert_array_equal(there.beam[..., :2], (lights.beam + step[..., 4:7])[..., :2])
+    assert there.beam[0, 0, 2] == 0
+    np.testing.assert_allclose(there.beam[1:, ..., 2], (lights.beam + step[..., 4:7])[1:, ..., 2])
+    assert lights.moved(step[..., :5]).beam is lights.beam
+    np.testing.assert_allclose(lights.moved(there.numbers - lights.numbers).beam, there.beam)
 
 
 def test_moved_lights():

@@ -24,7 +24,8 @@ def lights_table(lights: Lights, names: tuple[str, ...] = ()) -> dict[str, Any]:
 
     >>> lights = Lights(vector=np.array([[[0.0, 0.0, -2.0]]]), ambient=np.array([[0.1]]))
     >>> lights_table(lights, ("000.png",))["photographs"][0]["channels"]["white"]
-    {'direction': [0.0, 0.0, -1.0], 'intensity': 2.0, 'ambient': 0.1, 'position_m': None}
+    {'direction': [0.0, 0.0, -1.0], 'intensity': 2.0, 'ambient': 0.1, 'position_m': None,
+     'beam': None}
     """
     channels = _CHANNELS[0] if lights.vector.shape[1] == 1 else _CHANNELS[1]
     photographs = [
@@ -40,7 +41,8 @@ def lights_table(lights: Lights, names: tuple[str, ...] = ()) -> dict[str, Any]:
         "frame": "camera: x right, y down, z forward; directions point towards the lamp",
         "model": "value = albedo * (max(0, s . normal) + ambient), s = intensity * direction at "
         "middle_m and for distant lights everywhere; at X from a lamp at P = position_m, "
-        "s = intensity * (P - X) / |P - X| * (|P - middle_m| / |P - X|)^2",
+        "s = intensity * (P - X) / |P - X| * (|P - middle_m| / |P - X|)^2; with beam [b_x, b_y, w] "
+        "and Y = X - middle_m, s is multiplied by exp(b_x Y_x + b_y Y_y + w (direction . Y)^2)",
         "middle_m": None if lights.middle_m is None else _numbers(lights.middle_m),
         "photographs": photographs,
     }
@@ -83,12 +85,18 @@ def parse_lights(data: bytes, *, source: str) -> Lights:
     if stored.middle_m is None:
         return Lights(vector, ambient)
     middle_m = np.array(stored.middle_m, float)
-    position_m = middle_m + FARTHEST_M * direction
+    position_m, beam = middle_m + FARTHEST_M * direction, np.zeros_like(direction)
     for i, row in enumerate(lights):
         for channel, lamp in enumerate(row):
             if lamp.position_m is not None:
                 position_m[i, channel] = lamp.position_m
-    return Lights(vector, ambient, position_m, middle_m)
+            if lamp.beam is not None:
+                beam[i, channel] = lamp.beam
+    lamps = [lamp for row in lights for lamp in row]
+    if all(lamp.beam is None for lamp in lamps):
+        return Lights(vector, ambient, position_m, middle_m)
+    near = any(lamp.position_m is not None for lamp in lamps)
+    return Lights(vector, ambient, position_m if near else None, middle_m, beam)
 
 
 _LONGEST = 1.001  # of a component of a unit vector, rounded
@@ -102,6 +110,7 @@ class _Light(msgspec.Struct):
     intensity: float | None
     ambient: float | None
     position_m: _Vector | None = None
+    beam: _Vector | None = None
 
 
 class _Photograph(msgspec.Struct):
@@ -120,6 +129,7 @@ def _lamp(lights: Lights, i: int, channel: int) -> dict[str, Any]:
         "intensity": float(lights.intensity[i, channel]),
         "ambient": float(lights.ambient[i, channel]),
         "position_m": _position(lights, i, slice(channel, channel + 1)),
+        "beam": None if lights.beam is None else _numbers(lights.beam[i, channel]),
     }
 
 

@@ -113,7 +113,9 @@ class Method:
 
 
 # Fields of an `Estimate` that may be None.
-OPTIONAL = ("normals", "depth_sigma", "normal_sigma", "lights.position_m", "lights.middle_m")
+OPTIONAL = (
+    "normals", "depth_sigma", "normal_sigma", "lights.position_m", "lights.middle_m", "lights.beam",
+)  # fmt: skip
 # How far a confidence may be beyond 0..1, by the rounding of sums in single precision.
 ROUNDED = 1e-6
 
@@ -153,6 +155,7 @@ def _requirements(found: Any, prepared: Prepared) -> Iterator[tuple[str, bool, s
         "lights.vector": (*each, 3),
         "lights.position_m": (*each, 3),
         "lights.middle_m": (3,),
+        "lights.beam": (*each, 3),
     }
     for name, shape in shapes.items():
         value = attrgetter(name)(found)

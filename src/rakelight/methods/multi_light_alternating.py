@@ -128,7 +128,7 @@ def light_and_albedo(
         hessian, slope, _ = photographs.light_terms(
             surface, lights, albedo, project=False, subsampling=subsampling
         )
-        before = np.delete(lights.numbers, 3, axis=-1)[:, 0]
+        before = np.concatenate([lights.vector, lights.ambient[..., None]], axis=-1)[:, 0]
         solved = [
             least_squares_light(hessian[k : k + 4, k : k + 4], slope[k : k + 4], light)
             for k, light in zip(range(0, len(slope), 4), before, strict=True)

@@ -32,6 +32,9 @@ NORMAL, BY_U, BY_V, POINT, VIEW, FRAME = range(0, 18, 3)
 # Rows of `light`: s . n and the derivatives of max(0, s . n) with g_u, g_v and (three rows) s.  Of
 # `shine`: a highlight and its derivatives, after LIGHT of them those with each coefficient k_e.
 DOT, SU, SV, BY_S, LIGHT = 0, 1, 2, 3, 6
+# Rows of `derivatives`: those with a light's vector (three rows), inverse distance and beam (three
+# rows); the ambient light's are 1.
+BY_DISTANCE, BY_BEAM, BY_LIGHT = 3, 4, 7
 # Rows of `own`, three each, one per channel: albedo; sums over the photographs of w a^2, w a I,
 # w a su and w a sv, with weights w and shading a; 1 / sum of w a^2.
 ALBEDO, SQUARES, PRODUCTS, ALONG_U, ALONG_V, INV_SQUARES, OWN = range(0, 21, 3)
@@ -112,27 +115,48 @@ def load_geometry(here, size, row, gradient, points, camera, lagged, frame):
 
 
 @inlined
-def vector_at(q0, q1, q2, nearness, frame, j):
-    """t (3) and f, f t being the light vector s of a light at a pixel's point X.
-
-    X in metres from the object's middle.  With q the light vector there, u = q/|q| and k the
-    inverse distance, 1/metre, the light is at u/k and s = |q| (u - k X) / r^3, r = |u - k X|, which
-    is q for k = 0.  nearness : |q| k;  t = q - |q| k X, f = 1/r^3
-    """
-    t0 = q0 - nearness * frame[POINT, j]
-    t1 = q1 - nearness * frame[POINT + 1, j]
-    t2 = q2 - nearness * frame[POINT + 2, j]
-    by_r2 = (q0 * q0 + q1 * q1 + q2 * q2) / (t0 * t0 + t1 * t1 + t2 * t2 + 1e-300)
-    return t0, t1, t2, by_r2 * np.sqrt(by_r2)
+def falloff_of(falloffs, light_c, i):
+    """What `vector_at` takes of a light's fall-off: |q| k, b_x, b_y and w."""
+    light = falloffs[light_c]
+    return light[0, i], light[1, i], light[2, i], light[3, i]
 
 
 @inlined
-def evaluate_light(q0, q1, q2, nearness, size, frame, light):
+def is_uniform(falloff):
+    """Whether a light is the same at all points."""
+    nearness, beam_x, beam_y, width = falloff
+    return nearness == 0.0 and beam_x == 0.0 and beam_y == 0.0 and width == 0.0
+
+
+@inlined
+def vector_at(q0, q1, q2, falloff, frame, j):
+    """t (3) and f, f t being the light vector s of a light at a pixel's point X.
+
+    X in metres from the object's middle.  With q the light vector there, u = q/|q| and k the
+    inverse distance, 1/metre, the light is at u/k and s = g |q| (u - k X) / r^3, r = |u - k X|,
+    which is g q for k = 0.  g = exp(b_x X_x + b_y X_y + w (u . X)^2) is its beam's.
+    falloff : |q| k, b_x, b_y and w;  t = q - |q| k X, f = g / r^3
+    """
+    nearness, beam_x, beam_y, width = falloff
+    t0 = q0 - nearness * frame[POINT, j]
+    t1 = q1 - nearness * frame[POINT + 1, j]
+    t2 = q2 - nearness * frame[POINT + 2, j]
+    size2 = q0 * q0 + q1 * q1 + q2 * q2
+    by_r2 = size2 / (t0 * t0 + t1 * t1 + t2 * t2 + 1e-300)
+    toward = q0 * frame[POINT, j] + q1 * frame[POINT + 1, j] + q2 * frame[POINT + 2, j]
+    beam = beam_x * frame[POINT, j] + beam_y * frame[POINT + 1, j]
+    beam += width * toward * toward / (size2 + 1e-300)
+    return t0, t1, t2, by_r2 * np.sqrt(by_r2) * np.exp(beam)
+
+
+@inlined
+def evaluate_light(q0, q1, q2, falloff, size, frame, light):
     """Fill light: s . n of a light, as in `vector_at`, and derivatives of max(0, s . n)."""
+    uniform = is_uniform(falloff)
     for j in range(size):
         t0, t1, t2, gain = q0, q1, q2, 1.0
-        if nearness > 0.0:
-            t0, t1, t2, gain = vector_at(q0, q1, q2, nearness, frame, j)
+        if not uniform:
+            t0, t1, t2, gain = vector_at(q0, q1, q2, falloff, frame, j)
         n0, n1, n2 = frame[NORMAL, j], frame[NORMAL + 1, j], frame[NORMAL + 2, j]
         u0, u1, u2 = frame[BY_U, j], frame[BY_U + 1, j], frame[BY_U + 2, j]
         v0, v1, v2 = frame[BY_V, j], frame[BY_V + 1, j], frame[BY_V + 2, j]
@@ -145,17 +169,18 @@ def evaluate_light(q0, q1, q2, nearness, size, frame, light):
 
 
 @inlined
-def evaluate_highlight(q0, q1, q2, nearness, gloss, size, frame, shine):
+def evaluate_highlight(q0, q1, q2, falloff, gloss, size, frame, shine):
     """Fill shine: a light's highlight |s| sum_e k_e c^e, and its derivatives; s as in `vector_at`.
 
     With l = s/|s|, h = l + the view and c = n . h/|h|:
         dc/dl = (n - c h/|h|) / |h|,  dl/ds = (I - l l^T) / |s|
     gloss (E,) : the k_e; E is 3
     """
+    uniform = is_uniform(falloff)
     for j in range(size):
         t0, t1, t2, gain = q0, q1, q2, 1.0
-        if nearness > 0.0:
-            t0, t1, t2, gain = vector_at(q0, q1, q2, nearness, frame, j)
+        if not uniform:
+            t0, t1, t2, gain = vector_at(q0, q1, q2, falloff, frame, j)
         length = np.sqrt(t0 * t0 + t1 * t1 + t2 * t2) + 1e-300
         l0, l1, l2, strength = t0 / length, t1 / length, t2 / length, gain * length
         n0, n1, n2 = frame[NORMAL, j], frame[NORMAL + 1, j], frame[NORMAL + 2, j]
@@ -187,41 +212,50 @@ def evaluate_highlight(q0, q1, q2, nearness, gloss, size, frame, shine):
 
 
 @inlined
-def shade(q0, q1, q2, nearness, ambient, size, frame, shading):
+def shade(q0, q1, q2, falloff, ambient, size, frame, shading):
     """Fill shading (STRIP): max(0, s . n) of a light, as in `vector_at`, plus ambient light."""
+    uniform = is_uniform(falloff)
     for j in range(size):
         t0, t1, t2, gain = q0, q1, q2, 1.0
-        if nearness > 0.0:
-            t0, t1, t2, gain = vector_at(q0, q1, q2, nearness, frame, j)
+        if not uniform:
+            t0, t1, t2, gain = vector_at(q0, q1, q2, falloff, frame, j)
         n0, n1, n2 = frame[NORMAL, j], frame[NORMAL + 1, j], frame[NORMAL + 2, j]
         shading[j] = max(gain * (t0 * n0 + t1 * n1 + t2 * n2), 0.0) + ambient
 
 
 @inlined
-def differentiate(q0, q1, q2, nearness, size, frame, light, derivatives):
-    """Fill derivatives (4, STRIP) with a light's vector and inverse distance, from those with s.
+def differentiate(q0, q1, q2, falloff, size, frame, light, derivatives):
+    """Fill derivatives (BY_LIGHT, STRIP) with a light's numbers, from those of `light` with s.
 
-    With w the derivatives with s, f, t as in `vector_at`, e = t/|t| and Df = f (I - 3 e e^T):
-        d/dq = Df w + u (s . w / |q| - u . Df w),  d/dk = -|q| X . Df w
+    With d the derivatives with s, f, t as in `vector_at`, e = t/|t| and Df = f (I - 3 e e^T):
+        d/dq = Df d + u (s . d / |q| - u . Df d) + 2 w L (u . X) (X - u (u . X)) / |q|
+        d/dk = -|q| X . Df d,   d/db = L (X_x, X_y),   d/dw = L (u . X)^2
+    L being what `light` is of, at least 0: proportional to |s|.
     """
+    uniform, width = is_uniform(falloff), falloff[3]
     size2 = q0 * q0 + q1 * q1 + q2 * q2 + 1e-24
     length = np.sqrt(size2)
     for j in range(size):
         t0, t1, t2, gain = q0, q1, q2, 1.0
-        if nearness > 0.0:
-            t0, t1, t2, gain = vector_at(q0, q1, q2, nearness, frame, j)
+        if not uniform:
+            t0, t1, t2, gain = vector_at(q0, q1, q2, falloff, frame, j)
         w0, w1, w2 = gain * light[BY_S, j], gain * light[BY_S + 1, j], gain * light[BY_S + 2, j]
         along_s = t0 * w0 + t1 * w1 + t2 * w2
         bent = 3.0 * along_s / (t0 * t0 + t1 * t1 + t2 * t2 + 1e-300)
         f0, f1, f2 = w0 - bent * t0, w1 - bent * t1, w2 - bent * t2
         along = (along_s - (q0 * f0 + q1 * f1 + q2 * f2)) / size2
-        derivatives[0, j], derivatives[1, j], derivatives[2, j] = (
-            f0 + along * q0,
-            f1 + along * q1,
-            f2 + along * q2,
-        )
         p0, p1, p2 = frame[POINT, j], frame[POINT + 1, j], frame[POINT + 2, j]
-        derivatives[3, j] = -length * (p0 * f0 + p1 * f1 + p2 * f2)
+        arriving, toward = max(light[DOT, j], 0.0), (q0 * p0 + q1 * p1 + q2 * p2) / size2
+        turned = 2.0 * width * arriving * toward
+        along -= turned * toward
+        derivatives[0, j], derivatives[1, j], derivatives[2, j] = (
+            f0 + along * q0 + turned * p0,
+            f1 + along * q1 + turned * p1,
+            f2 + along * q2 + turned * p2,
+        )
+        derivatives[BY_DISTANCE, j] = -length * (p0 * f0 + p1 * f1 + p2 * f2)
+        derivatives[BY_BEAM, j], derivatives[BY_BEAM + 1, j] = arriving * p0, arriving * p1
+        derivatives[BY_BEAM + 2, j] = arriving * toward * toward * size2
 
 
 @inlined
@@ -387,8 +421,8 @@ def take_logarithm(size, pixel):
 
 @inlined
 def add_slope(i, size, pixel, derivatives, slope):
-    """Add derivatives (4, STRIP) times pixel's GRADIENT to slope (5, N); spoils derivatives."""
-    for k in range(4):
+    """Add derivatives times pixel's GRADIENT to slope (BY_LIGHT + 1, N); spoils derivatives."""
+    for k in range(BY_LIGHT):
         for j in range(size):
             derivatives[k, j] *= pixel[GRADIENT, j]
         slope[k, i] += total(derivatives[k], size)
@@ -396,7 +430,7 @@ def add_slope(i, size, pixel, derivatives, slope):
 
 @inlined
 def accumulate_light_slope(first, last, i, size, a, value, own, pixel, derivatives, slope):
-    """Add photograph i's part of half the energy's gradient to slope (5, N); spoils derivatives."""
+    """Add photograph i's part of half the energy's gradient to slope; spoils derivatives."""
     for j in range(size):
         pixel[GRADIENT, j] = 0.0
     for c in range(first, last):
@@ -404,7 +438,7 @@ def accumulate_light_slope(first, last, i, size, a, value, own, pixel, derivativ
             rho = own[ALBEDO + c, j]
             r = residual(rho, a[i, j], value[c, i, j])
             pixel[GRADIENT, j] += rho * r / (1.0 + pixel[INV_SCALE2, j] * r * r)
-    slope[4, i] += total(pixel[GRADIENT], size)
+    slope[BY_LIGHT, i] += total(pixel[GRADIENT], size)
     add_slope(i, size, pixel, derivatives, slope)
 
 
@@ -412,7 +446,7 @@ def accumulate_light_slope(first, last, i, size, a, value, own, pixel, derivativ
 def accumulate_highlight_slope(
     first, last, i, size, a, value, own, pixel, shine, derivatives, slope, gloss_slope
 ):
-    """Add the part of photograph i's highlight to slope (5, N) and gloss_slope (E,).
+    """Add the part of photograph i's highlight to slope and gloss_slope (E,).
 
     Spoils derivatives.
     """
@@ -490,7 +524,7 @@ def linearize_glossy(gloss, gloss_slope, *given):
 @helper
 def linearize_rows(
     gloss, gloss_slope, first_row, last_row, photos, table, active, gradient, points, camera,
-    vectors, ambients, nearness, scales, lagged, project, albedo, jtwj, rhs, sums, histogram,
+    vectors, ambients, falloffs, scales, lagged, project, albedo, jtwj, rhs, sums, histogram,
     mean_abs_residual, with_light_slope, slope,
 ):  # fmt: skip
     """Albedo, M, b, energy and residuals of the active pixels; see `Photographs.linearize`.
@@ -498,15 +532,15 @@ def linearize_rows(
     In rows from first_row up to last_row, which is not among them.
     table : linear light of a value, negative where it is not usable
     gloss (E,) of the surface, or None where it is matte; vectors (C, 3, N), ambients (C, N),
-    nearness (C, N) of the lights: `LightParameters.arrays`
+    falloffs (C, 4, N) of the lights: `LightParameters.arrays`
     sums (h, 3): energy, squared residuals, count; histogram (h, BINS) of absolute residuals in one
     channel of every other pixel; mean_abs_residual (h, w): of each pixel.  With `with_light_slope`,
-    slope (h, C, 5, N) gets the first derivatives of half the energy with each light's vector,
-    inverse distance and ambient light, gloss_slope (h, E) with the gloss.
+    slope (h, C, 8, N) gets the first derivatives of half the energy with each light's vector,
+    inverse distance, beam and ambient light, gloss_slope (h, E) with the gloss.
     """
     channels, _, count = vectors.shape
     here = np.empty(STRIP, np.int64)
-    frame, derivatives = np.empty((FRAME, STRIP)), np.empty((4, STRIP))
+    frame, derivatives = np.empty((FRAME, STRIP)), np.empty((BY_LIGHT, STRIP))
     light, both = np.empty((LIGHT, STRIP)), np.empty((LIGHT, STRIP))
     if gloss is not None:
         shines = np.empty((channels, count, LIGHT + gloss.size, STRIP))
@@ -532,11 +566,11 @@ def linearize_rows(
                         vectors[light_c, 1, i],
                         vectors[light_c, 2, i],
                     )
-                    near, ambient = nearness[light_c, i], ambients[light_c, i]
-                    shade(q0, q1, q2, near, ambient, size, frame, a[light_c, i])
+                    falloff, ambient = falloff_of(falloffs, light_c, i), ambients[light_c, i]
+                    shade(q0, q1, q2, falloff, ambient, size, frame, a[light_c, i])
                     if gloss is not None:
                         shine = shines[light_c, i]
-                        evaluate_highlight(q0, q1, q2, near, gloss, size, frame, shine)
+                        evaluate_highlight(q0, q1, q2, falloff, gloss, size, frame, shine)
                         subtract_highlight(first, last, i, size, shine, value)
             rounds = ALBEDO_ROUNDS if total(pixel[INV_SCALE2], size) > 0.0 else 1
             fit_albedo(rounds, size, a, value, w, own, pixel)
@@ -548,8 +582,8 @@ def linearize_rows(
                         vectors[light_c, 1, i],
                         vectors[light_c, 2, i],
                     )
-                    near = nearness[light_c, i]
-                    evaluate_light(q0, q1, q2, near, size, frame, light)
+                    falloff = falloff_of(falloffs, light_c, i)
+                    evaluate_light(q0, q1, q2, falloff, size, frame, light)
                     if gloss is not None:
                         for c in range(first, last):
                             add_highlight(own[ALBEDO + c], size, light, shines[light_c, i], both)
@@ -562,14 +596,14 @@ def linearize_rows(
                         )
                     take_logarithm(size, pixel)
                     if with_light_slope:
-                        differentiate(q0, q1, q2, near, size, frame, light, derivatives)
+                        differentiate(q0, q1, q2, falloff, size, frame, light, derivatives)
                         accumulate_light_slope(
                             first, last, i, size, a[light_c], value, own, pixel, derivatives,
                             slope[row, light_c],
                         )  # fmt: skip
                         if gloss is not None:
                             shine = shines[light_c, i]
-                            differentiate(q0, q1, q2, near, size, frame, shine, derivatives)
+                            differentiate(q0, q1, q2, falloff, size, frame, shine, derivatives)
                             accumulate_highlight_slope(
                                 first, last, i, size, a[light_c], value, own, pixel, shine,
                                 derivatives, slope[row, light_c], gloss_slope[row],
@@ -588,7 +622,7 @@ def linearize_rows(
 
 @inlined
 def illuminate(
-    light_c, size, vectors, ambients, nearness, frame, light, by_light, shaded, derivatives
+    light_c, size, vectors, ambients, falloffs, frame, light, by_light, shaded, derivatives
 ):
     """Fill shaded and derivatives (parameters, N, STRIP) for each photograph's light.
 
@@ -596,8 +630,9 @@ def illuminate(
     """
     for i in range(vectors.shape[2]):
         q0, q1, q2 = vectors[light_c, 0, i], vectors[light_c, 1, i], vectors[light_c, 2, i]
-        evaluate_light(q0, q1, q2, nearness[light_c, i], size, frame, light)
-        differentiate(q0, q1, q2, nearness[light_c, i], size, frame, light, by_light)
+        falloff = falloff_of(falloffs, light_c, i)
+        evaluate_light(q0, q1, q2, falloff, size, frame, light)
+        differentiate(q0, q1, q2, falloff, size, frame, light, by_light)
         ambient = ambients[light_c, i]
         for j in range(size):
             shaded[DOT, i, j] = max(light[DOT, j], 0.0) + ambient
@@ -610,7 +645,7 @@ def illuminate(
 
 @helper
 def reflect(
-    light_c, first, last, size, vectors, nearness, gloss, frame, shine, by_light, value, shone,
+    light_c, first, last, size, vectors, falloffs, gloss, frame, shine, by_light, value, shone,
     derivatives,
 ):  # fmt: skip
     """As `illuminate`, for each photograph's highlight, which is subtracted from its values.
@@ -619,8 +654,9 @@ def reflect(
     """
     for i in range(vectors.shape[2]):
         q0, q1, q2 = vectors[light_c, 0, i], vectors[light_c, 1, i], vectors[light_c, 2, i]
-        evaluate_highlight(q0, q1, q2, nearness[light_c, i], gloss, size, frame, shine)
-        differentiate(q0, q1, q2, nearness[light_c, i], size, frame, shine, by_light)
+        falloff = falloff_of(falloffs, light_c, i)
+        evaluate_highlight(q0, q1, q2, falloff, gloss, size, frame, shine)
+        differentiate(q0, q1, q2, falloff, size, frame, shine, by_light)
         subtract_highlight(first, last, i, size, shine, value)
         for j in range(size):
             shone[SU, i, j] = shine[SU, j]
@@ -806,23 +842,23 @@ def light_terms_glossy(gloss, gloss_slope, gloss_cross, *given):
 @helper
 def light_terms_block(
     gloss, gloss_slope, gloss_cross, block, photos, table, active, gradient, points, camera,
-    vectors, ambients, nearness, scales, albedo, parameters, project, hessian, slope, cross,
+    vectors, ambients, falloffs, scales, albedo, parameters, project, hessian, slope, cross,
 ):  # fmt: skip
     """Second and first derivatives of half the energy with the lights, of one block of rows.
 
-    Each light has `parameters` numbers: its vector, [inverse distance,] ambient light.  The lights
-    of one of C channels, 1 or 3, have Q numbers, those of one kind side by side; second derivatives
-    between channels are 0.  After these stand the E of the gloss; None for its three arguments on a
-    matte surface.  The albedo is eliminated when `project`.  hessian (blocks, C, Q + E, Q + E), its
-    upper triangle, and slope (blocks, C, parameters, N) are sums per block of rows; gloss_slope
-    (E,) is this one's; cross (h, w, 2, N, C, parameters) and gloss_cross (h, w, 2, E) are each
-    pixel's mixed derivatives with the gradient of log depth, or (0, ...) for none.
+    Each light has `parameters` numbers: its vector, [inverse distance, [beam,]] ambient light.  The
+    lights of one of C channels, 1 or 3, have Q numbers, those of one kind side by side; second
+    derivatives between channels are 0.  After these stand the E of the gloss; None for its three
+    arguments on a matte surface.  The albedo is eliminated when `project`.  hessian (blocks, C,
+    Q + E, Q + E), its upper triangle, and slope (blocks, C, parameters, N) are sums per block of
+    rows; gloss_slope (E,) is this one's; cross (h, w, 2, N, C, parameters) and gloss_cross (h, w,
+    2, E) are each pixel's mixed derivatives with the gradient of log depth, or (0, ...) for none.
     """
     channels, _, count = vectors.shape
     blocks, height = hessian.shape[0], active.shape[0]
     frame, light = np.empty((FRAME, STRIP)), np.empty((LIGHT, STRIP))
     own, pixel = np.empty((OWN, STRIP)), np.empty((PIXEL, STRIP))
-    by_light, value = np.empty((4, STRIP)), np.empty((3, count, STRIP), np.float32)
+    by_light, value = np.empty((BY_LIGHT, STRIP)), np.empty((3, count, STRIP), np.float32)
     shaded, w = np.empty((BY_S, count, STRIP)), np.empty((count, STRIP))
     derivatives = np.ones((parameters, count, STRIP))
     if gloss is not None:
@@ -840,7 +876,7 @@ def light_terms_block(
             load_scales(here, size, row, scales, pixel)
             for light_c in range(channels):
                 illuminate(
-                    light_c, size, vectors, ambients, nearness, frame, light, by_light, shaded,
+                    light_c, size, vectors, ambients, falloffs, frame, light, by_light, shaded,
                     derivatives,
                 )  # fmt: skip
                 first, last = (0, 3) if channels == 1 else (light_c, light_c + 1)
@@ -848,7 +884,7 @@ def light_terms_block(
                 if gloss is not None:
                     seen, slopes = both, by_both
                     reflect(
-                        light_c, first, last, size, vectors, nearness, gloss, frame, shine,
+                        light_c, first, last, size, vectors, falloffs, gloss, frame, shine,
                         by_light, value, shone, by_highlight,
                     )  # fmt: skip
                 for c in range(first, last):

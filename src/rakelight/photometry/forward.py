@@ -10,6 +10,7 @@ the plain form; `photometry.images` has the fast one, with derivatives, of whole
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -38,7 +39,7 @@ def shading(normals: Floats, vector: Floats, ambient: float | Floats) -> Floats:
 
 
 def arriving(lights: Lights, points_m: Floats) -> Floats:
-    """(N, P, C, 3) light vectors s at P points; near lights fall off from their positions.
+    """(N, P, C, 3) light vectors s at P points, with distance and beam as in `Lights`.
 
     points_m : (P, 3) camera frame
 
@@ -47,6 +48,13 @@ def arriving(lights: Lights, points_m: Floats) -> Floats:
     >>> arriving(Lights(toward, none, place, middle_m=points[0]), points)[0, :, 0].tolist()
     [[0.0, 0.0, -1.0], [0.0, 0.0, -0.25]]
     """
+    if lights.beam is not None and lights.middle_m is not None:
+        off, toward = points_m - lights.middle_m, lights.direction
+        beam = np.einsum("nck,pk->npc", lights.beam[..., :2], off[:, :2])
+        beam += lights.beam[:, None, :, 2] * np.einsum("nck,pk->npc", toward, off) ** 2
+        middle_m = None if lights.position_m is None else lights.middle_m
+        wide = replace(lights, beam=None, middle_m=middle_m)
+        return np.asarray(arriving(wide, points_m) * np.exp(beam)[..., None])
     if lights.position_m is None or lights.middle_m is None:
         shape = (len(lights), len(points_m), *lights.vector.shape[1:])
         return np.broadcast_to(lights.vector[:, None], shape)

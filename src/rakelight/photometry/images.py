@@ -38,12 +38,14 @@ class LightParameters:
     inverse_distance : (N, C) 1/metre, from the object's middle; 0 for a distant light
     gloss : (E,) coefficients k of the surface's highlights, see `photometry.specular`; 0 where it
         is matte
+    beam : (N, C, 3) b_x, b_y and w of each lamp's beam, as in `Lights`; None without beams
     """
 
     vector: Floats
     ambient: Floats
     inverse_distance: Floats
     gloss: Floats = field(default_factory=lambda: np.zeros(len(EXPONENTS)))
+    beam: Floats | None = None
 
     @classmethod
     def distant(cls, vector: Floats, ambient: Floats) -> LightParameters:
@@ -63,32 +65,45 @@ class LightParameters:
 
     @property
     def numbers(self) -> Floats:
-        """(N, C, 5) vector, inverse distance and ambient, as `moved` takes their step."""
-        parts = (self.vector, self.inverse_distance[..., None], self.ambient[..., None])
-        return np.concatenate(parts, axis=-1)
+        """(N, C, 8) vector, inverse distance, beam and ambient, as `moved` takes their step."""
+        inverse_distance, ambient = self.inverse_distance[..., None], self.ambient[..., None]
+        return np.concatenate([self.vector, inverse_distance, self.beams, ambient], axis=-1)
+
+    @property
+    def beams(self) -> Floats:
+        """(N, C, 3) `beam`, 0 without beams."""
+        return np.zeros((*self.ambient.shape, 3)) if self.beam is None else self.beam
 
     @property
     def arrays(self) -> tuple[Floats, Floats, Floats]:
-        """As kernels take them: vector q (C, 3, N), ambient, |q| inverse_distance (C, N)."""
-        nearness = self.irradiance * self.inverse_distance
-        vector, ambient, nearness = (
+        """As kernels take them: vector q (C, 3, N), ambient (C, N), fall-off (C, 4, N).
+
+        Its fall-off is |q| inverse_distance, and the beam's numbers.
+        """
+        nearness = (self.irradiance * self.inverse_distance)[..., None]
+        falloff = np.concatenate([nearness, self.beams], axis=-1)
+        vector, ambient, falloff = (
             np.ascontiguousarray(each.T, dtype=np.float64)
-            for each in (self.vector.swapaxes(1, 2), self.ambient, nearness)
+            for each in (self.vector.swapaxes(1, 2), self.ambient, falloff.swapaxes(1, 2))
         )
-        return vector, ambient, nearness
+        return vector, ambient, falloff
 
     def moved(self, step: Floats, gloss_step: Floats | float = 0.0) -> LightParameters:
-        """The lights after a step (N, C, 4 or 5): vector, [inverse_distance,] ambient; gloss (E,).
+        """The lights after a step (N, C, 4, 5 or 8) and one of the gloss (E,).
 
-        What cannot be below 0 is not.
+        Of vector, [inverse_distance, [beam,]] and ambient.  What cannot be below 0 is not.
         """
-        inverse_distance = self.inverse_distance
-        if step.shape[-1] == 5:
+        inverse_distance, beam = self.inverse_distance, self.beam
+        if step.shape[-1] > 4:
             inverse_distance = np.maximum(inverse_distance + step[..., 3], 0.0)
+        if step.shape[-1] > 5:
+            beam = self.beams + step[..., 4:7]
+            beam[..., 2] = np.maximum(beam[..., 2], 0.0)
         ambient = np.maximum(self.ambient + step[..., -1], 0.0)
         return replace(
             self, vector=self.vector + step[..., :3], ambient=ambient,
-            inverse_distance=inverse_distance, gloss=np.maximum(self.gloss + gloss_step, 0.0),
+            inverse_distance=inverse_distance, beam=beam,
+            gloss=np.maximum(self.gloss + gloss_step, 0.0),
         )  # fmt: skip
 
     def brighter(self, gain: float) -> LightParameters:
@@ -99,12 +114,12 @@ class LightParameters:
 
     def as_lights(self, middle_m: Floats) -> Lights:
         """The lights as a result states them; near ones get their positions."""
-        lights = Lights(self.vector, self.ambient)
-        if not (self.inverse_distance > 0).any():
+        lights, near = Lights(self.vector, self.ambient), (self.inverse_distance > 0).any()
+        if not near and self.beam is None:
             return lights
         distance = 1 / np.maximum(self.inverse_distance, 1 / FARTHEST_M)
-        position = middle_m + distance[..., None] * lights.direction
-        return replace(lights, position_m=position, middle_m=middle_m)
+        position = middle_m + distance[..., None] * lights.direction if near else None
+        return replace(lights, position_m=position, middle_m=middle_m, beam=self.beam)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,8 +144,8 @@ class Linearization:
         median of the absolute residuals in one channel of every other pixel; rms : root mean
         square of all residuals
     observations : number of usable values; mean_abs_residual : (h, w) over those of each pixel
-    light_slope : (N, C, 5) half the energy's derivatives with the lights' vector, inverse_distance
-        and ambient, the albedo eliminated; None unless asked for
+    light_slope : (N, C, 8) half the energy's derivatives with the lights' vector, inverse_distance,
+        beam and ambient, the albedo eliminated; None unless asked for
     gloss_slope : (E,) those with the gloss, likewise; 0 where it is 0
     """
 
@@ -274,7 +289,7 @@ class Photographs:
         sums = np.zeros((height, 3))
         histogram = np.zeros((height, _kernels.BINS), dtype=np.int64)
         mean_abs_residual = np.zeros((height, width))
-        slope = np.zeros((height if with_light_slope else 0, lights.ambient.shape[1], 5, len(self)))
+        slope = np.zeros((height if with_light_slope else 0, lights.ambient.shape[1], 8, len(self)))
         gloss_slope = np.zeros((len(slope), len(lights.gloss)))
         # In one order in memory, or the kernel would be compiled once more for another.
         gradient, points = map(np.ascontiguousarray, (surface.gradient, surface.points))
@@ -313,15 +328,16 @@ class Photographs:
         albedo: Floats,
         *,
         scale: Floats | float = 0.0,
-        near: bool = False,
+        numbers: int = 4,
         project: bool = True,
         subsampling: int = 1,
         mixed: bool = False,
     ) -> tuple[Floats, Floats, Floats]:
         """Second (K, K) and first (K,) derivatives of half the energy with the lights.
 
-        K counts vector, inverse_distance where `near`, and ambient of each light; and last the
-        gloss, unless it is 0.
+        K counts each light's numbers, as `LightParameters.moved` takes them; and last the gloss,
+        unless it is 0.
+        numbers : of each light: 4 of distant ones, 5 of near ones, 8 of those with a beam
         subsampling : factor along each side by which fewer pixels are used; see `subsample`
         mixed : whether to find the used pixels' mixed derivatives with the gradient of log depth
             as well, (h / subsampling, w / subsampling, 2, K), rounded up; an empty array if not
@@ -330,14 +346,14 @@ class Photographs:
 
         from rakelight.photometry import _kernels
 
-        parameters, (count, channels) = 5 if near else 4, lights.ambient.shape
-        own, extra = count * parameters, len(lights.gloss) if lights.gloss.any() else 0
+        count, channels = lights.ambient.shape
+        own, extra = count * numbers, len(lights.gloss) if lights.gloss.any() else 0
         hessian = np.zeros((BLOCKS, channels, own + extra, own + extra))
-        slope = np.zeros((BLOCKS, channels, parameters, count))
+        slope = np.zeros((BLOCKS, channels, numbers, count))
         every = (slice(None, None, subsampling),) * 2
         active = np.ascontiguousarray(self.active[every])
         shape = active.shape if mixed else (0, 0)
-        both = np.zeros((*shape, 2, count, channels, parameters))
+        both = np.zeros((*shape, 2, count, channels, numbers))
         gloss_slope, gloss_both = np.zeros((BLOCKS, extra)), np.zeros((*shape, 2, extra))
         # A camera whose pixels are wider by the factor; the gradient per pixel grows by it, too.
         optics = tuple(value / subsampling for value in self._optics)
@@ -348,7 +364,7 @@ class Photographs:
         values, gradient = np.ascontiguousarray(self.values[:, *every]), subsampling * gradient
         given = (
             values, self._light, active, gradient, points, optics, *lights.arrays, scales,
-            albedo, parameters, project, hessian, slope, both,
+            albedo, numbers, project, hessian, slope, both,
         )  # fmt: skip
 
         def some_rows(block: int) -> None:
@@ -361,8 +377,8 @@ class Photographs:
         in_blocks(some_rows, BLOCKS, len(self) * active.size)
         # Order of the lights' numbers: photograph, channel, number; of the sums: channel, number,
         # photograph.
-        numbers = np.arange(channels * own).reshape(channels, parameters, count)
-        order = np.moveaxis(numbers, -1, 0).ravel()
+        places = np.arange(channels * own).reshape(channels, numbers, count)
+        order = np.moveaxis(places, -1, 0).ravel()
         upper = np.triu(hessian.sum(axis=0))
         whole = upper + np.triu(upper, 1).swapaxes(1, 2)
         blocks = block_diag(*whole[:, :own, :own])[np.ix_(order, order)]

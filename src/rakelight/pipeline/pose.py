@@ -134,7 +134,10 @@ def registered(
 
 
 def of_kind(options: MultiLight, lights: Lights) -> MultiLight:
-    """The options with the kind of these lights, so that no other kind is tried again."""
+    """The options with the kind of these lights, so that no other kind is tried again.
+
+    But for beams, which make up for some of what a wrong pose does.
+    """
     return replace(
         options,
         lights="white" if lights.ambient.shape[1] == 1 else "coloured",

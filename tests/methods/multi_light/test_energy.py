@@ -90,6 +90,7 @@ def start(level, name):
     wild = LightParameters.distant(rng.normal(size=(count, 1, 3)), rng.uniform(0, 1, (count, 1)))
     alike = (np.repeat(each[:1], count, axis=0) for each in (lights.vector, lights.ambient))
     near = replace(lights, inverse_distance=np.full((count, 1), 3.0))
+    beams = np.append(rng.normal(0, 2, (count, 1, 2)), np.full((count, 1, 1), 5.0), axis=-1)
     depth, light = {
         "rough depth": (prior + 0.03 * rough(level), lights),
         "rough depth, Laplacian": (prior + 0.03 * rough(level), lights),
@@ -100,10 +101,12 @@ def start(level, name):
         "lights alike": (prior, LightParameters.distant(*alike)),
         "near": (prior, near),
         "glossy near": (prior, near),
+        "beam": (prior, replace(lights, beam=beams)),
+        "near beam": (prior, replace(near, beam=beams)),
     }.get(name, (prior, lights))
     if "glossy" in name:
         light = replace(light, gloss=np.array([0.02, 0.05, 0.01]))
-    fit = first_fit(level, depth, light, LightModel(near="near" in name))
+    fit = first_fit(level, depth, light, LightModel(near="near" in name, beam="beam" in name))
     if "Laplacian" in name:  # it counts as much as the photographs
         counted = np.median(fit.linearization.jtwj[level.photographs.active]) / fit.noise**2
         fit = evaluated(level, replace(fit, laplacian_weight=counted), depth, light)
@@ -113,7 +116,7 @@ def start(level, name):
 STARTS = (
     "prior", "rough depth", "flat depth", "wild lights", "lights behind", "no light",
     "lights alike", "coloured", "near", "coloured near", "glossy", "glossy near", "glossy coloured",
-    "rough depth, Laplacian",
+    "rough depth, Laplacian", "beam", "near beam",
 )  # fmt: skip
 
 

@@ -21,19 +21,21 @@ from tests.methods.multi_light.test_energy import make_level
 from tests.photometry import plain_photographs as plain
 
 KINDS = {
-    "white": (1, 0.0, 0.0),
-    "coloured": (3, 0.0, 0.0),
-    "near": (1, 2.0, 0.0),
-    "glossy": (1, 0.0, 0.7),
-    "glossy near": (1, 2.0, 0.7),
+    "white": (1, 0.0, 0.0, 0.0),
+    "coloured": (3, 0.0, 0.0, 0.0),
+    "near": (1, 2.0, 0.0, 0.0),
+    "glossy": (1, 0.0, 0.7, 0.0),
+    "glossy near": (1, 2.0, 0.7, 0.0),
+    "beam": (1, 0.0, 0.0, 1.0),
+    "coloured near beam": (3, 2.0, 0.0, 1.0),
 }
-"""The lights' channels and inverse distance, 1/m; the gloss over (0.1, 0.05, 0.2)."""
+"""The lights' channels and inverse distance, 1/m; gloss over (0.1, 0.05, 0.2); beam over some."""
 
 
 @cache
 def perfect_fit(kind):
     """A level, and the fit at its prior under the lights that have made its photographs."""
-    channels, inverse_distance, gloss = KINDS[kind]
+    channels, inverse_distance, gloss, beam = KINDS[kind]
     level, rng = make_level(), np.random.default_rng(1)
     prior = gaussian_filter(level.prior, 1.0)
     shape = (len(level.photographs), channels)
@@ -42,6 +44,9 @@ def perfect_fit(kind):
         rng.uniform(0.02, 0.1, shape),
         np.full(shape, inverse_distance),
         gloss * np.array([0.1, 0.05, 0.2]),
+        beam * np.append(rng.uniform(-5, 5, (*shape, 2)), np.full((*shape, 1), 30.0), axis=-1)
+        if beam
+        else None,
     )
     surface = level.surface(prior)
     albedo = rng.uniform(0.3, 0.9, (*level.mask.shape, 3))
@@ -51,7 +56,7 @@ def perfect_fit(kind):
     values = np.searchsorted(table, light).astype(np.uint16)
     photographs = replace(level.photographs, values=values, table=table, low=1, high=65534)
     level = replace(level, photographs=photographs, prior=prior, unbiased_prior=prior)
-    fit = first_fit(level, prior, lights, LightModel(near=inverse_distance > 0))
+    fit = first_fit(level, prior, lights, LightModel(near=inverse_distance > 0, beam=beam > 0))
     # Least squares: a robust loss is a parabola only within its scale, here that of rounding.  The
     # sensor counts about as much as the photographs.
     fit = replace(fit, scales=0 * fit.scales, noise=0.05)
@@ -68,13 +73,20 @@ def half_second_difference(level, fit, depth, numbers):
 
 
 def light_direction(fit, size, seed):
-    """(F,) a step of the lights that does not make a channel of all brighter: nothing sees that."""
+    """(F,) a step of the lights that makes no channel of all brighter, nor aims all elsewhere.
+
+    Nothing sees that.
+    """
     rng = np.random.default_rng(seed)
     brighter = fit.model.own_numbers(fit.lights.brighter(2.0).numbers - fit.lights.numbers)
     step = rng.normal(size=brighter.shape)
     share = (step * brighter).sum((0, 2)) / (brighter**2).sum((0, 2))
-    step = (step - share[:, None] * brighter).ravel()
-    return size * np.append(step, rng.normal(size=3) if fit.lights.gloss.any() else [])
+    step, shared = step - share[:, None] * brighter, []
+    if fit.model.beam:  # b, 1/metre; all have one w, 1/metre^2
+        step[..., 4:6] = 10 * (step[..., 4:6] - step[..., 4:6].mean(axis=0))
+        step, shared = np.delete(step, [6] if fit.model.near else [3, 6], axis=-1), [300.0]
+    gloss = rng.normal(size=3) if fit.lights.gloss.any() else []
+    return size * np.concatenate([step.ravel(), shared, gloss])
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from rakelight.geometry.camera import back_project
 from rakelight.methods.multi_light import (
     FIRST_DEPTH_WEIGHTS,
     MultiLight,
@@ -31,6 +32,7 @@ from rakelight.model import silent
 from rakelight.photometry.images import LightParameters
 from rakelight.pipeline import refine
 from rakelight.prepare import prepare
+from rakelight.prepare.linear import linear_table
 from rakelight.solve.robust import NOTABLE
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
@@ -339,6 +341,65 @@ def test_a_weight_that_was_asked_for_is_kept():
     result = refine(capture, MultiLight(depth_weight=3.0, max_iterations=2))
     notes = [each.message for each in result.findings if each.code == "depth-weight"]
     assert notes == ["depth weight 3 times white noise's"]
+
+
+def under_a_torch(capture, truth, seed=0):
+    """The capture as if a lamp 0.6 m away, aimed a little beside the object, had a narrow beam."""
+    rng = np.random.default_rng(seed)
+    points = back_project(np.nan_to_num(truth.depth, nan=np.nanmedian(truth.depth)), capture.camera)
+    middle = points[truth.mask].mean(axis=0)
+    radius = np.sqrt(2 * ((points[truth.mask] - middle)[:, :2] ** 2).sum(axis=1).mean())
+    table = linear_table(capture.photographs.dtype, capture.encoding)
+    light = table[capture.photographs]
+    for one, toward in zip(light, truth.lights.direction[:, 0], strict=True):
+        off = points - middle - rng.normal(0, 0.3 * radius, 3)
+        across2 = (off**2).sum(axis=-1) - (off @ toward) ** 2
+        one *= np.exp(-across2 / (2 * radius**2))[..., None]
+    values = np.round(65535 * light / light.max()).astype(np.uint16)
+    return replace(capture, photographs=values, encoding="linear")
+
+
+def test_a_narrow_beam_is_found_and_does_not_bend_the_surface():
+    capture, truth = scene(CORRELATED, "head", 0.4, photographs=12)
+    narrow = under_a_torch(capture, truth)
+    results = [refine(narrow, MultiLight(beam=beam)) for beam in ("auto", "wide")]
+    errors = [evaluate_maps(each.depth, each.normals, truth) for each in results]
+    assert errors[0].normals.mae_deg < 0.5 * errors[1].normals.mae_deg
+    assert errors[0].depth.rmse_mm < errors[1].depth.rmse_mm
+    codes = [{each.code for each in result.findings} for result in results]
+    assert "narrow-beam" in codes[0]
+    assert "narrow-beam" not in codes[1]
+    radius_m = 1 / np.sqrt(2 * results[0].lights.beam[0, 0, 2])
+    seen = back_project(results[0].depth, capture.camera)[truth.mask]
+    true_m = np.sqrt(2 * ((seen - seen.mean(axis=0))[:, :2] ** 2).sum(axis=1).mean())
+    assert radius_m == pytest.approx(true_m, rel=0.25)
+
+
+@pytest.mark.parametrize("settings", [{}, {"lamp_distance_m": 0.5}])
+def test_lamps_without_a_beam_get_none(settings):
+    capture, _ = scene(CORRELATED, "head", 0.4, photographs=12, **settings)
+    assert refine(capture, "multi-light").lights.beam is None
+
+
+@pytest.mark.parametrize("shared", [False, True])
+@pytest.mark.parametrize("near", [False, True])
+def test_the_jacobian_of_beams_is_what_a_step_does(near, shared):
+    level = coarsest(CORRELATED, size=0.25)[0]
+    vector = lights_of_prior(level).vector
+    size, rng = np.linalg.norm(vector, axis=-1), np.random.default_rng(0)
+    beam = np.append(rng.normal(0, 3, (*size.shape, 2)), np.full((*size.shape, 1), 20.0), axis=-1)
+    lights = LightParameters(vector, 0.2 * size, np.full_like(size, 0.5), beam=beam)
+    model = LightModel(near=near, beam=True, shared_ambient=shared)
+    free = model.jacobian(lights)
+    own = 3 + near + 2 + (not shared)
+    assert free.shape == (8 * size.size, own * size.size + 1 + shared)
+    step = 1e-6 * rng.normal(size=free.shape[1])
+    after = model.moved(lights, step)
+    change = (after.numbers - lights.numbers).ravel()
+    np.testing.assert_allclose(change, free @ step, atol=1e-11)
+    assert np.ptp(after.beam[..., 2]) == 0
+    assert after.beam[0, 0, 2] != 20
+    assert (after.inverse_distance != lights.inverse_distance).any() == near
 
 
 @pytest.mark.parametrize("near", [False, True])

@@ -186,6 +186,11 @@ def finished(
     if fit.lights.gloss.any():
         height = f"{fit.lights.gloss.sum() / gain:.2f} of white paint's brightness"
         notes.append(Finding("note", "highlights", f"highlights up to {height}"))
+    if lights.beam is not None:
+        across = 2 * level.radius_m * np.linalg.norm(lights.beam[..., :2], axis=-1)
+        loss = 100 * (1 - np.exp(-np.median(across)))
+        falls = f"the lamp's light falls off sideways, by {loss:.0f} % across the object (median)"
+        notes.append(Finding("note", "narrow-beam", f"{falls}; that is taken into account"))
     free = None if fit.model.directions is not None else fit.lights
     moment, bas_relief = shape_errors(level, fit.log_depth, free)
     confidence, normal_sigma, local = normal_errors(level, fit, normals, bas_relief)

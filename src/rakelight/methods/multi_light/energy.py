@@ -222,7 +222,7 @@ def light_system(
     photographs, model = level.photographs, fit.model
     share = np.count_nonzero(photographs.active) / np.count_nonzero(photographs.subsample(most))
     hessian, _, both = photographs.light_terms(
-        fit.surface, fit.lights, fit.linearization.albedo, scale=fit.scales, near=model.near,
+        fit.surface, fit.lights, fit.linearization.albedo, scale=fit.scales, numbers=model.numbers,
         subsampling=photographs.subsampling(most), mixed=mixed,
     )  # fmt: skip
     now = fit.linearization
@@ -244,13 +244,22 @@ def light_system(
 
 
 def gauge(fit: Fit, hessian: Floats) -> Floats:
-    """(K, K) a term that fixes the lights' common intensity, one per channel: the gauge."""
-    lights = fit.lights
-    intensity = fit.model.own_numbers(lights.brighter(2.0).numbers - lights.numbers)
+    """(K, K) a term that fixes what the albedo makes up for, in each channel: the gauge.
+
+    The lights' common intensity and, of beams, their common b.
+    """
+    lights, diagonal = fit.lights, np.diag(hessian)
+    common = [(lights.brighter(2.0).numbers - lights.numbers, diagonal.sum())]
+    if fit.model.beam:
+        each = np.broadcast_to(np.eye(8), (*lights.ambient.shape, 8, 8))
+        stiffness = diagonal.reshape(*lights.ambient.shape, -1).sum(axis=(0, 1))
+        common += [(each[..., k], stiffness[k]) for k in (4, 5)]
     total = np.zeros_like(hessian)
-    for channel in range(intensity.shape[1]):
-        along = np.zeros_like(intensity)
-        along[:, channel] = intensity[:, channel]
-        along = along.ravel() / max(float(np.linalg.norm(along)), np.finfo(float).tiny)
-        total += float(np.trace(hessian)) * np.outer(along, along)
+    for numbers, weight in common:
+        step = fit.model.own_numbers(numbers)
+        for channel in range(step.shape[1]):
+            along = np.zeros_like(step)
+            along[:, channel] = step[:, channel]
+            along = along.ravel() / max(float(np.linalg.norm(along)), np.finfo(float).tiny)
+            total += weight * np.outer(along, along)
     return total

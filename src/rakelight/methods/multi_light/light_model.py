@@ -20,6 +20,7 @@ class LightModel:
     """Which numbers of the lights the steps move; the other ones stay or follow.
 
     near : inverse distances, too
+    beam : the lamps' beams, too, of which all have one width w
     shared_ambient : one ratio of ambient light to irradiance, of all lights; on a nearly flat
         surface all normals see the same of a light, and only that separates it from ambient light
     directions : (N, 1, 3) unit vectors that the lights keep, as they do their distances; None where
@@ -27,44 +28,50 @@ class LightModel:
     """
 
     near: bool = False
+    beam: bool = False
     shared_ambient: bool = False
     directions: Floats | None = None
 
     @property
     def numbers(self) -> int:
-        """How many numbers each light has: vector, inverse distance where it is near, ambient."""
-        return 5 if self.near else 4
+        """How many numbers each light has: vector, [inverse distance, [beam,]] ambient."""
+        return 8 if self.beam else 5 if self.near else 4
 
     def own_numbers(self, numbers: Floats) -> Floats:
-        """(N, C, 4 or 5) of `LightParameters.numbers` (N, C, 5): without distances if not near."""
-        return numbers if self.near else np.delete(numbers, 3, axis=-1)
+        """(N, C, 4, 5 or 8) of `LightParameters.numbers` (N, C, 8)."""
+        kept = self.numbers - 1
+        return np.concatenate([numbers[..., :kept], numbers[..., -1:]], axis=-1)
 
     def jacobian(self, lights: LightParameters) -> Any:
         """Sparse (K, F): derivatives of the lights' K numbers with the F free parameters.
 
         Light by light: the vector, or its length where directions are given; the inverse distance
-        where near; the ambient light, or, once and after all, the ratio that all share.  Last the
-        gloss, unless it is 0.
+        where near; b of a beam; the ambient light.  Once, after all: of beams the width w, the
+        ratio of ambient light where it is shared.  Last the gloss, unless it is 0.
         """
         from scipy.sparse import block_diag, csr_array, eye_array
 
         vector = lights.vector.reshape(-1, 3)
         size = np.maximum(lights.irradiance.ravel(), np.finfo(float).tiny)
         own = np.tile(np.eye(self.numbers), (len(vector), 1, 1))
-        shared = size[:, None] * own[:, :, -1]
+        shared = []
+        if self.beam:
+            shared.append(own[..., 6].copy())
+            own = np.delete(own, [6] if self.near else [3, 6], axis=-1)
         if self.shared_ambient:
+            shared.append(size[:, None] * own[..., -1])
             own[:, -1, :3] = lights.ambient_share * vector / size[:, None]
             own = own[..., :-1]
         if self.directions is not None:
             along = np.broadcast_to(self.directions, lights.vector.shape).reshape(-1, 3, 1)
             own = np.concatenate([own[..., :3] @ along, own[..., 3:]], axis=-1)
         count, rows, columns = own.shape
-        # Blocks beside each other and, where it is shared, the last column: row by row.
+        # Blocks beside each other and then a column for each number that is shared: row by row.
         own_columns = np.arange(count * columns).reshape(count, 1, columns)
         where = np.broadcast_to(own_columns, own.shape).reshape(count * rows, columns)
         values, width = own.reshape(count * rows, columns), count * columns
-        if self.shared_ambient:
-            values = np.column_stack([values, shared.ravel()])
+        for each in shared:
+            values = np.column_stack([values, each.ravel()])
             where = np.column_stack([where, np.full(count * rows, width)])
             width += 1
         starts = np.arange(0, values.size + 1, values.shape[1])

@@ -1,8 +1,8 @@
 """What is chosen at the coarsest level: the start, the light model, the depth weight.
 
 Each is tried by a descent of its own, and the one of the least `cost` is taken.  A light per
-channel is tried where that explains more, near lights count where they are near enough to matter.
-At the finest level near lights are tried once more.
+channel is tried where that explains more, near lights count where they are near enough to matter,
+beams are tried where they explain more.  At the finest level near lights are tried once more.
 """
 
 from __future__ import annotations
@@ -78,6 +78,9 @@ class Search:
                 choices = near
             else:
                 choices += [each for each in near if are_near(self.level, each.fit.lights)]
+        if options.beam != "wide" and best.fit.model.directions is None:
+            beams = self.beam_choices(begins, choices)
+            choices = beams if options.beam == "narrow" else choices + beams
         best = self.with_larger_weights(self.cheapest(choices))
         own_ambient = replace(best.fit.model, shared_ambient=False)
         return replace(best, fit=replace(best.fit, model=own_ambient))
@@ -109,6 +112,25 @@ class Search:
         again = [each for fit in begun for each in along(self.weights[:1], fit)]
         return [best, *smaller, *again]
 
+    def beam_choices(self, begins: Sequence[Fit], choices: Sequence[Descent]) -> list[Descent]:
+        """Descents with beams, where those explain notably more than the best of `choices`.
+
+        They begin with the best of distant and of near lights, under all depth weights, and where
+        the choices began, under the least: without beams a surface bends to explain them.
+        """
+        best, along = self.cheapest(choices), partial(self.descents, stage="try beams")
+        distant = [each for each in choices if not each.fit.model.near]
+        near = [each for each in choices if each.fit.model.near]
+        kinds = [self.cheapest(each).fit for each in (distant, near) if each]
+        fits = [with_beams(self.level, each) for each in kinds]
+        if self.options.beam == "auto":
+            fits = [each for each in fits if explains_more(self.level, each, best.fit)]
+        if not fits:
+            return []
+        begun = [replace(fit, model=replace(fit.model, beam=True)) for fit in begins]
+        found = [each for fit in fits for each in along(self.weights, fit)]
+        return [*found, *(each for fit in begun for each in along(self.weights[:1], fit))]
+
     def with_larger_weights(self, best: Descent) -> Descent:
         """The best descent; where its weight is the largest, one under ten times that, and so on.
 
@@ -132,13 +154,14 @@ class Search:
 def cost(level: Level, fit: Fit, weight: float) -> float:
     """Minus twice the logarithm of the likelihood of photographs, depth and lights.
 
-        N log(sigma^2 (1 + R^2/D^2)^2 V^2)  +  N (`sensor_cost`)
+        N log(sigma^2 (1 + F^2)^2 V^2)  +  N (`sensor_cost`)
             +  (N - 4) log(variance of log |s_i|)  +  `grazing_cost`
 
     each with the variance that makes it most likely.  Errors are correlated within a photograph and
     within the depth map, over areas that are not known: each photograph counts as one value, the
-    depth map as many as all photographs.  Lights at a distance D about the object's radius R would
-    let fall-off make all shading, and so would distances that vary more than a hand's, V times.
+    depth map as many as all photographs.  Lights that fall off much across the object, F of
+    `squared_falloff`, would make all shading, and so would distances that vary more than a hand's,
+    V times.
     Lights in given directions have none of these penalties.
 
     level : its depth weight is of one sensor pixel's noise
@@ -165,12 +188,12 @@ def grazing_cost(level: Level, fit: Fit) -> float:
 
 
 def penalised_sigma(level: Level, fit: Fit) -> float:
-    """sigma (1 + R^2/D^2) V, as in `cost`; sigma alone under lights in given directions."""
+    """sigma (1 + F^2) V, as in `cost`; sigma alone under lights in given directions."""
     sigma = fit.linearization.noise_sigma
     if fit.model.directions is not None:
         return sigma
     varied = variation_of_distances(fit.lights) / MOST_VARIED_DISTANCES
-    return sigma * (1 + radius_over_distance(level, fit.lights) ** 2) * max(varied, 1.0)
+    return sigma * (1 + squared_falloff(level, fit.lights)) * max(varied, 1.0)
 
 
 def explains_more(level: Level, freer: Fit, fit: Fit) -> bool:
@@ -265,6 +288,15 @@ def radius_over_distance(level: Level, lights: LightParameters) -> float:
     return float(np.median(lights.inverse_distance)) * level.radius_m
 
 
+def squared_falloff(level: Level, lights: LightParameters) -> float:
+    """F^2 = (R/D)^2 + (R b/2)^2: R is the object's radius, D and b = |(b_x, b_y)| are medians.
+
+    The logarithm of a near light falls off by 2/D per metre, that of a beam by b.
+    """
+    beam = float(np.median(np.linalg.norm(lights.beams[..., :2], axis=-1)))
+    return radius_over_distance(level, lights) ** 2 + (level.radius_m * beam / 2) ** 2
+
+
 def with_near_lights(level: Level, fit: Fit) -> Fit:
     """The state with all lights at one distance, from where each finds its own.
 
@@ -277,6 +309,11 @@ def with_near_lights(level: Level, fit: Fit) -> Fit:
     distant, near = (replace(fit.model, near=each) for each in (False, True))
     start = first_fit(level, fit.log_depth, lights, distant)
     return replace(refine_lights(level, start), model=near)
+
+
+def with_beams(level: Level, fit: Fit) -> Fit:
+    """The state with a beam for each lamp, which they find at this depth."""
+    return refine_lights(level, replace(fit, model=replace(fit.model, beam=True)))
 
 
 def with_coloured_lights(fit: Fit) -> Fit:

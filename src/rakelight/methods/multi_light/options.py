@@ -20,6 +20,8 @@ class MultiLight:
         along the bas-relief valley.
     lights : "white" for one light in all channels, "coloured" for one per channel, "auto"
     distance : "distant" for parallel light, "near" for lights at a place, "auto"
+    beam : "narrow" for lamps whose light falls off to the sides of where they are aimed, "wide" for
+        others, "auto"
     max_iterations : most Gauss-Newton steps of a descent at the coarsest level, and of the last one
         at the finest; those between take at most three
     tolerance : a level ends when a step lowers the energy by less than this fraction of the
@@ -30,6 +32,7 @@ class MultiLight:
     depth_weight: float | None = None
     lights: Literal["auto", "white", "coloured"] = "auto"
     distance: Literal["auto", "distant", "near"] = "auto"
+    beam: Literal["auto", "wide", "narrow"] = "auto"
     max_iterations: int = 100
     tolerance: float = 2e-3
     coarse_pixels: int = 4000
@@ -41,6 +44,7 @@ class MultiLight:
             depth_weight=(self.depth_weight is None or 0 < self.depth_weight < np.inf, "above 0"),
             lights=(self.lights in ("auto", "white", "coloured"), "auto, white or coloured"),
             distance=(self.distance in ("auto", "distant", "near"), "auto, distant or near"),
+            beam=(self.beam in ("auto", "wide", "narrow"), "auto, wide or narrow"),
             max_iterations=(self.max_iterations >= 1, "at least 1"),
             tolerance=(0 < self.tolerance < 1, "above 0, below 1"),
             coarse_pixels=(self.coarse_pixels >= 100, "at least 100"),

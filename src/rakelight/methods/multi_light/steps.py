@@ -114,10 +114,11 @@ def project_bas_relief(level: Level, fit: Fit) -> Fit:
     """The state after the bas-relief transform that brings the surface closest to the sensor.
 
     Whatever it does to the energy: distant lights leave the transform open, and the photographs'
-    energy along it is an error of the model, down which the surface would drift.  Near lights
-    determine it; there the joint steps do.  Given directions leave none open.
+    energy along it is an error of the model, down which the surface would drift.  The fall-off of
+    near lights determines it; there the joint steps do.  Beams make up for that, too, and given
+    directions leave none open.
     """
-    if fit.model.near or fit.model.directions is not None:
+    if fit.model.directions is not None or (fit.model.near and not fit.model.beam):
         return fit
     return after_bas_relief(level, fit)
 
@@ -185,7 +186,7 @@ def extrapolated(level: Level, before: Fit, fit: Fit) -> Fit:
     Where reweighting or the bas-relief valley makes steps short, they all have one direction.
     """
     direction = fit.log_depth - before.log_depth
-    lights = fit.lights.numbers - before.lights.numbers
+    lights = fit.model.own_numbers(fit.lights.numbers - before.lights.numbers)
     gloss = fit.lights.gloss - before.lights.gloss
     best, factor = fit, 1.0
     history = [(0.0, before.energy), (1.0, fit.energy)]
