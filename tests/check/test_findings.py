@@ -17,8 +17,8 @@ from tests.test_layers import PACKAGE, SOURCES, name_of
 
 ONLY_REFINE_SAYS = {
     "albedo-bound", "depth-not-used", "depth-weight", "first-photograph", "given-lights-unused",
-    "no-mesh", "normals-uncertain", "not-converged", "not-finite", "older-not-deleted",
-    "refined-in-tiles", "thin-parts",
+    "narrow-beam", "no-mesh", "normals-uncertain", "not-converged", "not-finite",
+    "older-not-deleted", "refined-in-tiles", "thin-parts",
 }  # fmt: skip
 # Which argument is the code.
 MADE_BY = {"Finding": 1, "refused_finding": 0}
