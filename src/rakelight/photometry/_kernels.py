@@ -27,8 +27,9 @@ inlined = partial(jit.helper, any_order=True, inline=True)
 # its transpose at once.
 STRIP, WIDE = 64, 384
 # Rows of `frame`: the normal n, dn/dg_u, dn/dg_v with g the gradient of log depth, the point X, the
-# unit vector to the camera.
-NORMAL, BY_U, BY_V, POINT, VIEW, FRAME = range(0, 18, 3)
+# unit vector to the camera, three each; last, one row, what a light's beam multiplies it by.
+NORMAL, BY_U, BY_V, POINT, VIEW, BEAM = range(0, 18, 3)
+FRAME = BEAM + 1
 # Rows of `light`: s . n and the derivatives of max(0, s . n) with g_u, g_v and (three rows) s.  Of
 # `shine`: a highlight and its derivatives, after LIGHT of them those with each coefficient k_e.
 DOT, SU, SV, BY_S, LIGHT = 0, 1, 2, 3, 6
@@ -116,47 +117,53 @@ def load_geometry(here, size, row, gradient, points, camera, lagged, frame):
 
 @inlined
 def falloff_of(falloffs, light_c, i):
-    """What `vector_at` takes of a light's fall-off: |q| k, b_x, b_y and w."""
+    """A light's fall-off: |q| k, for `vector_at`, and b_x, b_y and w of its beam."""
     light = falloffs[light_c]
     return light[0, i], light[1, i], light[2, i], light[3, i]
 
 
 @inlined
-def is_uniform(falloff):
-    """Whether a light is the same at all points."""
-    nearness, beam_x, beam_y, width = falloff
-    return nearness == 0.0 and beam_x == 0.0 and beam_y == 0.0 and width == 0.0
+def load_beam(q0, q1, q2, falloff, size, frame):
+    """Fill frame's BEAM: g = exp(b_x X_x + b_y X_y + w (u . X)^2) of a light, u = q/|q|.
+
+    Apart from the loops that use it: with an exponential in them they would not be vectorised.
+    """
+    _, beam_x, beam_y, width = falloff
+    if beam_x == 0.0 and beam_y == 0.0 and width == 0.0:
+        for j in range(size):
+            frame[BEAM, j] = 1.0
+    else:
+        along = width / (q0 * q0 + q1 * q1 + q2 * q2 + 1e-300)
+        for j in range(size):
+            p0, p1, p2 = frame[POINT, j], frame[POINT + 1, j], frame[POINT + 2, j]
+            toward = q0 * p0 + q1 * p1 + q2 * p2
+            frame[BEAM, j] = np.exp(beam_x * p0 + beam_y * p1 + along * toward * toward)
 
 
 @inlined
-def vector_at(q0, q1, q2, falloff, frame, j):
-    """t (3) and f, f t being the light vector s of a light at a pixel's point X.
+def vector_at(q0, q1, q2, nearness, frame, j):
+    """t (3) and f, f g t being the light vector s of a light at a pixel's point X; g its BEAM.
 
     X in metres from the object's middle.  With q the light vector there, u = q/|q| and k the
     inverse distance, 1/metre, the light is at u/k and s = g |q| (u - k X) / r^3, r = |u - k X|,
-    which is g q for k = 0.  g = exp(b_x X_x + b_y X_y + w (u . X)^2) is its beam's.
-    falloff : |q| k, b_x, b_y and w;  t = q - |q| k X, f = g / r^3
+    which is g q for k = 0.  nearness : |q| k;  t = q - |q| k X, f = 1/r^3
     """
-    nearness, beam_x, beam_y, width = falloff
     t0 = q0 - nearness * frame[POINT, j]
     t1 = q1 - nearness * frame[POINT + 1, j]
     t2 = q2 - nearness * frame[POINT + 2, j]
-    size2 = q0 * q0 + q1 * q1 + q2 * q2
-    by_r2 = size2 / (t0 * t0 + t1 * t1 + t2 * t2 + 1e-300)
-    toward = q0 * frame[POINT, j] + q1 * frame[POINT + 1, j] + q2 * frame[POINT + 2, j]
-    beam = beam_x * frame[POINT, j] + beam_y * frame[POINT + 1, j]
-    beam += width * toward * toward / (size2 + 1e-300)
-    return t0, t1, t2, by_r2 * np.sqrt(by_r2) * np.exp(beam)
+    by_r2 = (q0 * q0 + q1 * q1 + q2 * q2) / (t0 * t0 + t1 * t1 + t2 * t2 + 1e-300)
+    return t0, t1, t2, by_r2 * np.sqrt(by_r2)
 
 
 @inlined
 def evaluate_light(q0, q1, q2, falloff, size, frame, light):
     """Fill light: s . n of a light, as in `vector_at`, and derivatives of max(0, s . n)."""
-    uniform = is_uniform(falloff)
+    nearness = falloff[0]
     for j in range(size):
         t0, t1, t2, gain = q0, q1, q2, 1.0
-        if not uniform:
-            t0, t1, t2, gain = vector_at(q0, q1, q2, falloff, frame, j)
+        if nearness > 0.0:
+            t0, t1, t2, gain = vector_at(q0, q1, q2, nearness, frame, j)
+        gain *= frame[BEAM, j]
         n0, n1, n2 = frame[NORMAL, j], frame[NORMAL + 1, j], frame[NORMAL + 2, j]
         u0, u1, u2 = frame[BY_U, j], frame[BY_U + 1, j], frame[BY_U + 2, j]
         v0, v1, v2 = frame[BY_V, j], frame[BY_V + 1, j], frame[BY_V + 2, j]
@@ -176,11 +183,12 @@ def evaluate_highlight(q0, q1, q2, falloff, gloss, size, frame, shine):
         dc/dl = (n - c h/|h|) / |h|,  dl/ds = (I - l l^T) / |s|
     gloss (E,) : the k_e; E is 3
     """
-    uniform = is_uniform(falloff)
+    nearness = falloff[0]
     for j in range(size):
         t0, t1, t2, gain = q0, q1, q2, 1.0
-        if not uniform:
-            t0, t1, t2, gain = vector_at(q0, q1, q2, falloff, frame, j)
+        if nearness > 0.0:
+            t0, t1, t2, gain = vector_at(q0, q1, q2, nearness, frame, j)
+        gain *= frame[BEAM, j]
         length = np.sqrt(t0 * t0 + t1 * t1 + t2 * t2) + 1e-300
         l0, l1, l2, strength = t0 / length, t1 / length, t2 / length, gain * length
         n0, n1, n2 = frame[NORMAL, j], frame[NORMAL + 1, j], frame[NORMAL + 2, j]
@@ -214,11 +222,12 @@ def evaluate_highlight(q0, q1, q2, falloff, gloss, size, frame, shine):
 @inlined
 def shade(q0, q1, q2, falloff, ambient, size, frame, shading):
     """Fill shading (STRIP): max(0, s . n) of a light, as in `vector_at`, plus ambient light."""
-    uniform = is_uniform(falloff)
+    nearness = falloff[0]
     for j in range(size):
         t0, t1, t2, gain = q0, q1, q2, 1.0
-        if not uniform:
-            t0, t1, t2, gain = vector_at(q0, q1, q2, falloff, frame, j)
+        if nearness > 0.0:
+            t0, t1, t2, gain = vector_at(q0, q1, q2, nearness, frame, j)
+        gain *= frame[BEAM, j]
         n0, n1, n2 = frame[NORMAL, j], frame[NORMAL + 1, j], frame[NORMAL + 2, j]
         shading[j] = max(gain * (t0 * n0 + t1 * n1 + t2 * n2), 0.0) + ambient
 
@@ -227,18 +236,19 @@ def shade(q0, q1, q2, falloff, ambient, size, frame, shading):
 def differentiate(q0, q1, q2, falloff, size, frame, light, derivatives):
     """Fill derivatives (BY_LIGHT, STRIP) with a light's numbers, from those of `light` with s.
 
-    With d the derivatives with s, f, t as in `vector_at`, e = t/|t| and Df = f (I - 3 e e^T):
+    With d the derivatives with s, f, g, t as in `vector_at`, e = t/|t|, Df = f g (I - 3 e e^T):
         d/dq = Df d + u (s . d / |q| - u . Df d) + 2 w L (u . X) (X - u (u . X)) / |q|
         d/dk = -|q| X . Df d,   d/db = L (X_x, X_y),   d/dw = L (u . X)^2
     L being what `light` is of, at least 0: proportional to |s|.
     """
-    uniform, width = is_uniform(falloff), falloff[3]
+    nearness, width = falloff[0], falloff[3]
     size2 = q0 * q0 + q1 * q1 + q2 * q2 + 1e-24
     length = np.sqrt(size2)
     for j in range(size):
         t0, t1, t2, gain = q0, q1, q2, 1.0
-        if not uniform:
-            t0, t1, t2, gain = vector_at(q0, q1, q2, falloff, frame, j)
+        if nearness > 0.0:
+            t0, t1, t2, gain = vector_at(q0, q1, q2, nearness, frame, j)
+        gain *= frame[BEAM, j]
         w0, w1, w2 = gain * light[BY_S, j], gain * light[BY_S + 1, j], gain * light[BY_S + 2, j]
         along_s = t0 * w0 + t1 * w1 + t2 * w2
         bent = 3.0 * along_s / (t0 * t0 + t1 * t1 + t2 * t2 + 1e-300)
@@ -567,6 +577,7 @@ def linearize_rows(
                         vectors[light_c, 2, i],
                     )
                     falloff, ambient = falloff_of(falloffs, light_c, i), ambients[light_c, i]
+                    load_beam(q0, q1, q2, falloff, size, frame)
                     shade(q0, q1, q2, falloff, ambient, size, frame, a[light_c, i])
                     if gloss is not None:
                         shine = shines[light_c, i]
@@ -583,6 +594,7 @@ def linearize_rows(
                         vectors[light_c, 2, i],
                     )
                     falloff = falloff_of(falloffs, light_c, i)
+                    load_beam(q0, q1, q2, falloff, size, frame)
                     evaluate_light(q0, q1, q2, falloff, size, frame, light)
                     if gloss is not None:
                         for c in range(first, last):
@@ -631,6 +643,7 @@ def illuminate(
     for i in range(vectors.shape[2]):
         q0, q1, q2 = vectors[light_c, 0, i], vectors[light_c, 1, i], vectors[light_c, 2, i]
         falloff = falloff_of(falloffs, light_c, i)
+        load_beam(q0, q1, q2, falloff, size, frame)
         evaluate_light(q0, q1, q2, falloff, size, frame, light)
         differentiate(q0, q1, q2, falloff, size, frame, light, by_light)
         ambient = ambients[light_c, i]
@@ -655,6 +668,7 @@ def reflect(
     for i in range(vectors.shape[2]):
         q0, q1, q2 = vectors[light_c, 0, i], vectors[light_c, 1, i], vectors[light_c, 2, i]
         falloff = falloff_of(falloffs, light_c, i)
+        load_beam(q0, q1, q2, falloff, size, frame)
         evaluate_highlight(q0, q1, q2, falloff, gloss, size, frame, shine)
         differentiate(q0, q1, q2, falloff, size, frame, shine, by_light)
         subtract_highlight(first, last, i, size, shine, value)
