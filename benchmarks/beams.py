@@ -1,7 +1,7 @@
 """Lamps whose light falls off to the sides of where they are aimed, on captures drawn at random.
 
-    python benchmarks/beams.py --seeds 3400:3450 --jobs 2 -o out/beams.json
-    python benchmarks/beams.py --seeds 3400:3450 --jobs 2 --wide -o out/wide.json
+    python benchmarks/beams.py --seeds 3440:3470 --jobs 2 -o out/beams.json
+    python benchmarks/beams.py --seeds 3440:3470 --jobs 2 --wide -o out/wide.json
     python benchmarks/random_captures.py --compare out/wide.json out/beams.json
 
 The draws of random_captures.py, in 16 bit, under a torch: of each photograph its light is a
@@ -14,16 +14,14 @@ leaves the beam away.  Errors as random_captures.py prints them.
 from __future__ import annotations
 
 import argparse
-import time
-from dataclasses import asdict, replace
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 
-from rakelight import Capture, RakelightError, Truth
+from rakelight import Capture, Truth
 from rakelight.geometry.camera import back_project
-from rakelight.synthetic import draw, render_draw
-from random_captures import Record, add_sources, recorded, scores, seeds, summary
+from rakelight.synthetic import draw
+from random_captures import Record, changed_draw, run_changed_draws
 
 # Distance of lamps that are drawn as distant, in the object's radii.
 FAR_RADII = 8.0
@@ -33,8 +31,10 @@ AIM_RADII = 0.3
 PEAK = 0.9
 
 
-def aimed(capture: Capture, truth: Truth, seed: int) -> Capture:
-    """The capture, in 16 bit and linear, under a lamp with a beam."""
+def aimed(capture: Capture, truth: Truth, seed: int, wide: bool) -> Capture:
+    """The capture, in 16 bit and linear, under a lamp with a beam; itself if that is wide."""
+    if wide:
+        return capture
     rng, lights = np.random.default_rng(seed), truth.lights
     assert lights is not None
     filled = np.where(truth.mask, truth.depth, np.nanmedian(truth.depth))
@@ -64,31 +64,11 @@ def assess(seed: int, arguments: argparse.Namespace) -> Record:
     drawn = draw(
         seed, 1.0, arguments.scans, arguments.pictures, bits=16, encoding="linear", gamma=1.0
     )
-    record: Record = {"seed": seed, "draw": asdict(drawn)}
-    began = time.process_time()
-    try:
-        capture, truth = render_draw(drawn)
-        if not arguments.wide:
-            capture = aimed(capture, truth, seed)
-        record["drawing_s"] = time.process_time() - began
-        return record | scores(drawn, capture, truth, "multi-light", False)
-    except RakelightError as error:
-        return record | {"failed": str(error)}
-
-
-def main() -> None:
-    """Print a line for each draw, and a summary."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    return changed_draw(
+        drawn, lambda capture, truth: (aimed(capture, truth, seed, arguments.wide), truth)
     )
-    parser.add_argument("--seeds", type=seeds, default=range(3400, 3450), help="FIRST:END")
-    parser.add_argument("--jobs", type=int, default=1, help="processes of one thread each")
-    parser.add_argument("--wide", action="store_true", help="lamps without a beam")
-    add_sources(parser)
-    parser.add_argument("-o", "--output", type=Path, default=Path("out/beams.json"))
-    arguments = parser.parse_args()
-    print(*summary(recorded(assess, arguments)), sep="\n")
 
 
 if __name__ == "__main__":
-    main()
+    wide = "lamps without a beam"
+    run_changed_draws(__doc__, assess, range(3440, 3470), "out/beams.json", "--wide", wide)

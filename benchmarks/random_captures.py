@@ -417,6 +417,42 @@ def recorded(
     return records
 
 
+def changed_draw(drawn: Draw, change: Callable[[Capture, Truth], tuple[Capture, Truth]]) -> Record:
+    """All about a draw whose capture and truth are changed after they are rendered."""
+    record: Record = {"seed": drawn.seed, "draw": asdict(drawn)}
+    began = time.process_time()
+    try:
+        capture, truth = change(*render_draw(drawn))
+        record["drawing_s"] = time.process_time() - began
+        return record | scores(drawn, capture, truth, "multi-light", False)
+    except RakelightError as error:
+        return record | {"failed": str(error)}
+
+
+def run_changed_draws(
+    description: str | None,
+    job: Callable[[int, argparse.Namespace], Record],
+    first: range,
+    output: str,
+    unchanged: str,
+    meaning: str,
+) -> None:
+    """The command of a benchmark of `changed_draw`: a line for each, and a summary.
+
+    first : the seeds unless others are named; output : the file, likewise
+    unchanged : the option that leaves the change away; meaning : what it says
+    """
+    parser = argparse.ArgumentParser(
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seeds", type=seeds, default=first, help="FIRST:END")
+    parser.add_argument("--jobs", type=int, default=1, help="processes of one thread each")
+    parser.add_argument(unchanged, action="store_true", help=meaning)
+    add_sources(parser)
+    parser.add_argument("-o", "--output", type=Path, default=Path(output))
+    print(*summary(recorded(job, parser.parse_args())), sep="\n")
+
+
 def processes(count: int) -> Pool:
     """A pool of so many processes of one thread each."""
     # read when a process starts

@@ -13,18 +13,17 @@ over three pixels.  `--sharp` leaves the blur away.  Errors as random_captures.p
 from __future__ import annotations
 
 import argparse
-import time
-from dataclasses import asdict, replace
-from pathlib import Path
+from dataclasses import replace
+from functools import partial
 
 import cv2
 import numpy as np
 
-from rakelight import Capture, RakelightError, Truth
+from rakelight import Capture, Truth
 from rakelight.geometry.grid import area_mean
 from rakelight.model import Array
-from rakelight.synthetic import draw, render_draw
-from random_captures import Record, add_sources, recorded, scores, seeds, summary
+from rakelight.synthetic import draw
+from random_captures import Record, changed_draw, run_changed_draws
 
 # Depth pixels around the object's image that show the wall alone.
 AROUND_PX = 16
@@ -79,29 +78,9 @@ def softened(capture: Capture, truth: Truth, seed: int, sharp: bool) -> tuple[Ca
 def assess(seed: int, arguments: argparse.Namespace) -> Record:
     """All about one draw."""
     drawn = draw(seed, 1.0, arguments.scans, arguments.pictures, wall=False)
-    record: Record = {"seed": seed, "draw": asdict(drawn)}
-    began = time.process_time()
-    try:
-        capture, truth = softened(*render_draw(drawn), seed, arguments.sharp)
-        record["drawing_s"] = time.process_time() - began
-        return record | scores(drawn, capture, truth, "multi-light", False)
-    except RakelightError as error:
-        return record | {"failed": str(error)}
-
-
-def main() -> None:
-    """Print a line for each draw, and a summary."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seeds", type=seeds, default=range(3200, 3250), help="FIRST:END")
-    parser.add_argument("--jobs", type=int, default=1, help="processes of one thread each")
-    parser.add_argument("--sharp", action="store_true", help="depth that is not blurred")
-    add_sources(parser)
-    parser.add_argument("-o", "--output", type=Path, default=Path("out/soft.json"))
-    arguments = parser.parse_args()
-    print(*summary(recorded(assess, arguments)), sep="\n")
+    return changed_draw(drawn, partial(softened, seed=seed, sharp=arguments.sharp))
 
 
 if __name__ == "__main__":
-    main()
+    sharp = "depth that is not blurred"
+    run_changed_draws(__doc__, assess, range(3200, 3250), "out/soft.json", "--sharp", sharp)
