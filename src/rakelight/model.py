@@ -361,7 +361,7 @@ class Lights:
         s = intensity[i, c] * (P - X) / |P - X| * (|P - M| / |P - X|)^2
 
     A lamp whose light falls off to the sides of where it is aimed has a beam.  Of one whose light
-    has the standard deviation sigma across, aimed at A, with u towards the lamp,
+    has the standard deviation sigma across, aimed at A beside M, with u towards the lamp,
 
         s is multiplied by  exp(b . (X - M) + w (u . (X - M))^2),  b = (A - M) / sigma^2,
         w = 1 / (2 sigma^2);
