@@ -16,7 +16,8 @@ from tests.check.wrong_captures import sound
 from tests.test_layers import PACKAGE, SOURCES, name_of
 
 ONLY_REFINE_SAYS = {
-    "albedo-bound", "depth-not-used", "depth-weight", "first-photograph", "given-lights-unused",
+    "albedo-bound", "depth-not-used", "depth-smoothed", "depth-weight", "first-photograph",
+    "given-lights-unused",
     "narrow-beam", "no-mesh", "normals-uncertain", "not-converged", "not-finite",
     "older-not-deleted", "refined-in-tiles", "thin-parts",
 }  # fmt: skip

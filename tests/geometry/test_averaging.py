@@ -55,6 +55,17 @@ def test_up_is_the_transpose_of_down(averaging, images):
     )
 
 
+def test_a_pixel_has_the_mean_of_the_sensor_pixels_that_cover_it(averaging, images):
+    sensor = images[1]
+    shares = averaging.matrix(averaging.mask)
+    area = averaging.total(np.ones(SHAPE))[averaging.covered]
+    weights = (shares * area[:, None]).toarray()
+    found = averaging.upsampled(sensor)
+    expected = weights.T @ sensor[averaging.covered] / weights.sum(axis=0)
+    np.testing.assert_allclose(found[averaging.mask], expected, atol=1e-12)
+    assert not found[~averaging.mask].any()
+
+
 def test_what_is_outside_the_object_does_not_count(averaging, images):
     image, sensor = images
     other = np.where(averaging.mask, image, np.nan)

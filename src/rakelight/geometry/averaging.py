@@ -67,6 +67,13 @@ class Averaging:
         shared = (image * self._by_area).ravel()
         return np.asarray((self._shares.T @ shared).reshape(self.mask.shape))
 
+    def upsampled(self, image: Floats) -> Floats:
+        """(h, w) the mean of the sensor pixels (hs, ws) that cover a pixel; 0 beside the object."""
+        shared = self._shares.T
+        share = shared @ np.ones(image.size)
+        means = (shared @ image.ravel()) / np.where(share > 0, share, 1.0)
+        return np.asarray(means.reshape(self.mask.shape))
+
     @property
     def covered(self) -> Mask:
         """(hs, ws) sensor pixels with a part of the object."""

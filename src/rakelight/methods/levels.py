@@ -62,6 +62,7 @@ class Level:
         moves them little compared to the distance of the lights
     relative_noise_variance : variance of the sensor's noise from pixel to pixel over the variance
         that `prior_weight` was made of; at most 1, less where the sensor may be more precise
+    sensor_pixel : its side in this level's pixels
     """
 
     photographs: Photographs
@@ -73,6 +74,7 @@ class Level:
     averaging: Averaging | None
     small_components: Mask
     relative_noise_variance: float = 1.0
+    sensor_pixel: float = 1.0
 
     @property
     def mask(self) -> Mask:
@@ -245,23 +247,27 @@ class Level:
         photographs, averaging = self.photographs.halved(), None
         if self.averaging is not None and self.averaging.factor > 2:
             averaging = self.averaging.halved(photographs.mask)
-        weight = cell_sums(np.where(self.mask, 1.0, 0.0), 2)
-        prior, unbiased_prior = (
-            cell_sums(np.where(self.mask, image, 0.0), 2) / np.maximum(weight, 1)
-            for image in (self.prior, self.unbiased_prior)
-        )
         return Level(
             photographs,
-            nearest_fill(prior, photographs.mask),
-            nearest_fill(unbiased_prior, photographs.mask),
+            nearest_fill(self.means(self.prior), photographs.mask),
+            nearest_fill(self.means(self.unbiased_prior), photographs.mask),
             cell_sums(np.where(self.mask, self.prior_weight, 0.0), 2),
             self.middle_m,
-            cell_sums(np.where(self.mask[..., None], self.points, 0.0), 2)
-            / np.maximum(weight, 1)[..., None],
+            self.means(self.points),
             averaging,
             find_small_components(photographs.grid, averaging),
             self.relative_noise_variance,
+            self.sensor_pixel / 2,
         )
+
+    def means(self, image: Floats) -> Floats:
+        """(h/2, w/2[, C]) means of an image (h, w[, C]) over the object's part of 2 x 2 pixels."""
+        count = np.maximum(cell_sums(np.where(self.mask, 1.0, 0.0), 2), 1)
+        if image.ndim == 3:
+            return np.asarray(
+                cell_sums(np.where(self.mask[..., None], image, 0.0), 2) / count[..., None]
+            )
+        return np.asarray(cell_sums(np.where(self.mask, image, 0.0), 2) / count)
 
     def carried(self, coarse: Level, log_depth: Floats) -> Floats:
         """The coarse level's log depth, interpolated on this level's grid."""
@@ -302,6 +308,7 @@ def finest_level(prepared: Prepared, *, cut: bool = False, unbiased: bool = Fals
         averaging,
         find_small_components(grid, averaging),
         relative_noise_variance(prepared),
+        prepared.factor,
     )
     level = level.cut(prior) if cut else level
     return held_to_measurements(level, prepared, CORRELATION_PX) if unbiased else level

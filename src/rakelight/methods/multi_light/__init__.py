@@ -12,8 +12,9 @@ The files, in the order of reading: options.py; energy.py and equal_intensity.py
 and its derivatives), light_model.py (which numbers of the lights are free), steps.py and
 joint_step.py (Gauss-Newton steps, and the loop over them), bas_relief.py (what photographs leave
 open), model_selection.py (which lights, which start, what depth weight), initial_lights.py and
-factored_start.py (where descents begin), noise.py (both error models), outliers.py, confidence.py
-and bas_relief_variance.py (expected errors), normals.py, tiles.py (large captures).
+factored_start.py (where descents begin), noise.py (both error models), sensor_blur.py, outliers.py,
+confidence.py and bas_relief_variance.py (expected errors), normals.py, notes.py, tiles.py (large
+captures).
 """
 
 from __future__ import annotations
@@ -43,10 +44,16 @@ from rakelight.methods.multi_light.noise import (
     estimate_laplacian_weight,
 )
 from rakelight.methods.multi_light.normals import fine_normals
+from rakelight.methods.multi_light.notes import notes_of
 from rakelight.methods.multi_light.options import MultiLight
 from rakelight.methods.multi_light.outliers import remove_outliers
+from rakelight.methods.multi_light.sensor_blur import (
+    select_sharpened,
+    sharpened,
+    sharpened_measurements,
+)
 from rakelight.methods.multi_light.steps import Descent, descend, try_bas_relief
-from rakelight.model import Finding, Floats, ProgressCallback
+from rakelight.model import Floats, ProgressCallback
 from rakelight.prepare import Prepared
 from rakelight.solve.robust import ROUNDS
 
@@ -77,6 +84,7 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     # 2. With the highlights and without the cast shadows that this fit predicts, the weight is
     # chosen again: they had been errors of the photographs.
     descent = select_without_outliers(search, descent)
+    blur_px, descent = select_sharpened(search, levels, descent, prepared)
     weight = descent.weight / factor
     levels = [each.weighted(weight * COARSER_WEIGHT**k) for k, each in enumerate(levels)]
 
@@ -84,13 +92,16 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     briefly = replace(options, max_iterations=min(options.max_iterations, ROUNDS))
     for index in reversed(range(coarsest)):
         log_depth = levels[index].carried(levels[index + 1], descent.fit.log_depth)
-        level, lights = remove_outliers(levels[index], log_depth, descent.fit.lights)
+        level = sharpened(levels[index], log_depth, blur_px)
+        level, lights = remove_outliers(level, log_depth, descent.fit.lights)
         fit = reset_scale(level, replace(descent.fit, log_depth=log_depth, lights=lights))
         # At the finest level the depth alone, to take up detail; the lights move in step 5.
         descent = descend(level, fit, briefly, progress, stage(index), together=index > 0)
 
-    # 4. The depth weight from the errors of both sides, now that there are residuals.
-    first_weight = weight
+    # 4. The depth weight from the errors of both sides, now that there are residuals.  Before it
+    # the sensor's blur again, of the measurements themselves.
+    first_weight, native = weight, levels[0].weighted(1 / weight)
+    blur_px, prepared = sharpened_measurements(prepared, native, descent.fit, weight)
     if options.depth_weight is None:
         weight = estimate_depth_weight(descent.fit, prepared, largest / max(weight, largest))
     # 5. The lights, the depth moving with them, until the energy has converged.  Outliers are
@@ -114,7 +125,7 @@ def multi_light(prepared: Prepared, options: MultiLight, progress: ProgressCallb
     last = descend(level, fit, options, progress, "refine, depth", together=False, last=True)
     steps, converged = descent.steps + both.steps + last.steps, both.converged and last.converged
     descent = replace(last, steps=steps, converged=converged)
-    return finished(prepared, level, descent, weight, start.log_depth)
+    return finished(prepared, level, descent, start.log_depth, weight, blur_px)
 
 
 def first_levels(prepared: Prepared, options: MultiLight) -> tuple[list[Level], list[float]]:
@@ -169,31 +180,24 @@ def finished(
     prepared: Prepared,
     level: Level,
     descent: Descent,
-    weight: float,
     start: Floats,
+    weight: float,
+    blur_px: float,
 ) -> Estimate:
     """The estimate of the finest level, the albedo's 99th percentile set to 1.
 
-    weight : the depth weight, for the notes
     start : (h, w) log depth where the last descents began, see `depth_sigma`
+    weight, blur_px : the depth weight and the sensor's blur, for the notes
     """
     fit = descent.fit
     normals, linearization = fine_normals(level, fit)
     albedo = linearization.albedo
     gain = brightest(albedo[level.photographs.active])
     lights = fit.lights.brighter(gain).as_lights(level.middle_m)
-    notes = [Finding("note", "depth-weight", f"depth weight {weight:.3g} times white noise's")]
-    if fit.lights.gloss.any():
-        height = f"{fit.lights.gloss.sum() / gain:.2f} of white paint's brightness"
-        notes.append(Finding("note", "highlights", f"highlights up to {height}"))
-    if lights.beam is not None:
-        across = 2 * level.radius_m * np.linalg.norm(lights.beam[..., :2], axis=-1)
-        loss = 100 * (1 - np.exp(-np.median(across)))
-        falls = f"the lamp's light falls off sideways, by {loss:.0f} % across the object (median)"
-        notes.append(Finding("note", "narrow-beam", f"{falls}; that is taken into account"))
     free = None if fit.model.directions is not None else fit.lights
     moment, bas_relief = shape_errors(level, fit.log_depth, free)
     confidence, normal_sigma, local = normal_errors(level, fit, normals, bas_relief)
+    notes = notes_of(level, fit.lights, gain, weight, blur_px)
     return Estimate(
         log_depth=fit.log_depth,
         albedo=albedo / gain,

@@ -53,7 +53,7 @@ def nearest_bas_relief(
         transform = nearest + basis @ offset
     # Where the sensor shows no relief, a is 0 within its noise.
     turned = nearest[0] < -BY_CHANCE * np.linalg.norm(basis[0])
-    return _transformed(level, log_depth, transform, turned)
+    return transformed(level, log_depth, transform, turned)
 
 
 def relief_scaling(level: Level, log_depth: Floats) -> Floats:
@@ -68,8 +68,8 @@ def relief_scaling(level: Level, log_depth: Floats) -> Floats:
     return np.where(level.mask, rays @ plane / nearer - 1, 0.0)
 
 
-def _transformed(
-    level: Level, log_depth: Floats, transform: Floats, turned: bool
+def transformed(
+    level: Level, log_depth: Floats, transform: Floats, turned: bool = False
 ) -> tuple[Floats, Floats]:
     """(h, w) log depth after the transform (a, g), and the (3, 3) one of the lights.
 

@@ -24,7 +24,7 @@ from rakelight.methods.multi_light.light_model import LightModel
 from rakelight.methods.multi_light.noise import variances_by_scale
 from rakelight.methods.multi_light.options import MultiLight
 from rakelight.methods.multi_light.steps import Descent, descend, refine_lights
-from rakelight.model import GivenLights, ProgressCallback
+from rakelight.model import Floats, GivenLights, ProgressCallback
 from rakelight.photometry.images import LightParameters
 from rakelight.solve.robust import NOTABLE, ROUNDS
 
@@ -202,6 +202,11 @@ def explains_more(level: Level, freer: Fit, fit: Fit) -> bool:
 
 
 def sensor_cost(level: Level, fit: Fit, weight: float) -> float:
+    """`cost_of_errors` of the sensor less the surface of a fit, found under this depth weight."""
+    return cost_of_errors(level, fit, weight, level.sensed(fit.log_depth - level.unbiased_prior))
+
+
+def cost_of_errors(level: Level, fit: Fit, weight: float, errors: Floats) -> float:
     """Mean over all scales of log(v_0 + 1/m + v (1 + w'/m)^2), in one sensor pixel's noise.
 
     v is the variance, at a scale, of sensor less surface (`variances_by_scale`); m what photographs
@@ -210,9 +215,10 @@ def sensor_cost(level: Level, fit: Fit, weight: float) -> float:
     variance, whatever makes it most likely but no less than its pixel-to-pixel noise v_0, and the
     photographs', 1/m.  Blocks of side S differ at wavelengths of 2 S to 4 S, so that
     m = M (2 pi / sqrt(8) S)^2 / sigma^2; w' is w with the noise by which the descent weighed it.
+
+    errors : (M,) log depth of the sensor less the surface's, or the other way round
     """
-    miss = level.sensed(fit.log_depth - level.unbiased_prior)
-    error = scatter(miss * np.sqrt(level.sensor_weight), level.seen)
+    error = scatter(errors * np.sqrt(level.sensor_weight), level.seen)
     scales = variances_by_scale(error, level.seen)
     if not scales:
         return 0.0  # a single sensor pixel, to which any surface is moved

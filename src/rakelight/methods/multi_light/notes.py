@@ -1,0 +1,33 @@
+"""What a user is told beside the result: the depth's weight, the sensor's blur, lamps and paint."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rakelight.methods.levels import Level
+from rakelight.model import Finding
+from rakelight.photometry.images import LightParameters
+
+
+def notes_of(
+    level: Level, lights: LightParameters, gain: float, weight: float, blur_px: float
+) -> list[Finding]:
+    """The notes on a fit.
+
+    lights : of the fit, whose albedo is `gain` times as large as it should be
+    weight : the depth weight; blur_px : of the sensor, its pixels, 0 for none
+    """
+    notes = [Finding("note", "depth-weight", f"depth weight {weight:.3g} times white noise's")]
+    accounted = "that is taken into account"
+    if blur_px:
+        over = f"the depth is smoothed, as by a Gaussian of {blur_px:.1f} of its pixels"
+        notes.append(Finding("note", "depth-smoothed", f"{over}; {accounted}"))
+    if lights.gloss.any():
+        height = f"{lights.gloss.sum() / gain:.2f} of white paint's brightness"
+        notes.append(Finding("note", "highlights", f"highlights up to {height}"))
+    if lights.beam is not None:
+        across = 2 * level.radius_m * np.linalg.norm(lights.beam[..., :2], axis=-1)
+        loss = 100 * (1 - np.exp(-np.median(across)))
+        falls = f"the lamp's light falls off sideways, by {loss:.0f} % across the object (median)"
+        notes.append(Finding("note", "narrow-beam", f"{falls}; {accounted}"))
+    return notes
