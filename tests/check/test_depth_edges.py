@@ -1,4 +1,4 @@
-"""The warning of depth that is blurred across the object's outline."""
+"""The warnings of depth that is blurred across the object's outline, or into its holes."""
 
 from dataclasses import replace
 
@@ -50,3 +50,19 @@ def test_refine_and_check_say_it_and_refine_leaves_the_background_out(before_a_w
     off_mm = 1000 * np.abs(result.depth - sharp.depth)
     assert np.nanmedian(off_mm) < 5
     assert np.nanquantile(off_mm, 0.9) < 15
+
+
+def test_depth_that_was_resized_with_its_holes_as_0_is_said_and_left_out(before_a_wall):
+    depth = before_a_wall.depth_m[0].copy()
+    rows, columns = depth.shape
+    middle = np.s_[rows // 2 - 2 : rows // 2 + 2, columns // 2 - 2 : columns // 2 + 2]
+    depth[middle] = 0
+    ramps = cv2.resize(depth, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)
+    capture = replace(before_a_wall, depth_m=np.where(ramps > 0, ramps, np.nan)[None])
+    (finding,) = depth_edges(Measured(capture))
+    assert (finding.code, finding.severity) == ("depth-mixed-with-holes", "warning")
+    assert "INTER_NEAREST" in finding.remedy
+    options = MultiLight(max_iterations=3)
+    result, sharp = refine(capture, options), refine(before_a_wall, options)
+    assert "depth-mixed-with-holes" in {finding.code for finding in result.findings}
+    assert np.nanmax(1000 * np.abs(result.depth - sharp.depth)) < 15

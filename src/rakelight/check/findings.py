@@ -69,7 +69,10 @@ FINDINGS = (
     Row(("depth-unit",), depth_findings),
     Row(("off-centre",)),
     Row(("lens-missing",)),
-    Row(("depth-blurred",), depth_edges, in_refine="prepare", instead_of=("depth-holes",)),
+    Row(
+        ("depth-blurred", "depth-mixed-with-holes"), depth_edges, in_refine="prepare",
+        instead_of=("depth-holes",),
+    ),
     Row(("depth-holes",), depth_findings, instead_of=("depth-missing", "holes-carried")),
     Row(("depth-missing",)),
     Row(("holes-left-out",), depth_findings),

@@ -13,6 +13,7 @@ from rakelight.geometry.grid import bounding_window
 from rakelight.model import Array, Camera, Capture, Floats, Mask, RigidTransform, SensorNoise
 from rakelight.prepare.average import NEIGHBOURHOOD_PX, noise_sigma, robust_average
 from rakelight.prepare.flying import flying, stray
+from rakelight.prepare.mixed_holes import mixed_with_holes
 from rakelight.prepare.register import project, register, sensor_grid
 from rakelight.prepare.soft_edges import mixed_with_background
 
@@ -259,9 +260,10 @@ def _require_size(
 def sensed(capture: Capture, mask: Mask | None = None) -> tuple[Floats, Floats]:
     """The sensor's depth and its standard deviation (hs, ws), metres, before the colour camera.
 
-    Of several maps the average; stray and flying pixels left out, and of depth that is aligned with
-    the photographs those that were mixed with the background; depth of a camera of its own
-    registered to the colour camera, on the pixels of `sensor_grid`.
+    Of several maps the average; stray and flying pixels left out, of an object's those that were
+    mixed with holes, and of depth that is aligned with the photographs those that were mixed with
+    the background; depth of a camera of its own registered to the colour camera, on the pixels of
+    `sensor_grid`.
 
     mask : (H, W) the object in the photographs; None for everything.  What is further than a few
         pixels from it may be missing, and its noise is that which counts.
@@ -272,9 +274,10 @@ def sensed(capture: Capture, mask: Mask | None = None) -> tuple[Floats, Floats]:
         own, pose = depth_camera_of(capture)
         average = robust_average(capture.depth_m)
         points = project(back_project(average, own), pose, capture.camera)
-        depth, sigma = _without_outliers(
-            average, capture, capture.depth_m, own, _lookup(mask, points)
-        )
+        on_object = _lookup(mask, points)
+        if mask is not None:
+            average = np.where(mixed_with_holes(average, on_object), np.nan, average)
+        depth, sigma = _without_outliers(average, capture, capture.depth_m, own, on_object)
         return register(depth, sigma, own, pose, sensor_grid(capture.camera, own))
     on_object = (
         np.ones(shape, bool) if mask is None else SensorGrid(shape, mask.shape).touched(mask)
@@ -288,8 +291,9 @@ def sensed(capture: Capture, mask: Mask | None = None) -> tuple[Floats, Floats]:
         if mask is not None:
             first, noise = capture.depth_m[0], capture.depth_noise or SensorNoise()
             share = SensorGrid(shape, mask.shape).share(mask)
-            mixed = mixed_with_background(first, noise.at(first), share)
-            average = np.where(mixed[part], np.nan, average)
+            mixed = mixed_with_background(first, noise.at(first), share)[part]
+            mixed |= mixed_with_holes(average, on_object[part])
+            average = np.where(mixed, np.nan, average)
         depth[part], sigma[part] = _without_outliers(
             average, capture, maps_m, camera, on_object[part]
         )
