@@ -722,7 +722,8 @@ class Result:
     prediction_errors : of every photograph from the others' albedo, as a fraction of its mean
         brightness; empty where there are fewer than three
     findings : what a person should know
-    source, photograph_names : of the capture, for messages
+    source : of the capture, for messages
+    photograph_names : of the photographs that were used, one for each of `lights`; or none
     """
 
     depth: Floats

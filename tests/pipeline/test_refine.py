@@ -1,5 +1,6 @@
 """Choosing a method, its options, progress, and the way from folder to folder."""
 
+import json
 import tomllib
 from dataclasses import dataclass, replace
 
@@ -322,6 +323,18 @@ def test_from_capture_folder_to_result_folder(scene, joint, tmp_path):
     np.testing.assert_allclose(loaded.confidence, result.confidence, atol=0.5 / 255)
     assert loaded.method == result.method
     assert loaded.camera == result.camera
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_what_every_method_writes_of_several_photographs_is_read_back(capture, tmp_path, name):
+    method = load_method(name)
+    result = refine(replace(capture, lighting=method.lighting), name)
+    save_result(result, tmp_path / "out", mesh="none")
+    loaded = load_result(tmp_path / "out")
+    assert loaded.photograph_names == capture.names[: len(result.lights)]
+    np.testing.assert_array_equal(loaded.depth, result.depth)
+    lights = json.loads((tmp_path / "out/lights.json").read_text())["photographs"]
+    assert tuple(each["name"] for each in lights) == loaded.photograph_names
 
 
 def test_methods_run_on_one_blas_thread_and_leave_the_number_as_it_was(capture):

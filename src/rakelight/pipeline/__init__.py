@@ -194,7 +194,7 @@ def _refined(
         },
         findings=(*view.findings, *checked, *checked_later, *made, *_convergence(estimate)),
         source=capture.source,
-        photograph_names=prepared.names,
+        photograph_names=prepared.names[: len(estimate.lights)],  # some methods use the first alone
         capture=_figures(as_read, capture.depth_to_color if capture.register else None),
         prediction_errors=prediction_errors(prepared, depth_m, normals, estimate.lights),
         depth_sigma=maps.depth_sigma_m,
