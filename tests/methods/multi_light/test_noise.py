@@ -130,6 +130,15 @@ def test_depth_counts_by_the_area_over_which_its_errors_are_correlated():
     assert weight(wide, 1.0) == pytest.approx(25 / area, rel=0.2)
 
 
+@pytest.mark.parametrize("side", [2, 4])
+def test_depth_of_repeated_pixels_counts_once_a_block(side):
+    _, level = scene()
+    rows, columns = level.mask.shape
+    blocks = np.kron(white(level.mask.shape), np.ones((side, side)))[:rows, :columns]
+    rounding = 1e-14 * np.random.default_rng(1).normal(size=level.mask.shape)
+    assert weight(blocks + rounding, 1.0) == pytest.approx(25 * 2 / side**2, rel=0.4)
+
+
 def test_a_sensor_found_to_be_more_precise_counts_by_its_own_variance():
     """As far as it was found to be: `scene`'s sensor is taken to have millimetres."""
     prepared, level = scene()

@@ -22,6 +22,9 @@ from rakelight.photometry.specular import Highlights
 from rakelight.prepare import Prepared
 from rakelight.solve.robust import BY_CHANCE
 
+# Share of steps between the depth's errors that are more than rounding, below which pixels repeat
+# others: of blocks of two by two half are, of depth in whole millimetres nearly all.
+REPEATED = 0.75
 # Least number of blocks over which errors are summed (ablation.md: halved 0.97, doubled 0.98).
 FEWEST_BLOCKS = 16
 
@@ -30,8 +33,10 @@ def estimate_depth_weight(fit: Fit, prepared: Prepared, least: float = 1.0) -> f
     """The depth weight, 1/variance relative to white noise's, from the errors of both sides.
 
     Depth errors e that are correlated over an area of r^2 = <e^2> / <|de|^2> of the sensor's pixels
-    count r^2 times less (medians, so that jumps do not count; of white noise r^2 is 1/2).  The
-    photographs' residuals are correlated, too: over `assumed_correlation_area`.
+    count r^2 times less (medians, so that jumps do not count; of white noise r^2 is 1/2).  Depth
+    that was enlarged by repeating pixels has steps of 0 inside its blocks: of blocks of b by b, 1/b
+    of all steps are others, and r^2 is b^2 times that of those.  The photographs' residuals are
+    correlated, too: over `assumed_correlation_area`.
 
     least : of the variance of e over the one that the sensor is taken to have; below 1 where the
         sensor was found to be more precise than that
@@ -43,11 +48,16 @@ def estimate_depth_weight(fit: Fit, prepared: Prepared, least: float = 1.0) -> f
             for axis, (here, there) in ((axis, pair_slices(axis)) for axis in (1, 0))
         ]
     )
-    typical_step2 = float(np.median(steps**2)) if steps.size else 0.0
-    if not typical_step2:
+    different = np.abs(steps) > np.finfo(np.float32).eps  # by more than rounding
+    if not different.any():
         return CORRELATION_PX**2  # no two depth pixels are neighbours, or there are no errors
+    share = float(np.mean(different))
+    if share < REPEATED:
+        steps = steps[different]
+    else:
+        share = 1.0
     error = error[seen] - np.median(error[seen])
-    correlation_area = np.median(error**2) / typical_step2
+    correlation_area = np.median(error**2) / np.median(steps**2) / share**2
     relative = (prepared.sensor.depth_m / prepared.sensor.sigma_m)[seen]
     variance = MAD_TO_SIGMA**2 * float(np.median((error * relative) ** 2))
     independent = float(correlation_area) * min(max(variance, least), 1.0)
