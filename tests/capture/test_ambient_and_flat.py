@@ -10,6 +10,7 @@ from rakelight.errors import CaptureError
 from rakelight.prepare.linear import srgb
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 from tests.capture.capture_builder import HEIGHT, WIDTH, build, codes, small_capture
+from tests.capture.readers.test_photographs import fill
 
 
 def corner_falloff(height, width, corner=2 / 3):
@@ -92,6 +93,34 @@ def test_in_a_capture_folder(tmp_path):
     (folder / "flat.png").write_bytes(encode_png(ambient[1:]))
     with pytest.raises(CaptureError, match=r"flat\.png: this picture does not fit"):
         load_capture(folder)
+
+
+def test_an_ambient_photograph_under_the_lamp_is_named(tmp_path):
+    made = small_capture()
+    lit = np.where(made.mask[..., None].repeat(3, 2), 204, 0).astype(np.uint8)
+    words = r"after .*{}.* was subtracted.*take .*{} with the lamp off"
+    with pytest.raises(CaptureError, match=words.format("ambient", "ambient")):
+        Capture.from_arrays(
+            made.photographs, made.depth_m, made.camera, mask=made.mask, ambient=lit
+        )
+    (build(tmp_path / "a") / "ambient.png").write_bytes(encode_png(lit))
+    fill(tmp_path / "b")
+    (tmp_path / "b/mask.png").write_bytes(encode_png(made.mask.astype(np.uint8)))
+    (tmp_path / "b/lamp_ambient.png").write_bytes(encode_png(lit))
+    for folder, name in (("a", r"ambient\.png"), ("b", r"lamp_ambient\.png")):
+        with pytest.raises(CaptureError, match=words.format(name, name)):
+            load_capture(tmp_path / folder)
+
+
+def test_among_loose_photographs_the_picture_is_named(tmp_path):
+    fill(tmp_path)
+    card = coded(0.6 * corner_falloff(HEIGHT, WIDTH), np.uint8)
+    (tmp_path / "lamp_flat.png").write_bytes(encode_png(card))
+    (note,) = (f for f in load_capture(tmp_path).findings if f.code == "flat-divided")
+    assert note.message.startswith("vignetting divided out by lamp_flat.png: ")
+    (tmp_path / "lamp_flat.png").write_bytes(encode_png(card // 60))
+    with pytest.raises(CaptureError, match=r": lamp_flat\.png: the card is dark"):
+        load_capture(tmp_path)
 
 
 def test_strong_ambient_light_and_vignetting_are_repaired():

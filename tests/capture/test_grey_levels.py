@@ -1,11 +1,14 @@
 """Grey levels that mean something else: a mask's soft edge, 12 bits in a file of 16."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
-from rakelight.capture import load_capture
+from rakelight.capture import load_capture, write_capture
 from rakelight.capture.images import decode_image, encode_jpeg, encode_png, encode_tiff
+from rakelight.errors import CaptureError
 from rakelight.model import Capture
 from tests.capture.capture_builder import build, codes, small_capture
 from tests.capture.readers.test_photographs import fill
@@ -88,3 +91,19 @@ def test_values_of_fewer_bits_in_16_are_told_of(tmp_path, bits):
     for finding in found:
         assert f"the largest value is {2**bits - 1}" in finding.message
         assert finding.remedy.endswith(f" {2 ** (16 - bits)}")
+
+
+@pytest.mark.parametrize("top", [255, 200])
+def test_values_of_8_bit_in_16_are_refused_with_what_to_multiply_by(tmp_path, top):
+    photographs = (small_capture().photographs.astype(float) / 204 * top).astype(np.uint16)
+    photographs[0, 10, 10] = top
+    given = small_capture(dtype=np.uint16)
+    words = f"values go up to {top} of 65535.*save them as 8 bit or multiply them by 257"
+    with pytest.raises(CaptureError, match=words):
+        Capture.from_arrays(photographs, given.depth_m, given.camera, mask=given.mask)
+    write_capture(replace(given, photographs=photographs), tmp_path / "c")
+    with pytest.raises(CaptureError, match=words):
+        load_capture(tmp_path / "c")
+    as_multiplied = replace(given, photographs=257 * photographs)
+    write_capture(as_multiplied, tmp_path / "d")
+    assert len(load_capture(tmp_path / "d").photographs) == 4

@@ -108,7 +108,7 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
         f"{8 * images.dtype.itemsize}-bit",
         f'write encoding = "linear" or "srgb" into {CONFIG}',
     )
-    images, encoding, light = _without_ambient(root, images, encoding)
+    images, encoding, light, ambient = _without_ambient(root, images, encoding)
     capture = Capture(
         photographs=images,
         depth_m=depth_m,
@@ -142,7 +142,7 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
             *file_findings(depth),
             *mask_findings,
             *validate.check_depth(depth_m, holes, on_object, depth.source, scale, depth.names),
-            *validate.check_exposure(images, mask, names, rgb.source),
+            *validate.check_exposure(images, mask, names, rgb.source, ambient),
         ),
     )
 
@@ -300,14 +300,17 @@ def _depth_noise(root: Root, table: CaptureTable) -> SensorNoise | None:
 
 def _without_ambient(
     root: Root, images: Array, encoding: Encoding
-) -> tuple[Array, Encoding, tuple[Finding, ...]]:
-    """The photographs corrected by ambient.png and flat.png, where there are such files."""
+) -> tuple[Array, Encoding, tuple[Finding, ...], str]:
+    """The photographs corrected by ambient.png and flat.png, where there are such files.
+
+    The text is the path of ambient.png for messages, empty where there is none.
+    """
     ambient, flat = (_read_picture(root, name, images) for name in ("ambient.png", "flat.png"))
     if ambient is None and flat is None:
-        return images, encoding, ()
+        return images, encoding, (), ""
     sources = root.shown("ambient.png"), root.shown("flat.png")
     images, findings = corrected(images, encoding, ambient, flat, sources)
-    return images, "linear", findings
+    return images, "linear", findings, "" if ambient is None else sources[0]
 
 
 def _read_picture(root: Root, name: str, images: Array) -> Array | None:

@@ -60,10 +60,11 @@ def capture_from_arrays(
     flat: Array | None = None,
     lights: GivenLights | None = None,
     depth_names: Sequence[str] = (),
+    picture_names: tuple[str, str] = ("ambient", "flat"),
 ) -> Capture:
     """What `Capture.from_arrays` says; its docstring has the parameters and the errors.
 
-    depth_names : of the depth maps, for messages
+    depth_names, picture_names : of the depth maps, and of `ambient` and `flat`, for messages
 
     >>> capture_from_arrays(np.zeros((4, 6, 3)), np.full((4, 6), 600), Camera(6, 4, 9, 9, 2.5, 1.5))
     Traceback (most recent call last):
@@ -76,8 +77,8 @@ def capture_from_arrays(
     depth_m, holes = _depth(depth)
     stated, assumed = chosen_encoding(encoding, kind, _SAY_ENCODING)
     if ambient is not None or flat is not None:
-        pictures = _picture(ambient, "ambient"), _picture(flat, "flat")
-        pixels, light = corrected(pixels, stated, *pictures)
+        pictures = _picture(ambient, picture_names[0]), _picture(flat, picture_names[1])
+        pixels, light = corrected(pixels, stated, *pictures, picture_names)
         stated, assumed = "linear", (*assumed, *light)
     capture = Capture(
         photographs=pixels,
@@ -108,9 +109,9 @@ def capture_from_arrays(
         capture = replace(capture, mask=marked)
         object_findings = check_object(capture, factor, holes, depth_names)
         off_centre = validate.principal_point_finding(camera)
-        exposed = validate.check_exposure(pixels, capture.mask, shown, "photographs")
-    findings = (*assumed, *off_centre, *found, *object_findings, *exposed)
-    return replace(capture, findings=findings)
+        subtracted = "" if ambient is None else picture_names[0]
+        exposed = validate.check_exposure(pixels, capture.mask, shown, "photographs", subtracted)
+    return replace(capture, findings=(*assumed, *off_centre, *found, *object_findings, *exposed))
 
 
 @contextmanager

@@ -45,6 +45,7 @@ MOST_STRETCHED = 1.4
 _SOFT_SHARE, _SOFT_LEVELS = 0.05, 8
 # Largest values of sensors whose values were not stretched to 16 bit, and how often it is seen.
 _WHITE_LEVELS, _LEAST_WHITE = {1023: 10, 4095: 12, 16383: 14}, 3
+_WHITE_8_BIT = 255
 # Standard deviation over depth: of the finest scanners, which are said to be right to a micrometre
 # at a metre, and of depth that says nothing of a shape.
 QUIETEST, NOISIEST = 1e-6, 0.2
@@ -442,11 +443,12 @@ def exposure_shares(photographs: Array, mask: Mask) -> tuple[list[float], list[f
 
 
 def check_exposure(
-    photographs: Array, mask: Mask, names: Sequence[str], source: str
+    photographs: Array, mask: Mask, names: Sequence[str], source: str, ambient: str = ""
 ) -> tuple[Finding, ...]:
     """Enough of the object is neither saturated nor black in enough photographs.
 
     photographs : (N, H, W, 3) as stored; mask : (H, W) True = object
+    ambient : the picture that was subtracted from them; empty for none
 
     With three photographs or more, raises CaptureError when more than 20 % of the object has
     fewer than three that a channel is usable of.  The notes count pixels with a saturated channel,
@@ -462,9 +464,9 @@ def check_exposure(
                 "object",
                 source=source,
                 seen=f"{np.mean(saturated):.0%} saturated and {np.mean(black):.0%} black "
-                "per photograph",
+                "per photograph" + (f", after {ambient} was subtracted" if ambient else ""),
                 needed=f"at most {MOST_UNUSABLE:.0%}",
-                remedy="expose longer or move the lamp closer"
+                remedy=_brighter_remedy(photographs, ambient)
                 if brighter
                 else "expose shorter or move the lamp away",
             )
@@ -479,11 +481,24 @@ def check_exposure(
         )
         for code, shares, remedy in (
             ("saturated", saturated, "expose shorter or move the lamp away"),
-            ("black", black, "expose longer or move the lamp closer"),
+            ("black", black, _brighter_remedy(photographs)),
         )
         if max(shares) >= 0.001
     )
     return _narrow_range(photographs) + exposed
+
+
+def _brighter_remedy(photographs: Array, ambient: str = "") -> str:
+    """What to do about photographs that are black, from which the picture `ambient` is taken."""
+    if ambient:
+        return f"take {ambient} with the lamp off, or leave it away; else expose longer"
+    top = int(photographs.max(initial=0))
+    if photographs.dtype == np.uint16 and top <= _WHITE_8_BIT:
+        return (
+            f"their values go up to {top} of 65535: where they are of 8 bit, save them as 8 bit "
+            "or multiply them by 257; else expose longer"
+        )
+    return "expose longer or move the lamp closer"
 
 
 def _narrow_range(photographs: Array) -> tuple[Finding, ...]:

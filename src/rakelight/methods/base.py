@@ -308,7 +308,8 @@ def light_findings(lights: Lights, names: tuple[str, ...]) -> tuple[Finding, ...
             Finding(
                 "warning",
                 "dark-photographs",
-                f"the lamp does not reach the object in {listed(named, dark)}",
+                f"no light of the lamp is known in {listed(named, dark)}: it does not reach the "
+                "object, or saturates all of it",
                 "take these again, or leave them out",
             )
         )

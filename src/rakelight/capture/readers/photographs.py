@@ -24,6 +24,7 @@ from rakelight.capture.listing import check_numbers, read_mask, unread_finding
 from rakelight.capture.loose_confidence import without_unsure
 from rakelight.capture.loose_depth import depth_noted, read_loose_depth
 from rakelight.capture.loose_files import (
+    LooseFile,
     LooseFiles,
     candidates,
     images_in,
@@ -108,6 +109,7 @@ def reading_of(
             flat=photos.flat,
             lights=lights,
             depth_names=tuple(printable(file.name) for file in files.depth),
+            picture_names=(_shown(files.ambient, "ambient"), _shown(files.flat, "flat")),
         )
     findings = (
         *camera_findings,
@@ -120,6 +122,10 @@ def reading_of(
         *capture.findings,
     )
     return Reading(replace(capture, source=str(path), findings=findings))
+
+
+def _shown(file: LooseFile | None, otherwise: str) -> str:
+    return otherwise if file is None else printable(file.name)
 
 
 def _mask(files: LooseFiles, camera: Camera) -> tuple[Mask | None, tuple[Finding, ...]]:
