@@ -90,6 +90,27 @@ def test_wrong_lights_in_capture_toml_are_refused(tmp_path, text, message):
 
 
 @pytest.mark.parametrize(
+    ("text", "files", "where"),
+    [
+        ("[lights]\ndirections = [[0, 0, -1]]\n", {}, "capture.toml: key 'lights.directions'"),
+        ('[lights]\npositions = "at.txt"\n', {"at_txt": "0 0 0\n"}, "at.txt"),
+        (f"[lights]\npositions = {[[0, 0, 9]] * 4}\n", {}, "capture.toml: key 'lights.positions'"),
+        ("[lights]\nintensities = [1, 2]\nfile = 'a.lp'\n", {"a_lp": LP},
+         "capture.toml: key 'lights.intensities'"),
+        ("", {"lights_lp": LP.replace("0.8", "-0.8").replace("0 0 1", "0 0 -1")}, "lights.lp"),
+    ],
+)  # fmt: skip
+def test_errors_about_lights_name_where_these_are_stated(tmp_path, text, files, where):
+    with pytest.raises(CaptureError) as error:
+        load_capture(with_lights(tmp_path / "c", text, **files))
+    assert error.value.source == f"{tmp_path / 'c'}/{where}"
+    if "do not fit" in str(error.value):
+        assert error.value.needed in (
+            "4 rows of 3, one per photograph", "4 numbers, one per photograph",
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize(
     ("text", "message"),
     [
         ("", "first line ''"),

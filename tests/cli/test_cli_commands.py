@@ -277,6 +277,7 @@ def test_synth_then_refine_then_eval(run, tmp_path):
         (["--lighting", "disco"], "--lighting", "needed moving-lamp, rgb-leds or ambient"),
         (["--bits", "12"], "--bits", "needed 8 or 16"),
         (["--depth-factor", "0.5"], "--depth-factor", "needed 1 to 100"),
+        (["--depth-factor", "100", "--size", "0.2"], "--depth-factor", "seen 100, 1 x 1 depth"),
         (["--depth-noise", "-1"], "--depth-noise", "needed 0 to 10000"),
         (["--depth-correlation", "1e9"], "--depth-correlation", "needed 0 to 10000"),
         (["--exposure", "1e300"], "--exposure", "needed above 0, at most a million"),

@@ -41,7 +41,13 @@ from rakelight.capture.defaults import (
 from rakelight.capture.depth import check_depth_kind, depth_geometry, depth_values, read_depth
 from rakelight.capture.headers import read_header
 from rakelight.capture.images import as_rgb, decode_image, encode_png, encode_tiff
-from rakelight.capture.lights import checked_lights, lights_files, lights_lines, read_lights
+from rakelight.capture.lights import (
+    checked_lights,
+    lights_files,
+    lights_lines,
+    lights_named,
+    read_lights,
+)
 from rakelight.capture.listing import (
     Images,
     Root,
@@ -124,7 +130,7 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
         source=root.shown(),
     )
     if lights is not None:
-        lights = checked_lights(lights, len(images), _middle_z_m(depth_m), root.shown("lights"))
+        lights = _checked(lights, len(images), depth_m, table, root)
     mask, mask_findings = _read_mask(root, rgb.shape) or object_mask(
         capture, root.shown("depth"), "check [depth_intrinsics] and [depth_to_color]"
     )
@@ -147,9 +153,13 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
     )
 
 
-def _middle_z_m(depth_m: Floats) -> float:
-    """The median of depth maps (K, h, w); 0 where nothing is measured."""
-    return float(np.nanmedian(depth_m)) if np.isfinite(depth_m).any() else 0.0
+def _checked(
+    lights: GivenLights, count: int, depth_m: Floats, table: CaptureTable, root: Root
+) -> GivenLights:
+    """The lights of so many photographs, and of depth (K, h, w), as `checked_lights` gives them."""
+    middle_z_m = float(np.nanmedian(depth_m)) if np.isfinite(depth_m).any() else 0.0
+    with lights_named(table.lights, root.shown):
+        return checked_lights(lights, count, middle_z_m)
 
 
 def load_depth(folder: str | PathLike[str]) -> Floats:

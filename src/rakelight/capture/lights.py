@@ -8,7 +8,8 @@ other computers and other endings.  A table has one row of one or three numbers 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -150,12 +151,13 @@ def _numbers(array: Any, count: int, shape: tuple[int, ...], source: str) -> Flo
     """(count, *shape) float64, finite; raises CaptureError."""
     needed = (count, *shape)
     numbers = isinstance(array, np.ndarray) and array.dtype.kind in "fiu"
-    if not numbers or isinstance(array, np.ma.MaskedArray) or array.shape != needed:
+    plain = numbers and not isinstance(array, np.ma.MaskedArray)
+    if not plain or array.shape != needed:
         raise CaptureError(
             "these do not fit the photographs",
             source=source,
             seen=f"{array.shape} {array.dtype}" if numbers else type(array).__name__,
-            needed=f"a numpy.ndarray {needed}, one row per photograph",
+            needed=_rows(needed) if plain else f"a numpy.ndarray {needed}, one row per photograph",
             remedy="give a row for each photograph, in their order",
         )
     if not np.isfinite(array).all():
@@ -168,7 +170,32 @@ def _numbers(array: Any, count: int, shape: tuple[int, ...], source: str) -> Flo
     return np.array(array, np.float64)
 
 
+def _rows(shape: tuple[int, ...]) -> str:
+    """What an array of that shape is, for a message.
+
+    >>> _rows((6, 3)), _rows((6,))
+    ('6 rows of 3, one per photograph', '6 numbers, one per photograph')
+    """
+    what = f"{shape[0]} rows of {shape[1]}" if len(shape) == 2 else f"{shape[0]} numbers"
+    return f"{what}, one per photograph"
+
+
 # ---- what capture.toml says
+
+
+@contextmanager
+def lights_named(table: LightsTable | None, shown: Callable[[str], str]) -> Iterator[None]:
+    """Errors by `checked_lights` name the file that states those lights, or the key in [lights]."""
+    try:
+        yield
+    except CaptureError as error:
+        key = error.source.rpartition(".")[2].removesuffix("_m")
+        named = LightsTable(file=LIGHTS_FILE) if table is None else table
+        in_list = named.file is not None and key == "directions"
+        value = named.file if in_list else getattr(named, key, None)
+        place = f"{shown('capture.toml')}: key 'lights.{key}'"
+        error.source = shown(printable(value)) if isinstance(value, str) else place
+        raise
 
 
 def read_lights(

@@ -386,7 +386,20 @@ def _depth_view(
 
 
 def _sense_depth(depth_m: Floats, options: SceneOptions) -> Floats:
-    """(K, h, w) what the depth sensor reports: the truth with its errors."""
+    """(K, h, w) what the depth sensor reports: the truth with its errors.
+
+    Raises InputError where none of its pixels lies on the object whole.
+    """
+    if not np.isfinite(depth_m).any():
+        raise InputError(
+            "no depth pixel lies on the object whole",
+            source="depth_factor",
+            seen=f"{options.depth_factor:g}, {depth_m.shape[1]} x {depth_m.shape[0]} depth pixels",
+            needed="depth pixels smaller than the object",
+            remedy="a smaller factor or a larger image"
+            if options.depth_to_color is None
+            else "a smaller factor, a larger image, or a depth camera that sees the object",
+        )
     return np.stack(
         [
             add_depth_noise(depth_m, options.depth_noise, [options.seed, DEPTH_STREAM, frame])
