@@ -38,6 +38,14 @@ def test_a_list_names_captures_from_its_own_folder(tmp_path, monkeypatch):
     assert jobs[-1].source == "/else/four"
 
 
+@pytest.mark.parametrize("coding", ["utf-16-le", "utf-16-be", "utf-8"])
+def test_a_list_may_be_in_utf_16_as_powershell_writes_it(tmp_path, coding):
+    (tmp_path / "bük").mkdir()
+    text = "\ufeff# made by dir\r\nbük\r\n"
+    (tmp_path / "all.txt").write_bytes(text.encode(coding))
+    assert names(tmp_path / "all.txt") == ["bük"]
+
+
 @pytest.mark.parametrize("text", ["", "# none\n\n"])
 def test_an_empty_list_is_refused(tmp_path, text):
     (tmp_path / "all.txt").write_text(text)

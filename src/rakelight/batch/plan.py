@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import glob
 import hashlib
 import os
@@ -13,6 +14,7 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from rakelight.batch.remote import is_url, last_part, matching_urls
+from rakelight.capture.text_tables import text_of
 from rakelight.errors import InputError, named_in, printable
 from rakelight.files import MAX_TEXT_BYTES, read_bytes
 
@@ -187,7 +189,9 @@ def _listed(path: Path) -> Iterator[_Source]:
     Raises InputError for a list that holds nothing, and for a text that names nothing that is
     there: no list.
     """
-    text = os.fsdecode(read_bytes(path, max_bytes=MAX_TEXT_BYTES))
+    data = read_bytes(path, max_bytes=MAX_TEXT_BYTES)
+    wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))  # else bytes are kept
+    text = (text_of(data) or "") if wide else os.fsdecode(data)
     numbered = enumerate(map(str.strip, text.removeprefix("\ufeff").splitlines()), 1)
     lines = {i: line for i, line in numbered if line and not line.startswith("#")}
     if not lines:
