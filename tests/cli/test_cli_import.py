@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pytest
 
 from rakelight import load_capture
 from rakelight.capture.readers import find_reader, readers
@@ -12,6 +13,16 @@ def test_list_names_every_reader(run):
     ran = run("import", "--list")
     assert (ran.code, ran.err) == (0, "")
     assert [line.split()[0] for line in ran.out.splitlines()] == [r.name for r in readers()]
+
+
+@pytest.mark.parametrize("options", [("--list", "--json"), ("--json", "--list")])
+def test_the_list_as_json(run, options):
+    ran = run("import", *options)
+    assert (ran.code, ran.err) == (0, "")
+    rows = json.loads(ran.out)["readers"]
+    assert [(row["name"], row["reads"], row["extra"]) for row in rows] == [
+        (reader.name, reader.reads, reader.extra) for reader in readers()
+    ]
 
 
 def test_a_capture_is_copied_bit_by_bit(run, capture, tmp_path):

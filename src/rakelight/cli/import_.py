@@ -21,11 +21,27 @@ from rakelight.errors import printable
 from rakelight.model import Progress
 
 
+class _Import(click.Command):
+    """Knows of --json before --list, which ends the command, is looked at."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        ctx.meta[_AS_JSON] = "--json" in args
+        return super().parse_args(ctx, args)
+
+
+_AS_JSON = "rakelight.as_json"
+
+
 def _list_readers(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
     if not wanted:
         return
     from rakelight.capture.readers import readers
 
+    if ctx.meta[_AS_JSON]:
+        keys = ("name", "reads", "extra")
+        rows = [{key: getattr(reader, key) for key in keys} for reader in readers()]
+        click.echo(json.dumps({"readers": rows}))
+        ctx.exit()
     width = max(len(reader.name) for reader in readers())
     for reader in readers():
         extra = f'  (pip install "rakelight[{reader.extra}]")' if reader.extra else ""
@@ -33,7 +49,7 @@ def _list_readers(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
     ctx.exit()
 
 
-@click.command("import")
+@click.command("import", cls=_Import)
 @click.argument("source", type=NamedPath())
 @output_folder("CAPTURE", "The capture folder; appears complete or not at all.")
 @click.option("--overwrite", is_flag=True, help="Replace an older imported capture at CAPTURE.")
