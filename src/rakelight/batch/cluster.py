@@ -9,6 +9,7 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from math import isfinite
+from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -72,8 +73,11 @@ def local_client(workers: int, deaths: Deaths) -> Iterator[Any]:
     They end with the block, at once where it raises, and with this process in any case.
 
     deaths : what is known of workers that died is added to it
+
+    Raises MachineError where none can be started.
     """
     require_dask()
+    _require_working_directory()
     import dask
     from distributed import Client
 
@@ -99,6 +103,19 @@ def local_client(workers: int, deaths: Deaths) -> Iterator[Any]:
             if all(ended):  # else its threads go on, and tell of connections that are gone
                 for handler, level in levels.items():
                     handler.setLevel(level)
+
+
+def _require_working_directory() -> None:
+    """Raise MachineError where the working directory is gone: no process starts there."""
+    try:
+        Path.cwd()
+    except OSError as error:
+        raise MachineError(
+            "the working directory is not there any more",
+            seen=error.strerror or str(error),
+            needed="one in which worker processes can start",
+            remedy="change to another one with `cd`",
+        ) from error
 
 
 def _silenced() -> dict[logging.Handler, int]:
