@@ -125,6 +125,35 @@ def test_the_file_says_the_encoding(tmp_path, make, encoding, config):
         assert load_capture(path).encoding == "linear"
 
 
+@pytest.mark.parametrize(
+    ("icc", "given", "half"),
+    [
+        (SRGB, "linear", "0.21"),
+        (ADOBE, "linear", "0.22"),
+        (LINEAR, "srgb", "0.50"),
+        (GAMMA_18, "srgb", "0.29"),
+        (SRGB, "srgb", None),
+        (ADOBE, "srgb", None),
+        (LINEAR, "linear", None),
+        (None, "linear", None),
+        (None, "srgb", None),
+    ],
+)
+def test_a_profile_that_contradicts_the_key_is_told(tmp_path, icc, given, half):
+    path = folder(tmp_path / "c", [tiff(pixels, icc) for pixels in SMALL.photographs])
+    text = (path / "capture.toml").read_text()
+    (path / "capture.toml").write_text(f'encoding = "{given}"\n' + text)
+    capture = load_capture(path)
+    assert capture.encoding == given
+    told = [f for f in capture.findings if f.code == "encoding-contradicted"]
+    assert len(told) == (half is not None)
+    for finding in told:
+        assert finding.severity == "warning"
+        assert f"said to be {given}" in finding.message
+        assert "000.tiff comes with a profile" in finding.message
+        assert f"half of white is {half} of its light" in finding.message
+
+
 @pytest.mark.parametrize("config", [True, False], ids=["capture.toml", "loose"])
 def test_other_curves_and_different_ones_are_refused(tmp_path, config):
     first, *others = SMALL.photographs

@@ -60,7 +60,7 @@ from rakelight.capture.listing import (
     read_photographs,
     refuse_misnamed,
 )
-from rakelight.capture.tone_curve import stated_encoding
+from rakelight.capture.tone_curve import contradicted, stated_encoding
 from rakelight.capture.truth import write_truth
 from rakelight.errors import CaptureError, OutputExistsError, printable
 from rakelight.files import as_path, clear_errors, in_threads, read_bytes, write_bytes
@@ -109,11 +109,7 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
     validate.check_not_twice(images, names, rgb.source)
     scale = table.depth_scale
     depth_m, holes = read_depth(depth, scale, depth_camera, root.shown(CONFIG))
-    encoding, assumed = chosen_encoding(
-        table.encoding or stated_encoding(rgb.by_name, rgb.source),
-        f"{8 * images.dtype.itemsize}-bit",
-        f'write encoding = "linear" or "srgb" into {CONFIG}',
-    )
+    encoding, assumed = _encoding(table, rgb, f"{8 * images.dtype.itemsize}-bit")
     images, encoding, light, ambient = _without_ambient(root, images, encoding)
     capture = Capture(
         photographs=images,
@@ -297,6 +293,17 @@ def _list_all(
     check_photograph_kind(rgb)
     check_depth_kind(depth, table, root)
     return rgb, depth, lights, findings
+
+
+def _encoding(table: CaptureTable, rgb: Images, kind: str) -> tuple[Encoding, tuple[Finding, ...]]:
+    """The photographs' encoding: as capture.toml says, or their files; and what is to say of it."""
+    given = table.encoding
+    encoding, findings = chosen_encoding(
+        given or stated_encoding(rgb.by_name, rgb.source),
+        kind,
+        f'write encoding = "linear" or "srgb" into {CONFIG}',
+    )
+    return encoding, findings + (contradicted(rgb.by_name, given) if given else ())
 
 
 def _depth_noise(root: Root, table: CaptureTable) -> SensorNoise | None:

@@ -16,8 +16,8 @@ from dataclasses import replace
 import numpy as np
 
 from rakelight.capture.headers import PNG_MAGIC, Header, TiffTags, png_chunks, read_header
-from rakelight.errors import CaptureError
-from rakelight.model import Encoding
+from rakelight.errors import CaptureError, printable
+from rakelight.model import Encoding, Finding
 
 # Light, white being 1, of a value half as large as white: linear, sRGB.  Adobe RGB's is within a
 # hundredth of sRGB's (0.218), ProPhoto RGB's (0.287) and BT.709's (0.260) are not.
@@ -76,6 +76,27 @@ def stated_encoding(headers: Mapping[str, Header], source: str) -> Encoding | No
         needed="all linear, or all sRGB",
         remedy="export all of them with an sRGB or a linear profile, or none",
     )
+
+
+def contradicted(headers: Mapping[str, Header], given: Encoding) -> tuple[Finding, ...]:
+    """A warning where images (name -> header) state another encoding than the one that is given.
+
+    >>> adobe = Header("TIFF", 4, 3, 3, "uint16", half_light=0.218)
+    >>> [finding.code for finding in contradicted({"rgb/0.tiff": adobe}, "linear")]
+    ['encoding-contradicted']
+    """
+    halves = ((name, header.half_light) for name, header in headers.items())
+    stated = [(name, half) for name, half in halves if half is not None]
+    others = [(name, half) for name, half in stated if _encoding(half) != given]
+    if not others:
+        return ()
+    name, half = others[0]
+    message = (
+        f"the photographs are said to be {given}, of which half of white is {_HALF[given]:.2f} of "
+        f"its light; {printable(name)} comes {_described(half)}"
+    )
+    remedy = "leave `encoding` out of capture.toml where the profile is right"
+    return (Finding("warning", "encoding-contradicted", message, remedy),)
 
 
 def _encoding(half: float | None) -> Encoding | None:
