@@ -1,4 +1,4 @@
-"""What EXIF says of the focal length: of JPEG, PNG, TIFF and the raw files that are TIFFs."""
+"""What EXIF says of lens and exposure: of JPEG, PNG, TIFF and the raw files that are TIFFs."""
 
 from __future__ import annotations
 
@@ -26,8 +26,10 @@ _SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 7: 1, 9: 4, 10: 8}  # bytes of each type
 _MAKE, _ORIENTATION, _EXIF = 271, 274, 34665
 _FOCAL_MM, _FOCAL_35MM, _PLANE_X, _PLANE_UNIT = 37386, 41989, 41486, 41488
 _WIDTH, _HEIGHT = 40962, 40963  # of the image that the resolution is of
+_TIME_S, _F_NUMBER, _ISO = 33434, 33437, 34855
 _READ = {
     _ORIENTATION, _EXIF, _FOCAL_MM, _FOCAL_35MM, _PLANE_X, _PLANE_UNIT, _WIDTH, _HEIGHT,
+    _TIME_S, _F_NUMBER, _ISO,
 }  # fmt: skip
 
 
@@ -38,6 +40,7 @@ class Exif:
     orientation : 1 = as stored
     focal_mm, focal_35mm : of the lens, and of the lens for 35 mm film with this field of view
     pixels_per_mm : on the sensor, of an image with the sides `longer`, `shorter` (0: of this one)
+    exposure : how bright it shows light, relative to others: seconds * ISO / f-number^2
     """
 
     orientation: int = 1
@@ -46,6 +49,7 @@ class Exif:
     pixels_per_mm: float = 0.0
     longer: int = 0
     shorter: int = 0
+    exposure: float = 0.0
 
 
 def exif_of(data: bytes) -> Exif:
@@ -69,7 +73,7 @@ def parse_exif(block: bytes) -> Exif:
     """Of an EXIF block, which is a small TIFF; empty where it cannot be read.
 
     >>> parse_exif(b"no such thing")
-    Exif(orientation=1, focal_mm=0.0, focal_35mm=0.0, pixels_per_mm=0.0, longer=0, shorter=0)
+    Exif(orientation=1, focal_mm=0.0, ..., longer=0, shorter=0, exposure=0.0)
     """
     if block.startswith(b"Exif\0\0"):  # as HEIC keeps it
         block = block[6:]
@@ -91,6 +95,7 @@ def parse_exif(block: bytes) -> Exif:
         pixels_per_mm=tags.get(_PLANE_X, 0.0) / unit_mm,
         longer=int(max(tags.get(_WIDTH, 0), tags.get(_HEIGHT, 0))),
         shorter=int(min(tags.get(_WIDTH, 0), tags.get(_HEIGHT, 0))),
+        exposure=tags.get(_TIME_S, 0.0) * tags.get(_ISO, 1) / (tags.get(_F_NUMBER) or 1.0) ** 2,
     )
 
 

@@ -28,6 +28,9 @@ _ENCODINGS: dict[str, Encoding] = {"heic": "srgb", "raw": "linear", "exr": "line
 # finer than that.
 HALF_FROM = 4
 
+# Longest exposure over shortest, by EXIF, that is the same: it says 1/30 s of 1/33.
+_SAME_EXPOSURE = 1.15
+
 # Of light beyond 1 (EXR), what is brighter than this share of all values is a highlight.
 _HIGHLIGHTS = 0.001
 _BELOW_SATURATED = 0.97  # where the rest ends
@@ -96,7 +99,7 @@ def read_loose_photographs(
     count = len(files.photographs)
     stack = allocate((len(everything), *shape), dtype, folder)
     stack[0] = first.pixels
-    turned = [first.turned]
+    turned, exposures = [first.turned], [first.exif.exposure]
     for i, one in enumerate(ones, start=1):
         progress(Progress("read", i, len(everything)))
         if one.pixels.shape != shape or str(one.pixels.dtype) != dtype:
@@ -109,7 +112,8 @@ def read_loose_photographs(
             )
         stack[i] = one.pixels
         turned.append(one.turned)
-    findings = _findings(files.photographs, turned[:count], first)
+        exposures.append(one.exif.exposure)
+    findings = _findings(files.photographs, turned[:count], first) + _changed(exposures[:count])
     if dtype == "float32":
         stack, scaled = _sixteen_bit(stack, count)
         findings += scaled
@@ -200,6 +204,20 @@ def _sixteen_bit(light: Floats, count: int) -> tuple[Array, tuple[Finding, ...]]
         values = np.nan_to_num(WHITE_16_BIT * scale * image.astype(np.float64), nan=0.0)
         into[:] = np.clip(np.rint(values), 0, WHITE_16_BIT)
     return stored, findings
+
+
+def _changed(exposures: Sequence[float]) -> tuple[Finding, ...]:
+    """A warning where the photographs' exposures by EXIF differ; none where one says nothing."""
+    if not min(exposures) > 0 or max(exposures) < _SAME_EXPOSURE * min(exposures):
+        return ()
+    ratio = max(exposures) / min(exposures)
+    message = (
+        f"the camera changed its exposure between the photographs, by {ratio:.1f} times (EXIF)"
+    )
+    remedy = (
+        "lock exposure and ISO: how bright lamps are beside each other tells the relief's height"
+    )
+    return (Finding("warning", "exposure-changed", message, remedy),)
 
 
 def _findings(

@@ -83,7 +83,8 @@ FINDINGS = (
     Row(("few-photographs",)),
     # What the reader assumed, changed or left out.
     Row((
-        "encoding-contradicted", "encoding-assumed", "linear-8-bit", "narrow-range",
+        "encoding-contradicted", "exposure-changed",
+        "encoding-assumed", "linear-8-bit", "narrow-range",
         "intrinsics-from-exif", "default-intrinsics", "depth-unit-assumed", "depth-pose-assumed",
         "lights-by-order", "same-view", "depth-camera", "lens-from-file",
         "confidence-applied",

@@ -518,6 +518,31 @@ def test_intrinsics_by_exif_say_how_rough_they_are(tmp_path):
     assert "jpeg" in codes(capture)
 
 
+def test_an_exposure_that_changes_is_said(tmp_path):
+    made = fill(tmp_path)
+
+    def said(*settings):
+        for i, (pixels, (parts, f_number, iso)) in enumerate(
+            zip(made.photographs, settings, strict=True)
+        ):
+            (tmp_path / f"img{9 + i}.png").unlink(missing_ok=True)
+            tags = {"t33437": IFDRational(f_number), "t34855": iso}
+            if parts:  # of a second
+                tags["t33434"] = IFDRational(1, parts)
+            data = jpeg(pixels, **tags)
+            (tmp_path / f"img{9 + i}.jpg").write_bytes(data)
+        findings = load_capture(tmp_path).findings
+        return [f.message for f in findings if f.code == "exposure-changed"]
+
+    same = [(33, 2, 100)] * (len(made.photographs) - 1)
+    assert said((30, 2, 100), *same) == []
+    (message,) = said((33, 2, 200), *same)
+    assert "by 2.0 times" in message
+    (message,) = said((33, 4, 100), *same)
+    assert "by 4.0 times" in message
+    assert said((None, 2, 400), *same) == []
+
+
 def test_exif_of_a_photograph_that_was_turned_by_software():
     """The resolution of the sensor is that of the longer side, width or height."""
     # 8 mm, 3000 pixels on 6.4 mm
