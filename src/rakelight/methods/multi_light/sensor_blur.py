@@ -36,8 +36,6 @@ BLURS_PX, ACCURACY = (0.5, 1.0, 2.0, 4.0), 0.05
 LEAST_GAIN = 10.0
 # Steps that find the bas-relief transform beside a blur, and the least 1/z on the way, 1/metre.
 NEWTON_STEPS, TINY = 3, 1e-9
-# How often the coarsest level finds blur and surface, each from the other.
-COARSE_ROUNDS = 2
 
 
 def find_blur(level: Level, fit: Fit, weight: float) -> tuple[float, Floats]:
@@ -135,18 +133,15 @@ def select_sharpened(
     for level in levels[:-1]:
         own = level.means(own)
     measured = replace(search.level, unbiased_prior=own)
-    blur_px = 0.0
-    for _ in range(COARSE_ROUNDS):
-        blur_px, surface = find_blur(measured, descent.fit, descent.weight)
-        if not blur_px:
-            break
-        log_depth, lights = descent.fit.log_depth, descent.fit.lights
-        level, lights = remove_outliers(search.level, log_depth, lights)
-        level = sharpened(level, surface, blur_px).weighted(descent.weight)
-        fit = project_bas_relief(level, evaluated(level, descent.fit, log_depth, lights, True))
-        found = descend(level, fit, search.options, search.progress, "sharpen the depth")
-        descent = replace(found, weight=descent.weight)
-    return blur_px, descent
+    blur_px, surface = find_blur(measured, descent.fit, descent.weight)
+    if not blur_px:
+        return blur_px, descent
+    log_depth, lights = descent.fit.log_depth, descent.fit.lights
+    level, lights = remove_outliers(search.level, log_depth, lights)
+    level = sharpened(level, surface, blur_px).weighted(descent.weight)
+    fit = project_bas_relief(level, evaluated(level, descent.fit, log_depth, lights, True))
+    found = descend(level, fit, search.options, search.progress, "sharpen the depth")
+    return blur_px, replace(found, weight=descent.weight)
 
 
 def sharpened_measurements(
