@@ -209,6 +209,13 @@ class Level:
         """(hs, ws) the M pixels of the sensor that hold a part of the object."""
         return self.mask if self.averaging is None else self.averaging.covered
 
+    @cached_property
+    def measured(self) -> Mask:
+        """(hs, ws) what the sensor measured; depth that was filled in weighs less."""
+        weight, measured = self.sensor_weight, np.zeros(self.seen.shape, dtype=bool)
+        measured[self.seen] = weight > np.sqrt(FILLED) * np.median(weight)
+        return measured
+
     def sensed(self, image: Floats) -> Floats:
         """(M,) K image, of an image (h, w): its means over the sensor's pixels, those `seen`."""
         return (image if self.averaging is None else self.averaging.down(image))[self.seen]

@@ -42,6 +42,8 @@ def mixed_with_holes(depth_m: Floats, on_object: Mask) -> Mask:
     if not seen.any():
         return seen
     near = measured & (depth_m < NEARER * float(np.median(depth_m[seen])))
+    if not near.any():
+        return np.asarray(near)
     parts, count = label(near, structure=np.ones((3, 3)))
     depth_in_it = distance_transform_edt(near | ~measured)
     thickness = np.append(np.inf, maximum(depth_in_it, parts, np.arange(1, count + 1)))

@@ -19,7 +19,6 @@ from rakelight.methods.multi_light.light_model import FREE
 from rakelight.methods.multi_light.sensor_blur import (
     find_blur,
     lost_detail,
-    measured_pixels,
     sharpened,
     sharpened_measurements,
 )
@@ -86,7 +85,7 @@ def test_a_sharp_sensor_has_none(factor):
 def test_what_the_blur_took_is_given_back(factor):
     _, level, fit = known(BLUR_PX, factor)
     back = sharpened(level, fit.log_depth, BLUR_PX)
-    measured = measured_pixels(level)[level.seen]
+    measured = level.measured[level.seen]
     off = [
         np.abs(each.sensed(each.unbiased_prior - fit.log_depth))[measured].mean()
         for each in (level, back)

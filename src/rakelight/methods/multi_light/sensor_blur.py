@@ -19,13 +19,13 @@ import numpy as np
 
 from rakelight.geometry.blur import blurred
 from rakelight.methods.base import scatter
-from rakelight.methods.levels import FILLED, Level, held_to_measurements
+from rakelight.methods.levels import Level, held_to_measurements
 from rakelight.methods.multi_light.bas_relief import transformed
 from rakelight.methods.multi_light.energy import Fit, evaluated
 from rakelight.methods.multi_light.model_selection import Search, cost_of_errors
 from rakelight.methods.multi_light.outliers import remove_outliers
 from rakelight.methods.multi_light.steps import Descent, descend, project_bas_relief
-from rakelight.model import Floats, Mask
+from rakelight.model import Floats
 from rakelight.prepare import Prepared
 
 # Standard deviations of the Gaussians that are tried first, the sensor's pixels, each twice as wide
@@ -95,15 +95,9 @@ def blurred_sensor(level: Level, values: Floats, blur_px: float) -> Floats:
         return values
     # Where this level's pixels are wider than the sensor's, they stand for them.
     side_px = blur_px * (level.sensor_pixel if level.averaging is None else 1.0)
-    image, measured = scatter(values, level.seen), measured_pixels(level)
-    image[measured] = blurred(image, side_px, measured)[measured]
+    image = scatter(values, level.seen)
+    image[level.measured] = blurred(image, side_px, level.measured)[level.measured]
     return image[level.seen]
-
-
-def measured_pixels(level: Level) -> Mask:
-    """(hs, ws) what the sensor measured, which it smooths; depth that was filled in weighs less."""
-    weight = level.sensor_weight
-    return scatter(weight > np.sqrt(FILLED) * np.median(weight), level.seen) > 0
 
 
 def lost_detail(level: Level, log_depth: Floats, blur_px: float) -> Floats:
