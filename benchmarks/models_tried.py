@@ -2,11 +2,12 @@
 
     python benchmarks/models_tried.py --seeds 0:30 --jobs 2
     python benchmarks/models_tried.py --seeds 0:30 --set photographs=60 --jobs 2
+    python benchmarks/models_tried.py --seeds 0:16 --beams --jobs 2
 
 Captures of `random_captures.py` with objects of about 40,000 pixels and 16 photographs, unless set
-otherwise.  Printed is the processor's time of a refinement over that of the model that wins: of
-what is left without the starts, kinds of lights and depth weights that did not lead there.
-Refinements that are refused do not count.
+otherwise; with `--beams` under a torch, as in `beams.py`.  Printed is the processor's time of a
+refinement over that of the model that wins: of what is left without the starts, kinds of lights and
+depth weights that did not lead there.  Refinements that are refused do not count.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from unittest import mock
 
 import numpy as np
 
+from beams import aimed
 from rakelight import RakelightError
 from rakelight.methods import multi_light
 from rakelight.methods.multi_light import MultiLight, model_selection
@@ -43,10 +45,12 @@ class Stopwatch:
         self.starts: list[tuple[Fit, float]] = []
         self.near_s = 0.0
 
-    def timed(self, descend: Callable[..., Descent], level: Any, fit: Fit, *rest: Any) -> Descent:
-        """A descent at the coarsest level."""
+    def timed(
+        self, descend: Callable[..., Descent], level: Any, fit: Fit, *rest: Any, **named: Any
+    ) -> Descent:
+        """A descent at the coarsest level, or of near lights tried at the finest."""
         began = process_time()
-        descent = descend(level, fit, *rest)
+        descent = descend(level, fit, *rest, **named)
         self.descents.append((fit, descent, process_time() - began))
         return descent
 
@@ -90,6 +94,8 @@ class Stopwatch:
 def ratio(seed: int, arguments: argparse.Namespace) -> tuple[float, float] | None:
     """Seconds of a refinement and those of the model that wins."""
     settings = {"photographs": PHOTOGRAPHS, "object_px": PIXELS, "pixel_mm": PIXEL_MM}
+    if arguments.beams:
+        settings |= {"bits": 16, "encoding": "linear", "gamma": 1.0}
     settings |= dict(arguments.set)
     drawn = draw(seed, 1.0, arguments.scans, arguments.pictures, **settings)
     watch, chosen = Stopwatch(), []
@@ -100,7 +106,8 @@ def ratio(seed: int, arguments: argparse.Namespace) -> tuple[float, float] | Non
         return chosen[-1]
 
     try:
-        prepared = prepare(render_draw(drawn)[0])
+        capture, truth = render_draw(drawn)
+        prepared = prepare(aimed(capture, truth, seed, wide=not arguments.beams))
         began = process_time()
         with watch.watching(), mock.patch.object(multi_light, "select_without_outliers", selected):
             multi_light.multi_light(prepared, MultiLight(), silent)
@@ -118,6 +125,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=seeds, default=range(30), help="FIRST:END")
     parser.add_argument("--jobs", type=int, default=1, help="processes of one thread each")
     parser.add_argument("--set", type=setting, action="append", default=[], metavar="FIELD=VALUE")
+    parser.add_argument("--beams", action="store_true", help="under a torch")
     add_sources(parser)
     arguments = parser.parse_args()
     with processes(arguments.jobs) as pool:

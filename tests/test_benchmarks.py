@@ -6,6 +6,7 @@ import sys
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -33,3 +34,12 @@ def test_what_each_imports_of_rakelight_exists(path):
             for alias in node.names:
                 found = hasattr(module, alias.name) or find_spec(f"{node.module}.{alias.name}")
                 assert found, f"{node.module} has no {alias.name}"
+
+
+def test_a_refinement_takes_longer_than_the_model_that_wins(monkeypatch):
+    # It watches functions of the method by name.
+    monkeypatch.syspath_prepend(str(FILES[0].parent))
+    arguments = {"set": [("object_px", 3000.0), ("photographs", 4)], "beams": True}
+    ratio = import_module("models_tried").ratio
+    seconds, winner = ratio(6, SimpleNamespace(scans=(), pictures=(), **arguments))
+    assert 0 < winner < seconds
