@@ -26,7 +26,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from rakelight.check.findings import checks
+from rakelight.check.findings import FINDINGS
 from rakelight.check.measured import Measured
 from rakelight.check.odd_photograph import odd_photographs
 from rakelight.errors import RakelightError
@@ -40,7 +40,8 @@ from rakelight.solve.robust import NOTABLE
 from rakelight.synthetic import Draw, draw, render_draw
 
 Change = Callable[[Capture], Capture]
-CHECKS = {code: check for check, code in checks(in_refine=True).items()}
+CHECKS = {row.codes[0]: row.check for row in FINDINGS if row.check and row.in_refine}
+"""Those that refine runs, beside whichever stage."""
 MOVED_PX = (3.0, -2.0)
 SHIFTED, LEAST_SHIFTED_PX = 0.1, 3
 """Of the object's width, and in depth pixels at the least."""

@@ -10,6 +10,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from rakelight.synthetic import random_capture
+
 FILES = sorted((Path(__file__).parents[1] / "benchmarks").glob("*.py"))
 WITH_OPTIONS = [path for path in FILES if "ArgumentParser" in path.read_text()]
 
@@ -43,3 +45,12 @@ def test_a_refinement_takes_longer_than_the_model_that_wins(monkeypatch):
     ratio = import_module("models_tried").ratio
     seconds, winner = ratio(6, SimpleNamespace(scans=(), pictures=(), **arguments))
     assert 0 < winner < seconds
+
+
+def test_the_checks_warn_of_captures_made_wrong(monkeypatch):
+    # It asks each check by the code of its finding, and runs those that refine runs.
+    monkeypatch.syspath_prepend(str(FILES[0].parents[1]))
+    capture, _ = random_capture(4000, size=0.3)
+    said = import_module("benchmarks.checks").sayings(capture, wall=False)
+    assert said["nothing", "depth-shifted"] == "silent"
+    assert said["depth shifted", "depth-shifted"] != "silent"
