@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +26,6 @@ COLORS = 128  # in the file's palette
 def column(name: str) -> Array:
     """One shape: its photographs (a lamp at 35 degrees) above its bare surface."""
     shape = make_shape(name)
-    shape = replace(shape, render=lru_cache(maxsize=4)(shape.render))
     options = replace(OPTIONS, camera=shape.camera.scaled(SCALE))
     tiles = []
     for albedo in ALBEDOS:

@@ -54,3 +54,10 @@ def test_the_checks_warn_of_captures_made_wrong(monkeypatch):
     said = import_module("benchmarks.checks").sayings(capture, wall=False)
     assert said["nothing", "depth-shifted"] == "silent"
     assert said["depth shifted", "depth-shifted"] != "silent"
+
+
+def test_the_picture_of_the_shapes_shows_each_in_every_paint(monkeypatch):
+    monkeypatch.syspath_prepend(str(FILES[0].parent))
+    picture = import_module("shapes_picture")
+    monkeypatch.setattr(picture, "SCALE", 0.1)
+    assert picture.column("sphere").shape == (36 * (len(picture.ALBEDOS) + 1), 48, 3)
