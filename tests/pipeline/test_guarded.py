@@ -12,10 +12,10 @@ import pytest
 from rakelight import CaptureError, MultiLight, load_capture, refine
 from rakelight.geometry.normals import surface_normals
 from rakelight.methods import load_method
-from rakelight.methods.base import require_photographs
+from rakelight.methods.base import Estimate, require_photographs
 from rakelight.metrics import evaluate_maps
 from rakelight.model import GivenLights, silent
-from rakelight.pipeline.guarded import estimated, guarded
+from rakelight.pipeline.guarded import estimated, expects_better_normals, guarded
 from rakelight.pipeline.held_back import NO_BETTER, Prediction, kept
 from rakelight.prepare import prepare
 from rakelight.prepare.reduced import reduced
@@ -73,6 +73,41 @@ def test_lights_in_nearly_one_place_keep_the_prepared_depth():
     # Lights that are known are no question.
     known = replace(capture, lights=GivenLights(truth.lights.direction[:, 0], fixed=True))
     assert (refine(known, BRIEFLY).depth != result.depth)[result.mask].any()
+
+
+def test_lights_in_nearly_one_place_refine_where_smaller_errors_are_expected():
+    cloth = make_shape("cloth")
+    options = SceneOptions(
+        camera=cloth.camera.scaled(0.2), tilt_deg=(2.0, 5.0), depth_noise=wrong.NOISE
+    )
+    capture, truth = render_scene(cloth, make_albedo("pattern"), options)
+    result = refine(capture, BRIEFLY)
+    assert "one-lamp-position" in warnings(result)
+    assert "photographs-say-nothing" not in warnings(result)
+    assert errors(result, truth)[0] < 0.5 * prepared_errors(result, truth)[0]
+
+
+@pytest.mark.parametrize(
+    ("sigma_deg", "better"), [(4.0, True), (4.1, False), (np.nan, False), (None, False)]
+)
+def test_expected_normals_are_better_up_to_half_of_the_squared_change(sigma_deg, better):
+    capture, _ = wrong.sound("vase")
+    prepared = prepare(capture)
+    before = surface_normals(prepared.depth_m, prepared.mask, prepared.camera)
+    turned = np.radians(4.05 * np.sqrt(2))  # about an axis at a right angle to each normal
+    across = np.cross(before, [1.0, 0.0, 0.0])
+    across /= np.linalg.norm(across, axis=-1, keepdims=True)
+    sigma = None if sigma_deg is None else np.full(prepared.mask.shape, sigma_deg)
+    estimate = Estimate(
+        log_depth=np.log(prepared.depth_m),
+        albedo=np.ones((*prepared.mask.shape, 3)),
+        normals=np.cos(turned) * before + np.sin(turned) * across,
+        normal_sigma=sigma,
+        confidence=np.ones(prepared.mask.shape),
+        lights=wrong.sound("vase")[1].lights,
+        converged=True,
+    )
+    assert expects_better_normals(prepared, estimate) == better
 
 
 @pytest.mark.parametrize("shape", wrong.SOLIDS)

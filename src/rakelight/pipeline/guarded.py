@@ -60,7 +60,8 @@ def guarded(
     badly too, and needed.  Photographs of something else are left out in any case.  As one can hide
     another, it looks until nothing more is left out, and refines again each time.  Where the
     refined surface predicts photographs that are held back no better than the prepared depth does,
-    or the lights are found in nearly one place, the estimate is the prepared depth.
+    or the lights are found in nearly one place and no smaller errors of the normals are expected,
+    the estimate is the prepared depth.
 
     wrong : what is said of given lights that are wrong; no photograph is blamed for them
     """
@@ -104,9 +105,26 @@ def reason_to_keep(
     if prediction is not None and prediction.gain > 1 - NOTABLE:
         return NO_BETTER
     given = prepared.lights is not None and prepared.lights.fixed
-    if not given and any(each.code == ONE_LAMP_POSITION for each in estimate.findings):
+    one_place = any(each.code == ONE_LAMP_POSITION for each in estimate.findings)
+    if one_place and not given and not expects_better_normals(prepared, estimate):
         return ONE_PLACE
     return None
+
+
+def expects_better_normals(prepared: Prepared, estimate: Estimate) -> bool:
+    """Whether the method expects smaller errors of its normals than of the prepared depth's.
+
+    The two differ by both errors together: less than half of that difference's mean square is then
+    the method's.  False where it expects none.
+    """
+    if estimate.normal_sigma is None:
+        return False
+    _, after = surface(prepared, estimate)
+    before = surface_normals(prepared.depth_m, prepared.mask, prepared.camera)
+    change_deg = np.degrees(np.arccos(np.clip((before * after).sum(axis=-1), -1, 1)))
+    both = prepared.mask & np.isfinite(change_deg) & np.isfinite(estimate.normal_sigma)
+    squares = [np.square(each[both]).sum() for each in (estimate.normal_sigma, change_deg)]
+    return bool(2 * squares[0] < squares[1])
 
 
 def _predicted(
