@@ -83,6 +83,44 @@ def test_the_steps_of_a_rounding_sensor_are_no_jumps():
     assert right[:, 30].all()
 
 
+@pytest.mark.parametrize("gap", [1, 2])
+def test_a_step_is_cut_once_where_the_pixels_between_are_left_out(gap):
+    # In the lower half no pixel is left out, and those in question belong to the left.
+    edge = np.where(ROW < 20, 30, 30 + gap)
+    depth_m = noisy(1 + PIXEL_M * (0.3 * COLUMN + 6 * (edge < COLUMN)))
+    depth_m[:20, 31 : 31 + gap] = np.nan
+    right, down = cut(depth_m)
+    np.testing.assert_array_equal(np.count_nonzero(right, axis=1), np.ones(50))
+    assert right[20:, 30 + gap].all()
+    assert_closed(right, down)
+
+
+def assert_closed(right, down):
+    """The cuts part the window's left from its right."""
+    left = np.zeros(ROW.shape, bool)
+    left[:, 0] = True
+    for _ in range(ROW.size):
+        before = left.sum()
+        left[:, 1:] |= left[:, :-1] & ~right
+        left[:, :-1] |= left[:, 1:] & ~right
+        left[1:] |= left[:-1] & ~down
+        left[:-1] |= left[1:] & ~down
+        if left.sum() == before:
+            break
+    assert not left[:, -1].any()
+
+
+def test_a_step_that_grows_lower_is_followed_to_half_the_height():
+    height_px = np.interp(ROW, [10, 40], [8.0, 0.0])
+    right, down = cut(noisy(1 + PIXEL_M * (0.5 * COLUMN + height_px * (COLUMN > 30))))
+    np.testing.assert_array_equal(np.flatnonzero(right[:, 30]), np.flatnonzero(height_px[:, 0] > 2))
+    assert not down.any()
+    # Where it is nowhere higher than that nothing is cut.
+    right, down = cut(noisy(1 + PIXEL_M * (0.5 * COLUMN + 0.45 * height_px * (COLUMN > 30))))
+    assert not right.any()
+    assert not down.any()
+
+
 def test_missing_measurements_cut_nothing_and_a_step_beside_them_is_found():
     depth_m = noisy(1 + PIXEL_M * (0.5 * COLUMN + 6 * (COLUMN > 30)))
     depth_m[10:20, 25:40] = np.nan
