@@ -481,6 +481,8 @@ class Capture:
     register : whether a small correction of depth_to_color is to be found from the photographs
     lights : where the lights stand, None when that is to be found from the photographs
     names : the photographs' file names
+    exposures : of the photographs, beside each other: seconds * ISO / f-number^2; empty where they
+        are alike, or not known
     findings : what the reader noticed
     source : where it came from, for messages
     """
@@ -499,6 +501,7 @@ class Capture:
     findings: tuple[Finding, ...] = ()
     source: str = ""
     lights: GivenLights | None = None
+    exposures: tuple[float, ...] = ()
 
     @classmethod
     def from_arrays(
@@ -518,6 +521,7 @@ class Capture:
         ambient: Array | None = None,
         flat: Array | None = None,
         lights: GivenLights | None = None,
+        exposures: Sequence[float] = (),
     ) -> Capture:
         """A capture of numpy arrays, by the rules of the capture folder.
 
@@ -548,6 +552,8 @@ class Capture:
             photographs are linear, 16 bit
         lights : of the photographs, where they are known: the start of `multi-light` or, fixed, as
             given
+        exposures : of the photographs, beside each other, where the camera changed them: seconds *
+            ISO / f-number^2 of each.  What shows the same light twice as bright has 2 beside 1
 
         Returns
         -------
@@ -585,6 +591,7 @@ class Capture:
             ambient=ambient,
             flat=flat,
             lights=lights,
+            exposures=exposures,
         )
 
     @property
@@ -617,6 +624,7 @@ class Capture:
             photographs=self.photographs[chosen],
             names=tuple(self.names[i] for i in chosen) if self.names else (),
             lights=None if self.lights is None else self.lights.select(chosen),
+            exposures=tuple(self.exposures[i] for i in chosen) if self.exposures else (),
         )
 
 

@@ -526,6 +526,20 @@ def test_wrong_depth_noise(tmp_path, values, words):
     refusal(tmp_path / "c", "capture.toml", *words)
 
 
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        ("[1, 2]", ("key 'exposures': no exposure for each photograph", "seen 2, needed 4")),
+        ("[1, 2, 0, 1]", ("key 'exposures': no exposures", "needed numbers above 0")),
+        ("[1, 2, inf, 1]", ("key 'exposures': no exposures", "seconds * ISO")),
+        ('["1/30"]', ("exposures", "seen text in quotes, needed a number")),
+    ],
+)
+def test_wrong_exposures(folder, value, words):
+    edit_config(folder, "encoding", f"exposures = {value}\nencoding")
+    refusal(folder, "capture.toml", *words)
+
+
 def test_keys_of_depth_noise(folder):
     config = folder / "capture.toml"
     text = config.read_text()

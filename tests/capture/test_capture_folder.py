@@ -84,6 +84,15 @@ def test_depth_camera_comes_back(tmp_path):
     assert same_bits(load_capture(tmp_path / "c").depth_to_color.rotation, transform.rotation)
 
 
+def test_exposures_come_back_also_of_some_photographs(tmp_path):
+    capture = small_capture(exposures=(1.0, 2.0, 0.25, 0.123457))
+    write_capture(capture, tmp_path / "c")
+    assert load_capture(tmp_path / "c").exposures == capture.exposures
+    assert load_capture(tmp_path / "c", photographs=[3, 0]).exposures == (0.123457, 1.0)
+    assert capture.select([2, 1]).exposures == (0.25, 2.0)
+    assert load_capture(build(tmp_path / "d")).exposures == ()
+
+
 def test_depth_camera_alone_looks_from_the_same_place(tmp_path):
     capture = small_capture(depth_camera=Camera(16, 12, 20.0, 20.0, 7.5, 5.5))
     write_capture(capture, tmp_path / "c")

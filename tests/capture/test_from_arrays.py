@@ -225,6 +225,13 @@ def test_a_depth_camera_of_its_own():
     assert (capture.depth_noise, capture.register) == (noise, True)
 
 
+@pytest.mark.parametrize("kind", [tuple, list, np.array])
+def test_exposures_are_kept(kind):
+    exposures = (1.0, 2.0, 0.5, 1.0)
+    assert made(exposures=kind(exposures)).exposures == exposures
+    assert made().exposures == ()
+
+
 # ---- what does not ----
 
 
@@ -355,10 +362,13 @@ BAD = {
     "noise": ({"depth_noise": 0.002}, "no SensorNoise"),
     "noise in millimetres": ({"depth_noise": SensorNoise(1.4)}, "not millimetres"),
     "register": ({"register": 1}, "no bool"),
+    "exposures of others": ({"exposures": (1.0, 2.0)}, "seen 2, needed 4"),
+    "exposure of none": ({"exposures": (1.0, 0.0, 1.0, 1.0)}, "needed numbers above 0"),
+    "exposures in a table": ({"exposures": np.ones((4, 1))}, "needed numbers above 0"),
 }
 ARGUMENTS = {
     *("photographs", "depth", "camera", "mask", "encoding", "lighting", "names"),
-    *("depth_camera", "depth_to_color", "depth_noise", "register"),
+    *("depth_camera", "depth_to_color", "depth_noise", "register", "exposures"),
 }
 
 

@@ -342,5 +342,6 @@ def _check_words(capture: Capture, photographs: int) -> None:
                 needed=f"a tuple of {kind.__name__}{many}",
                 remedy=f"give {name} as that, or leave it away",
             )
+    validate.check_exposures(capture.exposures, photographs, "exposures")
     check_is(capture.source, str, "source", "name where the capture came from, or nothing")
     check_is(capture.register, bool, "register", "True or False")

@@ -97,6 +97,7 @@ class CaptureTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     encoding: Encoding | None = None
     lighting: Lighting | None = None
     register: bool = False
+    exposures: list[float] = []
     depth_intrinsics: IntrinsicsTable | None = None
     depth_to_color: TransformTable | None = None
     depth_noise: NoiseTable | None = None
@@ -173,8 +174,9 @@ def format_config(
     depth_to_color: RigidTransform | None = None,
     depth_noise: SensorNoise | None = None,
     register: bool = False,
+    exposures: tuple[float, ...] = (),
 ) -> str:
-    """The text of a capture.toml; every number is read back as it was.
+    """The text of a capture.toml; every number is read back as it was, exposures to six digits.
 
     >>> print(format_config(Camera(4, 3, 5.0, 5.0, 1.5, 1.0), "linear", "ambient"), end="")
     encoding = "linear"
@@ -191,6 +193,8 @@ def format_config(
     lines = [] if depth_scale is None else [f"depth_scale = {float(depth_scale)!r}"]
     lines += [f'encoding = "{encoding}"', f'lighting = "{lighting}"']
     lines += ["register = true"] if register else []
+    if exposures:
+        lines += [f"exposures = [{', '.join(f'{each:.6g}' for each in exposures)}]"]
     lines += _intrinsics_lines("intrinsics", camera)
     if depth_camera is not None:
         lines += _intrinsics_lines("depth_intrinsics", depth_camera)

@@ -26,10 +26,10 @@ _SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 7: 1, 9: 4, 10: 8}  # bytes of each type
 _MAKE, _ORIENTATION, _EXIF = 271, 274, 34665
 _FOCAL_MM, _FOCAL_35MM, _PLANE_X, _PLANE_UNIT = 37386, 41989, 41486, 41488
 _WIDTH, _HEIGHT = 40962, 40963  # of the image that the resolution is of
-_TIME_S, _F_NUMBER, _ISO = 33434, 33437, 34855
+_TIME_S, _F_NUMBER, _ISO, _FLASH = 33434, 33437, 34855, 37385
 _READ = {
     _ORIENTATION, _EXIF, _FOCAL_MM, _FOCAL_35MM, _PLANE_X, _PLANE_UNIT, _WIDTH, _HEIGHT,
-    _TIME_S, _F_NUMBER, _ISO,
+    _TIME_S, _F_NUMBER, _ISO, _FLASH,
 }  # fmt: skip
 
 
@@ -40,7 +40,8 @@ class Exif:
     orientation : 1 = as stored
     focal_mm, focal_35mm : of the lens, and of the lens for 35 mm film with this field of view
     pixels_per_mm : on the sensor, of an image with the sides `longer`, `shorter` (0: of this one)
-    exposure : how bright it shows light, relative to others: seconds * ISO / f-number^2
+    exposure : how bright it shows light, beside others: seconds * ISO / f-number^2; of a flash that
+        has fired ISO / f-number^2, since that is shorter than any exposure
     """
 
     orientation: int = 1
@@ -87,6 +88,9 @@ def parse_exif(block: bytes) -> Exif:
             tags |= _tags(block, order, int(tags[_EXIF]))
     except (struct.error, OverflowError, ValueError):
         return Exif()
+    time_s = tags.get(_TIME_S, 0.0)
+    if int(tags.get(_FLASH, 0)) & 1 and time_s:
+        time_s = 1.0
     unit_mm = _UNITS_MM.get(int(tags.get(_PLANE_UNIT, 2)), 25.4)
     return Exif(
         orientation=int(tags.get(_ORIENTATION, 1)),
@@ -95,7 +99,7 @@ def parse_exif(block: bytes) -> Exif:
         pixels_per_mm=tags.get(_PLANE_X, 0.0) / unit_mm,
         longer=int(max(tags.get(_WIDTH, 0), tags.get(_HEIGHT, 0))),
         shorter=int(min(tags.get(_WIDTH, 0), tags.get(_HEIGHT, 0))),
-        exposure=tags.get(_TIME_S, 0.0) * tags.get(_ISO, 1) / (tags.get(_F_NUMBER) or 1.0) ** 2,
+        exposure=time_s * tags.get(_ISO, 1) / (tags.get(_F_NUMBER) or 1.0) ** 2,
     )
 
 

@@ -97,7 +97,7 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
     camera = table.intrinsics.camera("intrinsics", root.shown(CONFIG))
     refuse_misnamed(root, _PICTURES)
 
-    rgb, depth, lights, light_order = _list_all(root, table, photographs)
+    rgb, depth, lights, exposures, light_order = _list_all(root, table, photographs)
     validate.check_camera(camera, rgb.shape, root.shown(CONFIG), "intrinsics")
     depth_camera, depth_to_color = depth_geometry(table, depth.shape, root.shown(CONFIG))
     own_view = depth_camera is None
@@ -123,6 +123,7 @@ def read_folder(folder: Path, photographs: Sequence[int] | None = None) -> Captu
         depth_noise=depth_noise,
         register=table.register,
         names=names,
+        exposures=exposures,
         source=root.shown(),
     )
     if lights is not None:
@@ -276,23 +277,28 @@ def _config_bytes(root: Root) -> bytes:
 
 def _list_all(
     root: Root, table: CaptureTable, photographs: Sequence[int] | None
-) -> tuple[Images, Images, GivenLights | None, tuple[Finding, ...]]:
-    """The photographs, those chosen, and the depth maps: of kinds that are read; their lights.
+) -> tuple[Images, Images, GivenLights | None, tuple[float, ...], tuple[Finding, ...]]:
+    """The photographs, those chosen, and the depth maps: of kinds that are read.
+
+    And of the photographs: their lights, and their exposures.
 
     The findings are of the lights, and of files that are read under no such name.
     """
     rgb = list_images(root, "rgb", "photographs")
     lights, findings = read_lights(table.lights, root.path, root.shown, rgb.names)
+    exposures = tuple(table.exposures)
+    validate.check_exposures(exposures, len(rgb.names), root.shown(CONFIG), "exposures")
     read = (*_PICTURES, "lights.json", *lights_files(table.lights))
     findings += meant_otherwise(root, read, _READ_NAMES)
     if photographs is not None:
         count, rgb = len(rgb.names), rgb.chosen(photographs)
         if lights is not None and len(lights) == count:
             lights = lights.select(photographs)
+        exposures = tuple(exposures[i] for i in photographs) if exposures else ()
     depth = list_images(root, "depth", "depth maps")
     check_photograph_kind(rgb)
     check_depth_kind(depth, table, root)
-    return rgb, depth, lights, findings
+    return rgb, depth, lights, exposures, findings
 
 
 def _encoding(table: CaptureTable, rgb: Images, kind: str) -> tuple[Encoding, tuple[Finding, ...]]:
@@ -378,6 +384,7 @@ def write_all_but_photographs(
         capture.depth_to_color,
         capture.depth_noise,
         capture.register,
+        capture.exposures,
     )
     if capture.lights is not None:
         lines, files = lights_lines(capture.lights)

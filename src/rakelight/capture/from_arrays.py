@@ -59,6 +59,7 @@ def capture_from_arrays(
     ambient: Array | None = None,
     flat: Array | None = None,
     lights: GivenLights | None = None,
+    exposures: Sequence[float] = (),
     depth_names: Sequence[str] = (),
     picture_names: tuple[str, str] = ("ambient", "flat"),
 ) -> Capture:
@@ -93,24 +94,19 @@ def capture_from_arrays(
         register=register,
         names=tuple(names) if isinstance(names, list) else names,  # type: ignore[arg-type]
         lights=lights,
+        exposures=tuple(exposures) if isinstance(exposures, list | np.ndarray) else exposures,  # type: ignore[arg-type]
     )
     with _named_as_arguments():
         capture = checked_arrays(capture)
         factor = check_sensor(capture)
         shown = capture.names or tuple(f"photograph {i}" for i in range(len(pixels)))
         validate.check_not_twice(pixels, shown, "photographs")
-        found: tuple[Finding, ...] = ()
-        if mask is None:
-            remedy = "check depth_camera and depth_to_color"
-            marked, found = object_mask(capture, "depth", remedy)
-        else:
-            marked = _mask(mask, camera.shape)
-            found = validate.soft_mask_findings(np.asarray(mask), marked, "mask")
+        marked, found = _marked(capture, mask)
         capture = replace(capture, mask=marked)
         object_findings = check_object(capture, factor, holes, depth_names)
-        off_centre = validate.principal_point_finding(camera)
         subtracted = "" if ambient is None else picture_names[0]
         exposed = validate.check_exposure(pixels, capture.mask, shown, "photographs", subtracted)
+        off_centre = validate.principal_point_finding(camera)
     return replace(capture, findings=(*assumed, *off_centre, *found, *object_findings, *exposed))
 
 
@@ -284,6 +280,14 @@ def _refuse_negative(depth_m: Floats) -> None:
             needed="metres along the optical axis, positive",
             remedy="-depth, if z points backwards in its frame",
         )
+
+
+def _marked(capture: Capture, mask: Any) -> tuple[Mask, tuple[Finding, ...]]:
+    """The object's mask: the one given, or what is nearest; and what is to say of it."""
+    if mask is None:
+        return object_mask(capture, "depth", "check depth_camera and depth_to_color")
+    marked = _mask(mask, capture.camera.shape)
+    return marked, validate.soft_mask_findings(np.asarray(mask), marked, "mask")
 
 
 def _mask(mask: Any, shape: tuple[int, ...]) -> Mask:

@@ -44,6 +44,7 @@ class Photos:
     full : (width, height) of which the intrinsics speak: of raw files the whole mosaic
     ambient, flat : (H, W, 3), where there are such files
     exif : of the first
+    exposures : of all, beside the first's, as EXIF says; empty where they are alike, or not known
     """
 
     pixels: Array
@@ -53,6 +54,7 @@ class Photos:
     ambient: Array | None
     flat: Array | None
     findings: tuple[Finding, ...]
+    exposures: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +115,8 @@ def read_loose_photographs(
         stack[i] = one.pixels
         turned.append(one.turned)
         exposures.append(one.exif.exposure)
-    findings = _findings(files.photographs, turned[:count], first) + _changed(exposures[:count])
+    changed = _changed(exposures[:count])
+    findings = _findings(files.photographs, turned[:count], first) + _exposure_finding(changed)
     if dtype == "float32":
         stack, scaled = _sixteen_bit(stack, count)
         findings += scaled
@@ -128,6 +131,7 @@ def read_loose_photographs(
         ambient=corrections.get(files.ambient.name) if files.ambient else None,
         flat=corrections.get(files.flat.name) if files.flat else None,
         findings=findings,
+        exposures=changed,
     )
 
 
@@ -206,18 +210,27 @@ def _sixteen_bit(light: Floats, count: int) -> tuple[Array, tuple[Finding, ...]]
     return stored, findings
 
 
-def _changed(exposures: Sequence[float]) -> tuple[Finding, ...]:
-    """A warning where the photographs' exposures by EXIF differ; none where one says nothing."""
+def _changed(exposures: Sequence[float]) -> tuple[float, ...]:
+    """Exposures beside the first, where they differ and all are known; else none.
+
+    >>> _changed([0.01, 0.04, 0.01]), _changed([0.01, 0.0, 0.04]), _changed([1 / 30, 1 / 33])
+    ((1.0, 4.0, 1.0), (), ())
+    """
     if not min(exposures) > 0 or max(exposures) < _SAME_EXPOSURE * min(exposures):
         return ()
-    ratio = max(exposures) / min(exposures)
+    return tuple(float(f"{each / exposures[0]:.6g}") for each in exposures)
+
+
+def _exposure_finding(exposures: tuple[float, ...]) -> tuple[Finding, ...]:
+    """A note where exposures differ."""
+    if not exposures:
+        return ()
     message = (
-        f"the camera changed its exposure between the photographs, by {ratio:.1f} times (EXIF)"
+        "the camera changed its exposure between the photographs, by "
+        f"{max(exposures) / min(exposures):.1f} times (EXIF): that is taken into account where "
+        "lamps are compared"
     )
-    remedy = (
-        "lock exposure and ISO: how bright lamps are beside each other tells the relief's height"
-    )
-    return (Finding("warning", "exposure-changed", message, remedy),)
+    return (Finding("note", "exposure-changed", message, "lock exposure and ISO"),)
 
 
 def _findings(

@@ -24,6 +24,7 @@ from rakelight.model import (
     Mask,
     RigidTransform,
     SensorNoise,
+    finite_number,
 )
 from rakelight.prepare.sensor import SensorGrid
 
@@ -347,6 +348,38 @@ def check_transform(transform: RigidTransform, source: str) -> None:
             seen=f"{baseline_m:g} m",
             needed=f"at most {LONGEST_BASELINE_M:g} m",
             remedy="give it in metres, not millimetres",
+        )
+
+
+def check_exposures(exposures: tuple[float, ...], count: int, source: str, key: str = "") -> None:
+    """Exposures are numbers above 0, none or one for each of `count` photographs.
+
+    key : of a file, that the message names
+
+    >>> check_exposures((1.0, 2.0), 3, "exposures")
+    Traceback (most recent call last):
+    rakelight.errors.CaptureError: exposures: no exposure for each photograph (seen 2, needed 3).
+    Fix: give that of each photograph, or none at all
+    """
+    of = f"key {key!r}: " if key else ""
+    numbers = isinstance(exposures, tuple) and all(
+        finite_number(each) and float(each) > 0 for each in exposures
+    )
+    if not numbers:
+        raise CaptureError(
+            f"{of}no exposures",
+            source=source,
+            seen=str(exposures)[:80],
+            needed="numbers above 0, as a tuple",
+            remedy="give seconds * ISO / f-number^2 of each photograph, or leave them away",
+        )
+    if len(exposures) not in (0, count):
+        raise CaptureError(
+            f"{of}no exposure for each photograph",
+            source=source,
+            seen=str(len(exposures)),
+            needed=str(count),
+            remedy="give that of each photograph, or none at all",
         )
 
 

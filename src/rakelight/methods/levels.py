@@ -298,6 +298,7 @@ def finest_level(prepared: Prepared, *, cut: bool = False, unbiased: bool = Fals
         high=int(np.ceil(SATURATED * white)) - 1,
         grid=grid,
         camera=prepared.camera,
+        exposures=np.array(prepared.exposures, dtype=np.float64) if prepared.exposures else None,
     )
     averaging = None
     if prepared.factor > 1:

@@ -196,6 +196,7 @@ class Photographs:
 
     table : linear light of every value; values from `low` to `high` are usable
     grid : (h, w) mask of the object, or which of its neighbours are linked; camera : of this window
+    exposures : (N,) of the photographs, beside each other; None where they are alike
     """
 
     values: Array
@@ -204,6 +205,7 @@ class Photographs:
     high: int
     grid: Grid
     camera: Camera
+    exposures: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.values)
@@ -407,7 +409,8 @@ class Photographs:
             (self.camera.cx - 0.5) / 2, (self.camera.cy - 0.5) / 2,
         )  # fmt: skip
         table = (np.arange(65536) / 65535).astype(np.float32)
-        return Photographs(small, table, 1, 65534, Links.of(self.grid).halved(), camera)
+        grid = Links.of(self.grid).halved()
+        return Photographs(small, table, 1, 65534, grid, camera, self.exposures)
 
 
 def _median_sigma(counts: Array, widest: float) -> float:

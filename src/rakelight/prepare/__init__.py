@@ -64,6 +64,7 @@ class Prepared:
     camera : of this window; `rows`, `columns` place it in `full_camera`'s image
     sensor : the measurements themselves at the sensor's resolution, with their noise and place
     lights : of the photographs, where they are known
+    exposures : of the photographs, as in `Capture`
     numbers : of these photographs in the capture, from 0
     own_view : whether the depth was measured in the photographs' view; one of another camera was
         carried there, and its jumps may be pixels off
@@ -85,6 +86,7 @@ class Prepared:
     source: str = ""
     findings: tuple[Finding, ...] = ()
     lights: GivenLights | None = None
+    exposures: tuple[float, ...] = ()
     numbers: tuple[int, ...] = ()
     own_view: bool = True
 
@@ -102,6 +104,7 @@ class Prepared:
             photographs=self.photographs[chosen],
             names=names,
             lights=lights,
+            exposures=tuple(self.exposures[i] for i in chosen) if self.exposures else (),
             numbers=numbers,
         )
 
@@ -148,6 +151,7 @@ class PreparedView:
     source: str
     findings: tuple[Finding, ...]
     lights: GivenLights | None
+    exposures: tuple[float, ...]
     own_view: bool
 
     @property
@@ -185,6 +189,7 @@ class PreparedView:
             source=self.source,
             findings=self.findings,
             lights=self.lights,
+            exposures=self.exposures,
             numbers=tuple(range(len(self.photographs))),
             own_view=self.own_view,
         )
@@ -255,6 +260,7 @@ def shrunk_view(capture: Capture, shrink: int) -> PreparedView:
         source=capture.source,
         findings=capture.findings + findings,
         lights=capture.lights,
+        exposures=capture.exposures,
         own_view=capture.depth_camera is None,
     )
 

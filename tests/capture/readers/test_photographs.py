@@ -518,29 +518,38 @@ def test_intrinsics_by_exif_say_how_rough_they_are(tmp_path):
     assert "jpeg" in codes(capture)
 
 
-def test_an_exposure_that_changes_is_said(tmp_path):
+def test_an_exposure_that_changes_is_said_and_taken_over(tmp_path):
     made = fill(tmp_path)
+    exposures = []
 
-    def said(*settings):
+    def said(*settings, flash=0):
         for i, (pixels, (parts, f_number, iso)) in enumerate(
             zip(made.photographs, settings, strict=True)
         ):
             (tmp_path / f"img{9 + i}.png").unlink(missing_ok=True)
-            tags = {"t33437": IFDRational(f_number), "t34855": iso}
+            tags = {"t33437": IFDRational(f_number), "t34855": iso, "t37385": flash}
             if parts:  # of a second
                 tags["t33434"] = IFDRational(1, parts)
             data = jpeg(pixels, **tags)
             (tmp_path / f"img{9 + i}.jpg").write_bytes(data)
-        findings = load_capture(tmp_path).findings
-        return [f.message for f in findings if f.code == "exposure-changed"]
+        capture = load_capture(tmp_path)
+        exposures[:] = capture.exposures
+        return [f.message for f in capture.findings if f.code == "exposure-changed"]
 
     same = [(33, 2, 100)] * (len(made.photographs) - 1)
     assert said((30, 2, 100), *same) == []
+    assert exposures == []
     (message,) = said((33, 2, 200), *same)
     assert "by 2.0 times" in message
+    assert exposures == [1.0] + [0.5] * len(same)
     (message,) = said((33, 4, 100), *same)
     assert "by 4.0 times" in message
+    assert exposures == [1.0] + [4.0] * len(same)
     assert said((None, 2, 400), *same) == []
+    assert exposures == []
+    # A flash is shorter than any exposure: the time does not count.
+    assert said((60, 2, 100), *same, flash=1) == []
+    assert len(said((60, 2, 100), *same, flash=16)) == 1  # it has not fired
 
 
 def test_exif_of_a_photograph_that_was_turned_by_software():

@@ -1,5 +1,7 @@
 """How alike the lights' brightness is."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -18,18 +20,31 @@ def lights(count=9, channels=1, spread=0.1, seed=0):
     return LightParameters.distant(vector, rng.uniform(0.1, 0.2, (count, channels)))
 
 
+EXPOSURES = np.geomspace(0.5, 4.0, 9)
+
+
+@pytest.mark.parametrize("exposures", [None, EXPOSURES])
 @pytest.mark.parametrize(("channels", "parameters"), [(1, 4), (3, 4), (1, 5)])
-def test_the_slope_is_half_the_derivative(channels, parameters):
+def test_the_slope_is_half_the_derivative(channels, parameters, exposures):
     here = lights(channels=channels)
-    slope, _ = equal_intensity_derivatives(here, parameters)
+    energy = partial(equal_intensity_energy, exposures=exposures)
+    slope, _ = equal_intensity_derivatives(here, parameters, exposures)
     slope, step = slope.reshape(*here.ambient.shape, parameters), 1e-6
     assert not slope[..., 3:].any()
     for index in np.ndindex(here.vector.shape):
         ahead, back = here.vector.copy(), here.vector.copy()
         ahead[index] += step
         back[index] -= step
-        difference = (equal_intensity_energy(ahead) - equal_intensity_energy(back)) / (4 * step)
+        difference = (energy(ahead) - energy(back)) / (4 * step)
         assert slope[index] == pytest.approx(difference, rel=1e-6, abs=1e-7)
+
+
+def test_an_exposure_is_no_intensity():
+    here = lights()
+    shown = EXPOSURES[:, None, None] * here.vector
+    assert equal_intensity_energy(shown) > equal_intensity_energy(here.vector) + 10
+    expected = pytest.approx(equal_intensity_energy(here.vector))
+    assert equal_intensity_energy(shown, EXPOSURES) == expected
 
 
 def test_the_curvature_knows_of_no_common_brightness():

@@ -340,3 +340,21 @@ def test_lights_are_near_up_to_33_radii(radii, expected):
     inverse_distance = np.full((9, 1), 1 / (radii * radius))
     lights = LightParameters(np.ones((9, 1, 3)), np.zeros((9, 1)), inverse_distance)
     assert are_near(level, lights) == expected
+
+
+def test_known_exposures_give_back_the_relief_that_automatic_exposure_takes():
+    cloth = make_shape("cloth")
+    options = SceneOptions(camera=cloth.camera.scaled(0.25), depth_noise=CORRELATED)
+    capture, truth = render_scene(cloth, make_albedo("pattern"), options)
+    light = capture.photographs / capture.white
+    exposures = 0.15 / light[:, truth.mask].mean(axis=(1, 2))  # all are as bright then
+    values = np.round(65535 * light * exposures[:, None, None, None]).astype(np.uint16)
+    changed = replace(capture, photographs=values)
+
+    def error_mm(capture):
+        return scores(run(capture, **DISTANT), truth).depth.rmse_mm
+
+    same = error_mm(capture)
+    known = replace(changed, exposures=tuple(exposures.tolist()))
+    assert error_mm(known) == pytest.approx(same, rel=0.05)
+    assert error_mm(changed) > 1.2 * same

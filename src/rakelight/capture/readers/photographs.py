@@ -108,6 +108,7 @@ def reading_of(
             ambient=photos.ambient,
             flat=photos.flat,
             lights=lights,
+            exposures=photos.exposures,
             depth_names=tuple(printable(file.name) for file in files.depth),
             picture_names=(_shown(files.ambient, "ambient"), _shown(files.flat, "flat")),
         )

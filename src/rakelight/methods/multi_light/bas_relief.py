@@ -102,7 +102,7 @@ def intensity_energy_after(
     """
     matrix = lights_transform(level, transform)
     vectors = lights.vector @ matrix.T
-    energy, slope = equal_intensity_slope(vectors)
+    energy, slope = equal_intensity_slope(vectors, level.photographs.exposures)
     mean, slope = vectors.mean(axis=1), slope @ matrix
     return energy, -np.append(np.vdot(slope, mean), (slope @ level.middle_m) @ mean)
 

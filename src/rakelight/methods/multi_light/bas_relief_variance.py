@@ -18,7 +18,11 @@ from rakelight.geometry.normals import normal_derivatives
 from rakelight.methods.base import DARK, scatter
 from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.bas_relief import sensed_columns
-from rakelight.methods.multi_light.equal_intensity import GAUGE_FREEDOM, LEAST_LOG_SIGMA
+from rakelight.methods.multi_light.equal_intensity import (
+    GAUGE_FREEDOM,
+    LEAST_LOG_SIGMA,
+    intensities,
+)
 from rakelight.methods.multi_light.noise import FEWEST_BLOCKS
 from rakelight.model import Floats, Mask
 from rakelight.photometry.images import LightParameters
@@ -110,11 +114,11 @@ def lights_moment(level: Level, lights: LightParameters) -> Floats:
     along the view, which changes all of them alike.  0 for fewer than six lights.
     """
     vector = lights.vector.mean(axis=1)
-    size = np.linalg.norm(vector, axis=1)
+    size = intensities(lights.vector, level.photographs.exposures)
     reaching = size > DARK * np.median(size)
     if np.count_nonzero(reaching) < LIGHTS_NEEDED:
         return np.zeros((3, 3))
-    toward = vector[reaching] / size[reaching, None]
+    toward = vector[reaching] / np.linalg.norm(vector[reaching], axis=1, keepdims=True)
     # A transform multiplies lights by (1 + X g^T)^-1, their size by about 1 - (l . X) (g . l).
     design = -(toward @ level.middle_m)[:, None] * toward
     logs = -np.log(size[reaching])

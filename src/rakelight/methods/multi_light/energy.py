@@ -134,7 +134,7 @@ def evaluated(
     )
     prior = level.sensor_sum_of_squares(log_depth) + laplacian_energy(level, fit, log_depth)
     if weight := fit.equal_intensity_weight:
-        prior += weight * equal_intensity_energy(lights.vector)
+        prior += weight * equal_intensity_energy(lights.vector, level.photographs.exposures)
     energy = linearization.energy + fourth_difference_energy + fit.noise**2 * prior
     return replace(
         fit, log_depth=log_depth, lights=lights, surface=surface, linearization=linearization,
@@ -234,7 +234,9 @@ def light_system(
     own = hessian[: slope.size, : slope.size]
     own += gauge(fit, own)
     if weight := fit.noise**2 * fit.equal_intensity_weight:
-        first, second = equal_intensity_derivatives(fit.lights, model.numbers)
+        first, second = equal_intensity_derivatives(
+            fit.lights, model.numbers, photographs.exposures
+        )
         slope = slope + weight * first
         own += weight * second
     if fit.lights.gloss.any():

@@ -170,7 +170,8 @@ def cost(level: Level, fit: Fit, weight: float) -> float:
     photographs = 2 * np.log(penalised_sigma(level, fit)) + sensor_cost(level, fit, weight)
     total = len(level.photographs) * photographs
     if fit.model.directions is None:
-        total += equal_intensity_energy(fit.lights.vector) + grazing_cost(level, fit)
+        total += equal_intensity_energy(fit.lights.vector, level.photographs.exposures)
+        total += grazing_cost(level, fit)
     return float(total)
 
 
