@@ -22,7 +22,7 @@ from rakelight.solve.robust import BY_CHANCE
 # (docs/results/changes.md, "Jumps that the sensor shows").
 LEAST_PIXELS = 4.0
 # The same along the edge of a higher jump, which ends in the surface or grows lower between; Canny
-# takes a half or a third.
+# takes a half or a third (docs/results/changes.md).
 LOWEST_PIXELS = LEAST_PIXELS / 2
 # Differences on each side of a link that say which one to expect there.
 BESIDE = 2
