@@ -63,6 +63,19 @@ def test_a_surface_has_no_jumps(relief_px):
     assert not down.any()
 
 
+def test_the_outline_of_a_round_surface_has_no_jumps():
+    # The last difference along a row is more than four pixel sizes above those before.
+    differences_px = np.append(np.zeros(49), [0.7, 1.1, 1.8, 2.5, 7.5])
+    depth_m = np.full(ROW.shape, np.nan)
+    depth_m[:, :55] = 1 + PIXEL_M * np.append(0, np.cumsum(differences_px))
+    right, down = cut(noisy(depth_m))
+    assert not right.any()
+    assert not down.any()
+    depth_m[:, 55:] = depth_m[:, 54:55]  # where the surface goes on it is one
+    right, _ = cut(noisy(depth_m))
+    assert right[:, 53].all()
+
+
 def test_noise_of_many_pixel_sizes_has_no_jumps():
     noise = np.random.default_rng(1).standard_normal(ROW.shape)
     right, down = cut(1 + 5 * PIXEL_M * noise)

@@ -106,13 +106,16 @@ def along_edges(low: Sequence[Mask], high: Sequence[Mask]) -> list[Mask]:
 def unexpected_differences(depth_m: Floats, axis: int) -> Floats:
     """By how much each difference to the next pixel is off the median of those beside it, metres.
 
-    One fewer along `axis`; -1 where one of both pixels, or all beside, have no depth.
+    One fewer along `axis`; -1 where one of both pixels, or all on one side, have no depth: the
+    outline of a round surface, which grows steeper there, would look like a jump.
     """
     step = np.moveaxis(np.diff(depth_m, axis=axis), axis, -1)
     count = step.shape[-1]
     wide = np.pad(step, ((0, 0), (BESIDE, BESIDE)), constant_values=np.nan)
     others = [wide[:, k : k + count] for k in range(2 * BESIDE + 1) if k != BESIDE]
     off = np.abs(step - nan_median(np.stack(others)))
+    before, after = (np.isfinite(each).any(axis=0) for each in (others[:BESIDE], others[BESIDE:]))
+    off[~(before & after)] = np.nan
     return np.moveaxis(np.where(np.isfinite(off), off, -1.0), -1, axis)
 
 
