@@ -89,7 +89,7 @@ def wrong_lights(prepared: Prepared) -> tuple[Finding, ...]:
         if advice != METRES or given.positions_m is not None
     }
     remedy = after[min(after)] if min(after) <= fits else REMEDY
-    off_deg = _angles(_seen(given, points_m).direction[:, 0], lights.direction[:, 0])
+    off_deg = angles_deg(_seen(given, points_m).direction[:, 0], lights.direction[:, 0])
     named = prepared.names or tuple(f"photograph {i}" for i in range(len(prepared)))
     explained = [1 - float(each.sum()) / flat for each in (before, free)]
     message = (
@@ -178,6 +178,6 @@ def _squares(sample: Sample, shade: Floats) -> Floats:
     return np.asarray((sample.good * (sample.images - albedo * shade) ** 2).sum(axis=(0, 2)))
 
 
-def _angles(one: Floats, other: Floats) -> Array:
-    """(N,) degrees between unit vectors (N, 3)."""
-    return np.asarray(np.degrees(np.arccos(np.clip((one * other).sum(axis=1), -1, 1))))
+def angles_deg(one: Floats, other: Floats) -> Array:
+    """(...) degrees between unit vectors (..., 3)."""
+    return np.asarray(np.degrees(np.arccos(np.clip((one * other).sum(axis=-1), -1, 1))))

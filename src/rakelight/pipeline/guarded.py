@@ -14,7 +14,7 @@ from rakelight.geometry.normals import surface_normals
 from rakelight.methods.base import ONE_LAMP_POSITION, Estimate, Method
 from rakelight.model import Finding, Floats, ProgressCallback, silent
 from rakelight.pipeline.degenerate import without_normals
-from rakelight.pipeline.given_lights import wrong_lights
+from rakelight.pipeline.given_lights import angles_deg, wrong_lights
 from rakelight.pipeline.held_back import (
     NO_BETTER,
     NO_BETTER_SO_LIT,
@@ -121,7 +121,7 @@ def expects_better_normals(prepared: Prepared, estimate: Estimate) -> bool:
         return False
     _, after = surface(prepared, estimate)
     before = surface_normals(prepared.depth_m, prepared.mask, prepared.camera)
-    change_deg = np.degrees(np.arccos(np.clip((before * after).sum(axis=-1), -1, 1)))
+    change_deg = angles_deg(before, after)
     both = prepared.mask & np.isfinite(change_deg) & np.isfinite(estimate.normal_sigma)
     squares = [np.square(each[both]).sum() for each in (estimate.normal_sigma, change_deg)]
     return bool(2 * squares[0] < squares[1])
