@@ -8,7 +8,7 @@ from scipy.ndimage import maximum_filter
 
 from rakelight.model import Camera
 from rakelight.prepare import prepare
-from rakelight.prepare.background import beside_the_object
+from rakelight.prepare.background import LEAST_PART, beside_the_object
 from rakelight.synthetic.implicit import Solid, trace
 from tests.prepare.test_prepare_mask import COLOUR, ball, ring, scene, table, union, wall
 
@@ -114,3 +114,19 @@ def test_a_handle_behind_the_object_keeps_its_depth():
     # on a table that carries it on, it cannot be told from the table
     whole = np.where(touched, depth, 0.9)
     assert beside_the_object(whole, touched, touched, camera, 1)[8:10, 16:19].all()
+
+
+@pytest.mark.parametrize("count", [1, LEAST_PART - 1, LEAST_PART])
+@pytest.mark.parametrize("background_m", [1.5, np.nan])
+def test_flying_pixels_that_agree_are_left_out(count, background_m):
+    # Some pixels of the rim lie at the same depth, between the object and the wall.
+    camera = Camera(30, 20, fx=100.0, fy=100.0, cx=14.5, cy=9.5)
+    touched = np.zeros((20, 30), bool)
+    touched[4:16, 4:16] = True
+    depth = np.where(touched, 0.8, background_m)
+    depth[6 : 6 + count, 15] = 1.1  # inside the mask
+    depth[6, 16:18] = 1.1  # and beyond it
+    found = beside_the_object(depth, touched, touched, camera, 1)
+    # Without a wall, or more of them, they may be a part of the object.
+    flying = count < LEAST_PART and np.isfinite(background_m)
+    np.testing.assert_array_equal(found, touched & (depth == 1.1) & flying)
