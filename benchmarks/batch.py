@@ -63,6 +63,9 @@ def results(out: Path) -> dict[str, tuple[int, int]]:
 
 # --- storm ---
 
+# The run is killed when half of the captures are done, and eight more are to do.
+FEWEST_IN_A_STORM = 16
+
 
 def storm(count: int, seed: int) -> int:
     """Captures of which two are broken, while workers and then the whole run are killed."""
@@ -284,6 +287,8 @@ def main() -> None:
     parser.add_argument("--times", type=Path, help="a batch.json whose seconds `scale` takes")
     given = parser.parse_args()
     if given.what == "storm":
+        if given.captures is not None and given.captures < FEWEST_IN_A_STORM:
+            parser.error(f"a storm takes at least {FEWEST_IN_A_STORM} captures")
         print(f"seed {given.seed}", flush=True)
         sys.exit(storm(given.captures or 40, given.seed))
     if given.what == "throughput":

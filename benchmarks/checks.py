@@ -211,6 +211,9 @@ def main() -> None:
     for name, rows in zip(CHANGES, zip(*refined, strict=True), strict=bool(refined)):
         gains = np.array([gain for gain, _ in rows])
         gains, odd = gains[np.isfinite(gains)], [count > 0 for _, count in rows]
+        if not gains.size:
+            print(f"{name}: no draw has photographs that can be held back")
+            continue
         low, high = gains.min(), gains.max()
         kept = share((gains > 1 - NOTABLE).tolist())
         print(f"{name}: error ratio {low:.2f} to {high:.2f}, kept {kept}, odd in {share(odd)}")

@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the tests are a package there
 from rakelight import load_capture
 from rakelight.geometry.grid import area_mean
-from rakelight.prepare.average import scatter
+from rakelight.prepare.average import nan_median, scatter
 from rakelight.prepare.flying import flying
 from rakelight.prepare.mask import cut_out, nearest_object
 from rakelight.prepare.register import register, sensor_grid
@@ -77,7 +77,7 @@ def real_captures(folder: Path) -> None:
         )
         if len(capture.depth_m) > 1:
             small = area_mean(capture.mask, capture.mask.shape[0] // capture.depth_m.shape[1]) > 0
-            share = scatter(capture.depth_m) / np.nanmedian(capture.depth_m, axis=0) ** 2
+            share = scatter(capture.depth_m) / nan_median(capture.depth_m) ** 2
             figures = np.nanquantile(share[small], [0.05, 0.5, 0.95])
             print(
                 f"{name}: scatter / z^2, 5 %, median, 95 %: "

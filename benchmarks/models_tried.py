@@ -131,6 +131,8 @@ def main() -> None:
     with processes(arguments.jobs) as pool:
         found = pool.map(partial(ratio, arguments=arguments), arguments.seeds, chunksize=1)
     each = np.array([pair for pair in found if pair])
+    if not each.size:
+        raise SystemExit("no capture of these seeds can be refined")
     ratios = each[:, 0] / each[:, 1]
     seconds, winner = np.median(each, axis=0)
     print(

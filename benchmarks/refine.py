@@ -107,7 +107,7 @@ def measure(capture: Path, output: Path, method: str) -> dict[str, Any]:
         "read_s": round(timings["read"], 2),
         "prepare_s": round(timings["prepare"], 2),
         "refine_s": round(timings["refine"], 2),
-        "solve_s": round(timings.get("solve", 0.0), 2),
+        "solve_s": round(timings["solve"], 2) if "solve" in timings else None,
         "rest_s": round(wall_s - timings["read"] - timings["prepare"] - timings["refine"], 2),
         "peak_mib": round(usage.ru_maxrss / 1024),
         "pixels": said["pixels"],
@@ -159,7 +159,8 @@ def main() -> None:
     print("| " + " | ".join(rows[0]) + " |")
     print("|" + " --- |" * len(rows[0]))
     for row in rows:
-        print("| " + " | ".join(str(value) for value in row.values()) + " |")
+        shown = ("" if value is None else str(value) for value in row.values())
+        print("| " + " | ".join(shown) + " |")
 
 
 if __name__ == "__main__":

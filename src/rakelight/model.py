@@ -13,7 +13,7 @@ import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Integral, Real
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,8 @@ from rakelight.errors import InputError
 Array: TypeAlias = npt.NDArray[Any]
 Floats: TypeAlias = npt.NDArray[np.floating[Any]]
 Mask: TypeAlias = npt.NDArray[np.bool_]
+
+T = TypeVar("T")
 
 Encoding = Literal["linear", "srgb"]
 LensModel = Literal["brown-conrady", "inverse-brown-conrady", "kannala-brandt"]
@@ -622,10 +624,19 @@ class Capture:
         return replace(
             self,
             photographs=self.photographs[chosen],
-            names=tuple(self.names[i] for i in chosen) if self.names else (),
+            names=selected(self.names, chosen),
             lights=None if self.lights is None else self.lights.select(chosen),
-            exposures=tuple(self.exposures[i] for i in chosen) if self.exposures else (),
+            exposures=selected(self.exposures, chosen),
         )
+
+
+def selected(each: tuple[T, ...], chosen: Iterable[int]) -> tuple[T, ...]:
+    """What is said of the chosen photographs (indices from 0); nothing where nothing is said.
+
+    >>> selected(("a", "b", "c"), [2, 0]), selected((), [2, 0])
+    (('c', 'a'), ())
+    """
+    return tuple(each[i] for i in chosen) if each else ()
 
 
 def checksum(depth_m: Floats) -> str:

@@ -27,6 +27,7 @@ from rakelight.model import (
     Floats,
     GivenLights,
     Mask,
+    selected,
 )
 from rakelight.prepare.background import beside_the_object
 from rakelight.prepare.denoise import bilateral
@@ -96,16 +97,13 @@ class Prepared:
     def select(self, photographs: Iterable[int]) -> Prepared:
         """The same with only these photographs (indices from 0)."""
         chosen = list(photographs)
-        names = tuple(self.names[i] for i in chosen) if self.names else ()
-        lights = None if self.lights is None else self.lights.select(chosen)
-        numbers = tuple(self.numbers[i] for i in chosen) if self.numbers else ()
         return replace(
             self,
             photographs=self.photographs[chosen],
-            names=names,
-            lights=lights,
-            exposures=tuple(self.exposures[i] for i in chosen) if self.exposures else (),
-            numbers=numbers,
+            names=selected(self.names, chosen),
+            lights=None if self.lights is None else self.lights.select(chosen),
+            exposures=selected(self.exposures, chosen),
+            numbers=selected(self.numbers, chosen),
         )
 
     def pixels(self, photograph: int) -> tuple[Floats, Mask]:
