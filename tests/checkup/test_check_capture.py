@@ -159,6 +159,35 @@ def test_one_lamp_position_gains_nothing(head):
     assert report.refusal.exit_code == 2
 
 
+def test_lights_in_nearly_one_place_that_gain_something_are_usable():
+    cloth = make_shape("cloth")
+    options = SceneOptions(
+        camera=cloth.camera.scaled(0.2), tilt_deg=(2.0, 5.0), depth_noise=DepthNoise()
+    )
+    report = check_capture(render_scene(cloth, make_albedo("pattern"), options)[0])
+    assert report.findings[0].code == "one-lamp-position"
+    assert (report.verdict, report.refusal) == ("usable", None)
+
+
+def test_few_lit_photographs_that_gain_something_are_usable():
+    vase = make_shape("vase")
+    options = SceneOptions(camera=vase.camera.scaled(0.3), depth_noise=DepthNoise())
+    capture, truth = render_scene(vase, make_albedo("pattern"), options)
+    photographs = capture.photographs[:4].copy()
+    photographs[2:] = 0
+    capture = replace(capture, photographs=photographs, names=())
+    report = check_capture(capture)
+    said = {each.code: each.message for each in report.findings}
+    assert report.verdict == "usable"
+    assert said["few-lights"] == "the lamp reaches the object in only 2 of 4 photographs"
+    result = refine(capture)
+    error, prepared = (
+        np.abs(each - truth.depth)[truth.mask].mean()
+        for each in (result.depth, result.prepared_depth)
+    )
+    assert error < 0.5 * prepared
+
+
 def test_one_photograph_is_said_to_be_one(head):
     report = check_capture(replace(head.select([0]), lighting="ambient"))
     assert report.findings[0].code == "single-photograph"

@@ -91,6 +91,9 @@ def test_dark_photographs_are_named_and_left_out():
 def test_fewer_than_three_lit_photographs_are_told():
     strength = np.array([1.0, 1.0, 1e-3])
     assert codes(lights(30.0, AROUND[:3], strength)) == ["dark-photographs", "few-lights"]
+    # Those of a lamp that is off may be most of them.
+    strength = np.array([1.0, 0.9, *np.full(6, 1e-3)])
+    assert codes(lights(30.0, AROUND, strength)) == ["dark-photographs", "few-lights"]
 
 
 # ---- confidence

@@ -58,7 +58,7 @@ FINDINGS = (
         instead_of=("one-lamp-position", "lights-in-one-plane", "lights-on-one-side"),
     ),
     Row(("too-few-photographs", "no-surface")),
-    Row(("few-lights", "one-lamp-position"), nothing_gained=True),
+    Row(("few-lights", "one-lamp-position")),
     Row(("given-lights-wrong",)),
     Row(("camera-moved",), camera_motion, in_refine="method"),
     Row(("overexposed", "underexposed"), exposure_findings, instead_of=("saturated", "black")),
