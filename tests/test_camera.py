@@ -1,5 +1,9 @@
 """Cameras from calibration matrices, and back."""
 
+import json
+from dataclasses import asdict, astuple
+from fractions import Fraction
+
 import numpy as np
 import pytest
 
@@ -35,6 +39,16 @@ def test_shapes_of_numpy_and_lists():
     assert Camera.from_matrix(WHOLE, np.zeros((480, 640, 3)).shape[:2]).fx == 500.0
     camera = Camera.from_matrix(WHOLE, [np.int64(480), 640])
     assert (type(camera.height), type(camera.fx)) == (int, float)
+
+
+@pytest.mark.parametrize("number", [np.float32, np.float64, Fraction, np.int16])
+def test_numbers_of_any_kind_become_plain_ones(number):
+    camera = Camera(np.int64(640), np.uint16(480), *map(number, (525, 520, 318, 241)))
+    assert camera == Camera(640, 480, 525.0, 520.0, 318.0, 241.0)
+    assert json.loads(json.dumps(asdict(camera)))["fx"] == 525
+    assert {type(value) for value in astuple(camera)[:-1]} <= {int, float}
+    # What is no number waits for the check of the whole capture.
+    assert Camera(640, 480, "525", None, 1.0, 1.0).fx == "525"
 
 
 def test_what_the_caller_has_stays_as_it_is():

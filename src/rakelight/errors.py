@@ -49,8 +49,9 @@ class RakelightError(Exception):
         needed: str = "",
         remedy: str = "",
     ) -> None:
-        self.what, self.source, self.seen = what, source, seen
-        self.needed, self.remedy = needed, remedy
+        self.what, self.source, self.remedy = what, source, remedy
+        # A caller of another type has put anything there.
+        self.seen, self.needed = str(seen), str(needed)
         super().__init__(what)
 
     def __str__(self) -> str:

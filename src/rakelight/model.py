@@ -8,10 +8,10 @@ Values that hold arrays are equal only to themselves.
 
 from __future__ import annotations
 
-import sys
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from math import isfinite
 from numbers import Integral, Real
 from typing import Any, Literal, TypeAlias, TypeVar
 
@@ -47,8 +47,12 @@ def finite_number(value: object) -> bool:
     >>> finite_number(3), finite_number(float("nan")), finite_number(10**400)
     (True, False, False)
     """
-    number = isinstance(value, Real) and not isinstance(value, bool)
-    return number and bool(abs(value) <= sys.float_info.max)  # type: ignore[arg-type]
+    if not isinstance(value, Real) or isinstance(value, bool):
+        return False
+    try:
+        return isfinite(float(value))
+    except OverflowError:
+        return False
 
 
 # How many coefficients a lens model has.
@@ -141,6 +145,14 @@ class Camera:
     cx: float
     cy: float
     distortion: Distortion | None = None
+
+    def __post_init__(self) -> None:
+        """Numbers of NumPy and of other kinds become Python's, as JSON and solvers take them."""
+        for each in fields(self)[:-1]:
+            value = getattr(self, each.name)
+            if finite_number(value):
+                plain = int(value) if isinstance(value, Integral) else float(value)
+                object.__setattr__(self, each.name, plain)
 
     @classmethod
     def from_matrix(

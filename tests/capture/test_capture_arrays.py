@@ -35,7 +35,6 @@ BAD = {
     "photographs": [
         ({"photographs": GOOD.photographs.astype(np.int32)}, "needed uint8 or uint16"),
         ({"photographs": GOOD.photographs / 255.0}, r"Fix: .* np.rint\(65535 \* photographs\)"),
-        ({"photographs": GOOD.photographs.astype(">u2")}, "seen >u2"),
         ({"photographs": GOOD.photographs.astype(object)}, "seen object"),
         ({"photographs": GOOD.photographs.astype(complex)}, "seen complex128"),
         ({"photographs": GOOD.photographs > 9}, "seen bool"),
@@ -53,7 +52,6 @@ BAD = {
         ({"depth_m": GOOD.depth_m[0]}, r"needed \(K, h, w\)"),
         ({"depth_m": (1000 * np.nan_to_num(GOOD.depth_m)).astype(np.uint16)}, "values_per_metre"),
         ({"depth_m": GOOD.depth_m.astype(np.float16)}, "seen float16"),
-        ({"depth_m": GOOD.depth_m.astype(">f4")}, "seen >f4"),
         ({"depth_m": np.full_like(GOOD.depth_m, np.nan)}, "almost no depth"),
         ({"depth_m": np.full_like(GOOD.depth_m, 600)}, "unit looks wrong"),
         ({"depth_m": np.zeros_like(GOOD.depth_m)}, "depth that none can be .seen 0 and"),
@@ -148,6 +146,7 @@ def test_arrays_of_other_layouts_are_as_good():
         "fortran": [turned(a) for a in (GOOD.photographs, GOOD.depth_m, GOOD.mask)],
         "strided": [np.repeat(a, 2, axis=-1)[..., ::2] for a in (GOOD.photographs, GOOD.depth_m)],
         "float64": [GOOD.photographs, GOOD.depth_m.astype(float)],
+        "big-endian": [GOOD.photographs, GOOD.depth_m.astype(">f4")],
     }
     for changed in captures.values():
         fields = dict(zip(("photographs", "depth_m", "mask"), changed, strict=False))

@@ -2,6 +2,7 @@
 
 import warnings
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -390,3 +391,45 @@ def test_what_is_no_photograph_cannot_be_selected(wrong):
     with pytest.raises(InputError, match=r"photographs: no index of a photograph .*0 to 3"):
         made().select([0, wrong])
     assert made().select(np.array([2, -1])).names == made().select([2, 3]).names
+
+
+def test_sequences_of_any_kind_are_names_and_exposures():
+    exposures = (
+        np.arange(1, 5, dtype=np.float32),
+        range(1, 5),
+        [Fraction(each) for each in (1, 2, 3, 4)],
+    )
+    for given in exposures:
+        found = made(exposures=given).exposures
+        assert found == (1.0, 2.0, 3.0, 4.0)
+        assert {type(each) for each in found} == {float}
+    assert made(names=np.array(list("abcd"))).names == ("a", "b", "c", "d")
+    with pytest.raises(InputError, match="names: not a tuple of str"):
+        made(names="abcd")
+    assert made(register=np.bool_(False)).register is False
+
+
+@pytest.mark.parametrize("name", ["ambient", "flat"])
+@pytest.mark.parametrize(
+    ("picture", "words"),
+    [
+        (np.full(PHOTOGRAPHS.shape[1:], 0.2), r"needed uint8\)\. Fix: np\.rint\(255 \* {}\)"),
+        (np.full(PHOTOGRAPHS.shape[1:], 20.0), "Fix: {} / 255, if"),
+        (np.full(PHOTOGRAPHS.shape[1:], 20), r"Fix: {}\.astype\(np\.uint16\)"),
+        (np.ma.masked_equal(PHOTOGRAPHS[0], 0), r"Fix: {}\.filled\(0\)"),
+    ],
+)
+def test_what_is_wrong_with_a_picture_is_mended_there(name, picture, words):
+    with pytest.raises(InputError, match=f"^{name}: .*{words.format(name)}"):
+        made(**{name: picture})
+
+
+def test_a_map_in_another_unit_among_others_is_refused():
+    maps = np.concatenate([DEPTH[:1], 1000 * DEPTH[:1], DEPTH[:1]])
+    with pytest.raises(InputError, match=r"no distance from .* in map 1, .*Fix: remove map 1, or"):
+        made(depth=maps)
+
+
+def test_depth_that_is_no_number_is_not_to_be_converted():
+    with pytest.raises(InputError, match=r"seen bool, .*Fix: give the depth itself, in metres"):
+        made(depth=DEPTH > 0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rakelight import Camera, Capture, GivenLights, load_capture, refine, write_capture
-from rakelight.capture.lights import matched, parse_lp
+from rakelight.capture.lights import checked_lights, matched, parse_lp
 from rakelight.errors import CaptureError, InputError, MethodError
 from tests.capture.capture_builder import build, small_capture
 
@@ -207,3 +207,18 @@ def test_methods_without_use_for_lights_say_so():
             refine(capture, method)
     codes = [finding.code for finding in refine(capture, "fusion-like").findings]
     assert "given-lights-unused" in codes
+
+
+@pytest.mark.parametrize(
+    ("directions", "seen"),
+    [
+        (DIRECTIONS.astype(str), r"\(4, 3\) <U"),
+        (DIRECTIONS.astype(complex), r"\(4, 3\) complex128"),
+        (np.ma.masked_equal(DIRECTIONS, 0), r"masked \(4, 3\) float64"),
+        (DIRECTIONS.tolist(), "list"),
+    ],
+)
+def test_what_is_no_array_of_numbers_is_shown(directions, seen):
+    needed = r"needed a numpy\.ndarray \(4, 3\) of numbers"
+    with pytest.raises(InputError, match=f"seen {seen}.*, {needed}"):
+        checked_lights(GivenLights(directions), 4, 0.6)

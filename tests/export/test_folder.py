@@ -85,6 +85,22 @@ def test_extra_files_arrive_with_the_rest_and_are_listed(sphere, tmp_path):
     assert "report.html" in strict_json(tmp_path / "out" / "result.json")["files"]
 
 
+@pytest.mark.parametrize(
+    "name", ["../a.txt", "/tmp/a.txt", "a/a.txt", "a\\a.txt", "..", "", "report.html",
+             "depth.tiff", "result.json", 3],
+)  # fmt: skip
+def test_extra_files_neither_leave_the_folder_nor_replace_its_own(sphere, tmp_path, name):
+    with pytest.raises(InputError, match=r"of a file in the result folder|a file of that name"):
+        save_result(sphere, tmp_path / "out", mesh="none", extra_files={name: b"mine"})
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("extra", [["a.txt"], {"a.txt": "text"}])
+def test_extra_files_are_names_and_bytes(sphere, tmp_path, extra):
+    with pytest.raises(InputError, match="extra_files"):
+        save_result(sphere, tmp_path / "out", mesh="none", extra_files=extra)
+
+
 def test_result_json_says_everything(sphere, tmp_path):
     write_result(sphere, tmp_path / "out")
     summary = strict_json(tmp_path / "out" / "result.json")

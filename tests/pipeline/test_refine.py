@@ -243,6 +243,19 @@ def test_what_progress_raises_comes_through(capture, joint):
     np.testing.assert_array_equal(refine(capture).depth, joint.depth)
 
 
+@pytest.mark.parametrize("error", [np.linalg.LinAlgError, ValueError])
+def test_errors_of_progress_are_not_taken_for_the_solvers(capture, error):
+    cause = KeyError("mine")
+
+    def stop(progress):
+        raise error("array must not contain infs or NaNs") from cause
+
+    with pytest.raises(error, match=r"^array must not contain infs or NaNs$") as raised:
+        refine(capture, progress=stop)
+    assert type(raised.value) is error
+    assert raised.value.__cause__ is cause
+
+
 def test_the_capture_is_not_changed(capture):
     before = [a.copy() for a in (capture.photographs, capture.depth_m, capture.mask)]
     for array in (capture.photographs, capture.depth_m, capture.mask):
@@ -408,6 +421,9 @@ WRONG = {
     "confidence": (lambda estimate: estimate.confidence + 200, "200", "0 to 1"),
     "normals": (lambda estimate: estimate.log_depth, "float64", r"numbers of .*, 3\)"),
     "depth_sigma": (lambda estimate: 0.1, "float", "numbers of shape"),
+    "findings": (lambda estimate: [], "list", "a tuple of Finding"),
+    "energy": (lambda estimate: None, "NoneType", "a tuple of numbers"),
+    "timings_s": (lambda estimate: None, "NoneType", "a dict, name -> seconds"),
     "lights": (of_two_photographs, r"float64 of shape \(2, 1\)", r"numbers of shape \(5, 1\)"),
 }
 

@@ -90,7 +90,11 @@ def checked_arrays(capture: Capture) -> Capture:
         measured = depth_m[np.isfinite(depth_m)]
         middle_z_m = float(np.median(measured)) if measured.size else 0.0
         lights = checked_lights(lights, len(photographs), middle_z_m)
-    return replace(capture, photographs=photographs, depth_m=depth_m, mask=mask, lights=lights)
+    exposures = tuple(map(float, capture.exposures))
+    return replace(
+        capture, photographs=photographs, depth_m=depth_m, mask=mask, lights=lights,
+        exposures=exposures,
+    )  # fmt: skip
 
 
 def checked_capture(capture: Capture) -> Capture:
@@ -218,7 +222,7 @@ def _plain(array: Array, name: str, axes: tuple[int | str, ...]) -> Array:
             needed=f"({', '.join(map(str, axes))}), none of them 0",
             remedy="reshape it, or take one image out of it",
         )
-    return np.ascontiguousarray(array)
+    return np.ascontiguousarray(array, array.dtype.newbyteorder("="))
 
 
 def _check_fits(name: str, array: Array, needed: tuple[int, ...]) -> None:

@@ -78,8 +78,9 @@ def capture_from_arrays(
     depth_m, holes = _depth(depth)
     stated, assumed = chosen_encoding(encoding, kind, _SAY_ENCODING)
     if ambient is not None or flat is not None:
-        pictures = _picture(ambient, picture_names[0]), _picture(flat, picture_names[1])
-        pixels, light = corrected(pixels, stated, *pictures, picture_names)
+        room = _picture(ambient, picture_names[0], kind)
+        white = _picture(flat, picture_names[1], kind)
+        pixels, light = corrected(pixels, stated, room, white, picture_names)
         stated, assumed = "linear", (*assumed, *light)
     capture = Capture(
         photographs=pixels,
@@ -91,10 +92,10 @@ def capture_from_arrays(
         depth_camera=depth_camera,
         depth_to_color=depth_to_color,
         depth_noise=depth_noise,
-        register=register,
-        names=tuple(names) if isinstance(names, list) else names,  # type: ignore[arg-type]
+        register=bool(register) if isinstance(register, np.bool_) else register,
+        names=tuple(map(str, names)) if isinstance(names, np.ndarray) else tuple_of(names),
         lights=lights,
-        exposures=tuple(exposures) if isinstance(exposures, list | np.ndarray) else exposures,  # type: ignore[arg-type]
+        exposures=tuple_of(exposures),
     )
     with _named_as_arguments():
         capture = checked_arrays(capture)
@@ -118,6 +119,12 @@ def _named_as_arguments() -> Iterator[None]:
     except InputError as error:
         error.source = "depth" if error.source == "depth_m" else error.source
         raise
+
+
+def tuple_of(values: Sequence[Any]) -> Any:
+    """A sequence's values as a tuple; text and what is none as they are, to be refused."""
+    listed = isinstance(values, Sequence | np.ndarray) and not isinstance(values, str | bytes)
+    return tuple(values) if listed else values
 
 
 def _refuse_exchanged(photographs: Any, depth: Any) -> None:
@@ -155,7 +162,9 @@ def _photographs(photographs: Any) -> tuple[Array, str]:
             source="photographs",
             seen=str(images.dtype),
             needed="uint8, uint16, or floating point from 0 to 1",
-            remedy="photographs.astype(np.uint16), where all values are 0 to 65535",
+            remedy="photographs.astype(np.uint16), where all values are 0 to 65535"
+            if images.dtype.kind in "iu"
+            else "give the values that the camera's image files hold",
         )
     bits = 8 * images.dtype.itemsize
     copied = allocate(images.shape, f"uint{bits}", "photographs")
@@ -163,15 +172,25 @@ def _photographs(photographs: Any) -> tuple[Array, str]:
     return copied, f"{bits}-bit"
 
 
-def _picture(picture: Any, name: str) -> Array | None:
-    """One picture (H, W, 3) as `_photographs` takes them; None for none."""
+def _picture(picture: Any, name: str, kind: str) -> Array | None:
+    """One picture (H, W, 3) as `_photographs` takes them, of their kind; None for none."""
     if picture is None:
         return None
     try:
-        images, _ = _photographs(picture)
+        images, own = _photographs(picture)
     except InputError as error:
         error.source = name
+        if name.isidentifier():
+            error.remedy = error.remedy.replace("photographs", name)
         raise
+    if (own, kind) == ("float", "8-bit"):
+        raise CaptureError(
+            "not as the photographs are",
+            source=name,
+            seen=str(picture.dtype),
+            needed="uint8",
+            remedy=f"np.rint(255 * {name}).astype(np.uint8), if its 1 is their 255",
+        )
     return images[0] if len(images) == 1 else images
 
 
@@ -242,7 +261,9 @@ def _depth(depth: Any) -> tuple[Floats, Array]:
             source="depth",
             seen=str(depth.dtype),
             needed="metres as float32 or float64",
-            remedy="depth.astype(np.float32); float16 holds steps of half a millimetre at best",
+            remedy="depth.astype(np.float32); float16 holds steps of half a millimetre at best"
+            if depth.dtype.kind == "f"
+            else "give the depth itself, in metres",
         )
     depth = np.asarray(depth)  # a matrix has two axes always
     maps = depth[None] if depth.ndim == 2 else depth

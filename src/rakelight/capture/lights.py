@@ -150,14 +150,19 @@ def _checked_intensities(intensities: Any, count: int, source: str) -> Floats:
 def _numbers(array: Any, count: int, shape: tuple[int, ...], source: str) -> Floats:
     """(count, *shape) float64, finite; raises CaptureError."""
     needed = (count, *shape)
-    numbers = isinstance(array, np.ndarray) and array.dtype.kind in "fiu"
-    plain = numbers and not isinstance(array, np.ma.MaskedArray)
+    an_array = isinstance(array, np.ndarray)
+    masked = isinstance(array, np.ma.MaskedArray)
+    plain = an_array and not masked and array.dtype.kind in "fiu"
     if not plain or array.shape != needed:
         raise CaptureError(
             "these do not fit the photographs",
             source=source,
-            seen=f"{array.shape} {array.dtype}" if numbers else type(array).__name__,
-            needed=_rows(needed) if plain else f"a numpy.ndarray {needed}, one row per photograph",
+            seen=f"{'masked ' * masked}{array.shape} {array.dtype}"
+            if an_array
+            else type(array).__name__,
+            needed=_rows(needed)
+            if plain
+            else f"a numpy.ndarray {needed} of numbers, one row per photograph",
             remedy="give a row for each photograph, in their order",
         )
     if not np.isfinite(array).all():

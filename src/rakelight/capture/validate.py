@@ -12,7 +12,7 @@ import numpy as np
 
 from rakelight.capture.headers import Header
 from rakelight.capture.one_scene import check_one_scene
-from rakelight.errors import CaptureError
+from rakelight.errors import CaptureError, listed
 from rakelight.geometry.distortion import corner_px, corner_stretch, fold_px
 from rakelight.model import (
     BLACK,
@@ -676,6 +676,7 @@ def check_depth(
             needed=f"at least {LEAST_MEASURED:.0%}",
             remedy="check that depth and mask belong together and the object is in range",
         )
+    _refuse_other_units(holes[:, looked_at], source, names)
     check_one_scene(depth_m, looked_at, source, names)
     median_m = float(np.median(on_maps[np.isfinite(on_maps)]))
     if not PLAUSIBLE_M[0] <= median_m <= PLAUSIBLE_M[1]:
@@ -695,6 +696,24 @@ def check_depth(
         )
         findings.append(Finding("note", "depth-missing", message))
     return tuple(findings)
+
+
+def _refuse_other_units(on_maps: Array, source: str, names: Sequence[str]) -> None:
+    """Raise CaptureError where some maps of several hold next to no distance on the object.
+
+    on_maps : (K, P) indices into `HOLES` of the object's P pixels
+    """
+    no_distance = [HOLES.index(each) for each in HOLES if each.startswith(("beyond", "nearer"))]
+    wrong = (np.isin(on_maps, no_distance).mean(axis=1) > 1 - LEAST_MEASURED).tolist()
+    if any(wrong) and not all(wrong):
+        named = listed(names or [f"map {k}" for k in range(len(wrong))], wrong)
+        raise CaptureError(
+            "depth maps that contradict each other",
+            source=source,
+            seen=f"no distance from {POSSIBLE_M[0]:g} to {PLAUSIBLE_M[1]:g} m in {named}",
+            needed="repeats of one view, in one unit",
+            remedy=f"remove {named}, or give all maps in one unit",
+        )
 
 
 def plausible_scales(median_value: float, also: Iterable[float] = ()) -> str:

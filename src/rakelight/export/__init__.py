@@ -129,7 +129,6 @@ def _write(
         surface, result = None, replace(result, findings=(*result.findings, _WITHOUT_MESH))
     values_per_metre = choose_values_per_metre(float(np.nanmax(result.depth)))
     contents: dict[str, Callable[[], bytes | Iterator[bytes]]] = {
-        **{name: partial(content, result) for name, content in extra_files.items()},
         "depth.tiff": lambda: float32_tiff(result.depth),
         "prepared_depth.tiff": lambda: float32_tiff(result.prepared_depth),
         "depth.png": lambda: depth_png(result.depth, values_per_metre),
@@ -145,6 +144,11 @@ def _write(
             contents[f"{name}.tiff"] = partial(float32_tiff, sigma)
     if surface is not None:
         contents[mesh_file(mesh)] = partial(MESH_FORMATS[mesh].parts, surface)
+
+    for name, content in extra_files.items():
+        if name in contents or name == MARKER:
+            raise InputError("a result folder has a file of that name", source=name)
+        contents[name] = partial(content, result)
 
     def write(name: str) -> None:
         data = contents[name]()

@@ -143,6 +143,12 @@ def _requirements(found: Any, prepared: Prepared) -> Iterator[tuple[str, bool, s
     """
     yield "estimate", isinstance(found, Estimate), _kind_of(found), "an Estimate"
     yield "lights", isinstance(found.lights, Lights), _kind_of(found.lights), "Lights"
+    said = found.findings
+    only = isinstance(said, tuple) and all(isinstance(each, Finding) for each in said)
+    yield "findings", only, _kind_of(said), "a tuple of Finding"
+    yield "energy", isinstance(found.energy, tuple), _kind_of(found.energy), "a tuple of numbers"
+    timed = found.timings_s
+    yield "timings_s", isinstance(timed, Mapping), _kind_of(timed), "a dict, name -> seconds"
     window, given = prepared.mask.shape, getattr(found.lights.ambient, "shape", ())
     each = (1 if given[:1] == (1,) else len(prepared), 3 if given[1:] == (3,) else 1)
     shapes: dict[str, tuple[int, ...]] = {

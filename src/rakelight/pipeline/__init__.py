@@ -82,8 +82,11 @@ def refine(
     if not callable(progress):
         raise InputError("progress is no function", seen=type(progress).__name__)
     chosen, options = _chosen(capture, method, options)
-    with solving(capture), limited_memory(memory), one_blas_thread():
-        result = _refined(capture, chosen, scale, options, progress)
+    with (
+        coming_through(progress) as told, solving(capture), limited_memory(memory),
+        one_blas_thread(),
+    ):  # fmt: skip
+        result = _refined(capture, chosen, scale, options, told)
     return only_finite(result, mask=np.isfinite(result.prepared_depth))
 
 
@@ -126,6 +129,37 @@ def _shown(options: Any) -> str:
     return type(options).__qualname__ if name is None else public_options(name)
 
 
+class ProgressError(Exception):
+    """A ValueError that `progress` raised, on its way past `solving`."""
+
+
+@contextmanager
+def coming_through(progress: ProgressCallback) -> Iterator[ProgressCallback]:
+    """`progress`, whose errors leave the block as they are, whatever becomes of others in it.
+
+    >>> def stop(progress):
+    ...     raise np.linalg.LinAlgError("mine")
+    >>> with coming_through(stop) as told, solving(None):
+    ...     told(Progress("prepare"))
+    Traceback (most recent call last):
+    numpy.linalg.LinAlgError: mine
+    """
+
+    def told(step: Progress) -> None:
+        try:
+            progress(step)
+        except ValueError as error:
+            raise ProgressError(error) from error
+
+    raised: ValueError | None = None
+    try:
+        yield told
+    except ProgressError as error:
+        raised = error.args[0]
+    if raised is not None:  # outside, where it gets no second cause
+        raise raised
+
+
 @contextmanager
 def solving(capture: Capture) -> Iterator[None]:
     """Where a method runs: CaptureError in place of what solvers raise of systems without solution.
@@ -138,7 +172,7 @@ def solving(capture: Capture) -> Iterator[None]:
     """
     try:
         # What overflows shows in the result.
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        with np.errstate(all="ignore"):
             yield
     except ValueError as error:
         if isinstance(error, np.linalg.LinAlgError) or "infs or NaNs" in str(error):  # scipy's

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 from os import PathLike
+from pathlib import Path
 
-from rakelight.errors import check_is
+from rakelight.errors import InputError, check_is
 from rakelight.export import write_result
 from rakelight.export.mesh_formats import DEFAULT_MESH
 from rakelight.model import Finding, Result, Truth
@@ -46,7 +47,8 @@ def save_result(
     Raises
     ------
     InputError
-        no Result, an option that does not exist, arrays of different sizes, nothing finite to write
+        no Result, an option that does not exist, arrays of different sizes, nothing finite to
+        write, extra files with names of the result's own or in other folders
     OutputExistsError
         something stands at `folder` and may not be replaced
     MachineError
@@ -67,7 +69,7 @@ def save_result(
     check_is(result, Result, "result", "give what rakelight.refine returned")
     if truth is not None and truth.depth.shape != result.depth.shape:
         truth = None
-    more = {name: partial(_as_is, data) for name, data in (extra_files or {}).items()}
+    more = {name: partial(_as_is, data) for name, data in _own_files(extra_files).items()}
     return write_result(
         result,
         folder,
@@ -76,6 +78,23 @@ def save_result(
         normal_map=normal_map,
         extra_files={REPORT: partial(report_html, truth=truth), **more},
     )
+
+
+def _own_files(extra_files: Mapping[str, bytes] | None) -> Mapping[str, bytes]:
+    """The extra files; InputError where one could stand elsewhere, or is not of bytes."""
+    extra_files = {} if extra_files is None else extra_files
+    check_is(extra_files, Mapping, "extra_files", "give a dict, name -> content")
+    for name, data in extra_files.items():
+        source = f"extra_files[{name!r}]"
+        plain = isinstance(name, str) and Path(name).name == name and "\\" not in name
+        if not plain or name in ("", "..", REPORT):
+            raise InputError(
+                "no name of a file in the result folder",
+                source=source,
+                needed="a name without folders, such as notes.txt",
+            )
+        check_is(data, bytes, source, "give the file's content: text.encode()")
+    return extra_files
 
 
 def _as_is(data: bytes, _: Result) -> bytes:
