@@ -128,7 +128,7 @@ def test_the_head_juts_out_before_the_shoulders():
 
 
 def test_unknown_shape():
-    with pytest.raises(InputError, match="no such shape .seen None"):
+    with pytest.raises(InputError, match=r"no such shape .seen None"):
         make_shape(None)
     with pytest.raises(InputError, match="no such shape") as caught:
         make_shape("teapot")

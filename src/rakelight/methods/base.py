@@ -338,7 +338,7 @@ def light_findings(lights: Lights, names: tuple[str, ...]) -> tuple[Finding, ...
         code = "lights-in-one-plane"
     else:
         return tuple(findings)
-    remedy = "move the lamp around the object, 20 to 50 degrees off the camera on all sides"
+    remedy = "move the lamp around the object, 30 to 60 degrees off the camera on all sides"
     findings.append(Finding("warning", code, message, remedy))
     return tuple(findings)
 
