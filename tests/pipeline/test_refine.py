@@ -443,6 +443,17 @@ def test_what_a_method_gives_back_has_to_be_an_estimate(capture, field, from_dep
         refine(capture, Method("wrong", wrong, Kept, starts_from_depth=from_depth))
 
 
+@dataclass(frozen=True)
+class Needy:
+    strength: float
+
+
+@pytest.mark.parametrize("options", [dict, None, Needy, Kept()])
+def test_a_methods_options_are_a_dataclass_of_defaults(options):
+    with pytest.raises(MethodError, match=r"no options of the method mine .*every field with a"):
+        Method("mine", lambda prepared, options, progress: kept_depth(prepared), options)
+
+
 def test_a_method_may_use_one_photograph_and_single_precision(capture):
     def brief(prepared, options, progress):
         estimate = kept_depth(prepared)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from math import ceil
 from numbers import Integral, Real
 from operator import attrgetter
@@ -105,6 +105,20 @@ class Method:
     given_lights: Literal["use", "find", "ignore"] = "ignore"
     bytes_per_pixel: int = 500
     in_tiles: bool = False
+
+    def __post_init__(self) -> None:
+        """Raise MethodError where `options` cannot be made without arguments."""
+        whole = isinstance(self.options, type) and is_dataclass(self.options)
+        if not whole or any(
+            each.init and each.default is MISSING and each.default_factory is MISSING
+            for each in fields(self.options)
+        ):
+            raise MethodError(
+                f"no options of the method {self.name}",
+                seen=repr(self.options),
+                needed="a dataclass, every field with a default",
+                remedy="without options: @dataclass(frozen=True) class Options: pass",
+            )
 
     def estimate(self, prepared: Prepared, options: Any, progress: ProgressCallback) -> Estimate:
         """What `run` gives back; MethodError where that is no `Estimate` of this window."""
