@@ -51,6 +51,12 @@ def test_numbers_of_any_kind_become_plain_ones(number):
     assert Camera(640, 480, "525", None, 1.0, 1.0).fx == "525"
 
 
+@pytest.mark.parametrize("factor", [0, -1, np.nan, np.inf, 1e-4, "2", None])
+def test_a_scale_leaves_an_image(factor):
+    with pytest.raises(InputError, match="factor: no scale of an image"):
+        Camera(640, 480, 525.0, 520.0, 318.0, 241.0).scaled(factor)
+
+
 def test_what_the_caller_has_stays_as_it_is():
     mine = K.copy()
     camera = Camera.from_matrix(mine, (480, 640))

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from math import isfinite
 from numbers import Integral, Real
-from typing import Any, Literal, TypeAlias, TypeVar
+from typing import Any, Literal, NoReturn, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -205,7 +205,14 @@ class Camera:
 
         >>> Camera(640, 480, 500.0, 500.0, 319.5, 239.5).scaled(2)
         Camera(width=1280, height=960, fx=1000.0, fy=1000.0, cx=639.5, cy=479.5, distortion=None)
+
+        Raises InputError where that is no image.
         """
+        if not finite_number(factor) or min(self.width, self.height) * factor < 0.5:
+            raise InputError(
+                "no scale of an image", source="factor", seen=repr(factor),
+                needed="a number above 0 that leaves a pixel",
+            )  # fmt: skip
         return replace(
             self,
             width=round(self.width * factor),
@@ -472,8 +479,8 @@ class GivenLights:
         return 0 if given is None else len(given)
 
     def select(self, photographs: Iterable[int]) -> GivenLights:
-        """Those of these photographs only (indices from 0)."""
-        chosen = list(photographs)
+        """Those of these photographs only (indices from 0); InputError for what is no index."""
+        chosen = _indices(photographs, len(self))
         directions, positions_m, intensities = (
             None if each is None else each[chosen]
             for each in (self.directions, self.positions_m, self.intensities)
@@ -623,16 +630,7 @@ class Capture:
 
         Raises InputError for what is no index of a photograph.
         """
-        chosen, count = list(photographs), len(self.photographs)
-        for index in chosen:
-            whole = isinstance(index, Integral) and not isinstance(index, bool)
-            if not whole or not -count <= index < count:
-                raise InputError(
-                    "no index of a photograph",
-                    source="photographs",
-                    seen=repr(index),
-                    needed=f"a whole number from 0 to {count - 1}",
-                )
+        chosen = _indices(photographs, len(self.photographs))
         return replace(
             self,
             photographs=self.photographs[chosen],
@@ -640,6 +638,24 @@ class Capture:
             lights=None if self.lights is None else self.lights.select(chosen),
             exposures=selected(self.exposures, chosen),
         )
+
+
+def _indices(photographs: Iterable[int], count: int) -> list[int]:
+    """Indices of `count` photographs, as a list; raises InputError for what is none."""
+
+    def refuse(seen: object, needed: str) -> NoReturn:
+        raise InputError(
+            "no index of a photograph", source="photographs", seen=repr(seen), needed=needed
+        )
+
+    if not isinstance(photographs, Iterable):
+        refuse(photographs, "a list of them")
+    listed = list(photographs)
+    for index in listed:
+        whole = isinstance(index, Integral) and not isinstance(index, bool)
+        if not whole or not -count <= index < count:
+            refuse(index, f"a whole number from 0 to {count - 1}")
+    return listed
 
 
 def selected(each: tuple[T, ...], chosen: Iterable[int]) -> tuple[T, ...]:

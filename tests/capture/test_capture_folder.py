@@ -293,3 +293,11 @@ def test_real_captures(name, photographs, lighting, median_m):
     noted, median, *_ = capture.findings
     assert noted.code == "linear-8-bit"
     assert median.message == f"median depth {median_m} m"
+
+
+@pytest.mark.parametrize("wrong", [{"depth_scale": "1000"}, {"contact_sheet": "sheet.png"}])
+def test_arguments_of_another_type_write_nothing(tmp_path, wrong):
+    (name,) = wrong
+    with pytest.raises(InputError, match=f"{name}: this is no"):
+        write_capture(small_capture(), tmp_path / "c", **wrong)
+    assert not list(tmp_path.iterdir())

@@ -10,7 +10,7 @@ import pytest
 from rakelight.capture import load_capture, write_capture
 from rakelight.capture.arrays import checked_capture
 from rakelight.errors import InputError
-from rakelight.model import Camera, Capture, RigidTransform, SensorNoise
+from rakelight.model import Camera, Capture, GivenLights, RigidTransform, SensorNoise
 from tests.capture.capture_builder import HEIGHT, WIDTH, small_capture
 
 GOOD = small_capture()
@@ -388,8 +388,12 @@ def test_each_fault_says_what_is_needed_and_what_to_do(name):
 
 @pytest.mark.parametrize("wrong", [99, -5, True, 1.0, "0"])
 def test_what_is_no_photograph_cannot_be_selected(wrong):
-    with pytest.raises(InputError, match=r"photographs: no index of a photograph .*0 to 3"):
-        made().select([0, wrong])
+    lights = GivenLights(np.tile([0.0, 0.0, -1.0], (4, 1)))
+    for whole in (made(), lights):
+        with pytest.raises(InputError, match=r"photographs: no index of a photograph .*0 to 3"):
+            whole.select([0, wrong])
+        with pytest.raises(InputError, match=r"photographs: no index of a photograph .*a list"):
+            whole.select(2)
     assert made().select(np.array([2, -1])).names == made().select([2, 3]).names
 
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from numbers import Real
 from os import PathLike
 from pathlib import Path
 
@@ -62,7 +63,7 @@ from rakelight.capture.listing import (
 )
 from rakelight.capture.tone_curve import contradicted, stated_encoding
 from rakelight.capture.truth import write_truth
-from rakelight.errors import CaptureError, OutputExistsError, printable
+from rakelight.errors import CaptureError, OutputExistsError, check_is, printable
 from rakelight.files import as_path, clear_errors, in_threads, read_bytes, write_bytes
 from rakelight.folders import file_list, staged_folder
 from rakelight.model import (
@@ -230,6 +231,10 @@ def write_capture(
     (True, '000.png')
     """
     capture = checked_arrays(capture)
+    if depth_scale is not None:
+        check_is(depth_scale, Real, "depth_scale", "give depth values per metre, such as 1000")
+    if contact_sheet is not None:
+        check_is(contact_sheet, np.ndarray, "contact_sheet", "give (H, W, 3) uint8")
     if truth is not None:
         checked_truth(truth, capture.camera.shape)
     target = as_path(folder, "folder")
