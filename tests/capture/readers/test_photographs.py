@@ -887,3 +887,16 @@ def test_captures_of_their_own_are_told_to_be_captures(tmp_path, made):
             (tmp_path / day / "mask.png").write_bytes(mask)
     (tmp_path / "all.jpg").write_bytes(encode_jpeg(small_capture().photographs[0]))
     refusal(tmp_path, "a folder of captures (seen monday, tuesday", "`rakelight batch`")
+
+
+def test_a_lens_in_an_array_called_dist_is_read(tmp_path):
+    fill(tmp_path)
+    np.save(tmp_path / "dist.npy", np.array([[0.1, -0.2, 0.0, 0.0, 0.05]]))
+    capture = load_capture(tmp_path)
+    assert capture.camera.distortion.coefficients == (0.1, -0.2, 0.0, 0.0, 0.05)
+    assert "lens-from-file" in codes(capture)
+    # A map of distances is none.
+    (tmp_path / "depth.tiff").unlink()
+    np.save(tmp_path / "dist.npy", np.full((12, 16), 0.6, np.float32))
+    capture = load_capture(tmp_path)
+    assert (capture.camera.distortion, capture.depth_m.max()) == (None, np.float32(0.6))

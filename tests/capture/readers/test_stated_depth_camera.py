@@ -196,6 +196,24 @@ def test_what_is_not_used_is_named(tmp_path, texts, says):
         assert name.rpartition("_")[0] in warning.message
 
 
+@pytest.mark.parametrize("names", [("cam0", "cam1"), ("rgb", "tof"), ("left", "right")])
+@pytest.mark.parametrize("size", [(16, 12), (15, 12)])
+def test_a_camera_of_the_depths_size_that_is_not_named_depth_is_told_of(tmp_path, names, size):
+    facts = {**DEPTH_FACTS, "width": size[0], "height": size[1]}
+    cameras = dict(zip(names, (COLOR_FACTS, facts), strict=True))
+    folder(tmp_path, (12, 16), cameras_json=cameras)
+    capture = load_capture(tmp_path)
+    assert (capture.camera.fx, capture.depth_camera) == (40, None)
+    said = [f.message for f in capture.findings if f.code == "ignored-files"]
+    if size == (16, 12):
+        assert said == [
+            "depth camera not used, by cameras.json: a camera for 16x12, as the depth is, "
+            "that is not named depth"
+        ]
+    else:
+        assert not said
+
+
 def test_depth_of_the_photographs_size_stays_registered(tmp_path):
     facts = {**DEPTH_FACTS, "width": 32, "height": 24, "cx": 16, "cy": 12}
     capture = load_capture(folder(tmp_path, (24, 32), K_txt=MATRIX_C, depth_camera_json=facts))

@@ -5,6 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+LENS_BYTES = 128 + 14 * 8
+"""Of a .npy with as many float64 as a lens has at most, its head included."""
+
 TEXT_SUFFIXES = (".yaml", ".yml", ".xml", ".json", ".txt", ".csv")
 """Of texts that may state a camera."""
 
@@ -64,5 +67,9 @@ def may_state(path: Path) -> bool:
     [True, True, False]
     """
     suffix = path.suffix.lower()
-    named = named_intrinsics(path.stem) or surely_lens(path.stem)
-    return suffix in TEXT_SUFFIXES or (suffix == ".npy" and named)
+    if suffix != ".npy":
+        return suffix in TEXT_SUFFIXES
+    if named_intrinsics(path.stem) or surely_lens(path.stem):
+        return True
+    # A map of distances may be called dist, too; it is larger.
+    return names_lens(path.stem) and path.is_file() and path.stat().st_size <= LENS_BYTES

@@ -69,7 +69,7 @@ def _names(path: Path) -> list[str]:
     source = f"{path}/{NAMES}"
     data = read_bytes(path / NAMES, source=source, max_bytes=MAX_LIGHTS_BYTES)
     lines = (line.strip() for line in text_lines(data))
-    names = [line.removeprefix("./").removeprefix(".\\") for line in lines]
+    names = [line.replace("\\", "/").removeprefix("./") for line in lines]
     if not names or len(names) > MOST_LIGHTS:
         raise CaptureError(
             "no list of photographs", source=source, seen=f"{len(names)} names",

@@ -13,7 +13,12 @@ import numpy as np
 
 from rakelight.capture import validate
 from rakelight.capture.extrinsics import depth_to_color, is_identity
-from rakelight.capture.intrinsics import alike, parse_depth_intrinsics, small_texts
+from rakelight.capture.intrinsics import (
+    alike,
+    parse_depth_intrinsics,
+    parse_intrinsics,
+    small_texts,
+)
 from rakelight.capture.intrinsics.names import named_intrinsics, names_depth
 from rakelight.capture.readers.stated_camera import camera_or_lens, with_lenses
 from rakelight.capture.text_tables import text_of
@@ -69,6 +74,7 @@ def stated_depth_camera(
         unused = dict.fromkeys((*poses, *unclear), "no depth intrinsics beside it") | unused
         silent = (name for name in data if name not in unused and _meant(name))
         unused |= dict.fromkeys(silent, "no intrinsics found in it")
+        unused = _unnamed(folder, texts, color, shape) | unused
         return StatedDepthCamera(findings=_not_used(unused))
     camera = next(iter(cameras.values()))
     if not poses and _same_view(camera, color):
@@ -140,6 +146,22 @@ def _cameras(
     if not found:
         unused = dict.fromkeys(lenses, "no depth intrinsics beside it") | unused
     return found, unused
+
+
+def _unnamed(
+    folder: Path, texts: Sequence[Path], color: Camera, shape: tuple[int, int]
+) -> dict[str, str]:
+    """Files that state a camera of the depth's size, which no name says to be the depth's."""
+    (h, w), found = shape, dict[str, str]()
+    for path, text in small_texts(texts).items():
+        camera = None
+        with suppress(InputError):  # of which the photographs' camera tells
+            camera = parse_intrinsics(text, size=(w, h))
+        another = camera is not None and camera.shape == shape != color.shape
+        if another and camera is not None and not _same_view(camera, color):
+            name = path.relative_to(folder).as_posix()
+            found[name] = f"a camera for {w}x{h}, as the depth is, that is not named depth"
+    return found
 
 
 def _poses(folder: Path, data: dict[str, bytes]) -> tuple[dict[str, RigidTransform], list[str]]:
