@@ -206,12 +206,12 @@ class Camera:
         >>> Camera(640, 480, 500.0, 500.0, 319.5, 239.5).scaled(2)
         Camera(width=1280, height=960, fx=1000.0, fy=1000.0, cx=639.5, cy=479.5, distortion=None)
 
-        Raises InputError where that is no image.
+        Raises InputError where it is no number above 0.
         """
-        if not finite_number(factor) or min(self.width, self.height) * factor < 0.5:
+        if not finite_number(factor) or factor <= 0:
             raise InputError(
                 "no scale of an image", source="factor", seen=repr(factor),
-                needed="a number above 0 that leaves a pixel",
+                needed="a number above 0",
             )  # fmt: skip
         return replace(
             self,

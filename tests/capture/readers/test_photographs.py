@@ -900,3 +900,9 @@ def test_a_lens_in_an_array_called_dist_is_read(tmp_path):
     np.save(tmp_path / "dist.npy", np.full((12, 16), 0.6, np.float32))
     capture = load_capture(tmp_path)
     assert (capture.camera.distortion, capture.depth_m.max()) == (None, np.float32(0.6))
+
+
+def test_a_rotation_is_no_second_file_with_intrinsics(tmp_path):
+    fill(tmp_path)
+    (tmp_path / "R.txt").write_text("1 0 0\n0 1 0\n0 0 1\n")
+    assert load_capture(tmp_path).camera.fx == 40

@@ -313,3 +313,12 @@ def test_a_bag_without_a_realsense_camera_is_called_that(tmp_path):
         writer.write(talk, 1, store.serialize_ros1(store.types[kind]("hello"), kind))
     with pytest.raises(CaptureError, match=r"no pictures of colour.*seen /chatter.*Fix: record"):
         load_capture(tmp_path / "talk.bag")
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.99])
+def test_a_recording_that_was_cut_short_is_damaged(tmp_path, share):
+    write_db3(tmp_path / "rec.db3", Take())
+    data = (tmp_path / "rec.db3").read_bytes()
+    (tmp_path / "rec.db3").write_bytes(data[: int(share * len(data))])
+    with pytest.raises(CaptureError, match=r"rec\.db3.*damaged"):
+        load_capture(tmp_path / "rec.db3")

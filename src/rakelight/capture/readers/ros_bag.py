@@ -112,8 +112,8 @@ def is_bag(path: Path) -> bool:
     try:
         with closing(_connected(path)) as database:
             return _has_tables(database)
-    except sqlite3.Error:
-        return False
+    except sqlite3.Error:  # cut short: `opened` says so
+        return path.suffix.lower() == ".db3"
 
 
 @contextmanager
