@@ -372,3 +372,17 @@ def test_a_diligent_folder_without_intensities_is_read(tmp_path):
     folder = diligent(tmp_path / "set")
     (folder / "light_intensities.txt").unlink()
     assert load_capture(folder).lights.intensities is None
+
+
+def test_matlabs_transposed_matrix_is_read(tmp_path):
+    plain = load_capture(mat(tmp_path / "plain.mat"))
+    first_is_1 = K + np.array([[0, 0, 1], [0, 0, 1], [0, 0, 0]])
+    turned = load_capture(mat(tmp_path / "turned.mat", K=first_is_1.T))
+    assert turned.camera == plain.camera
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2, 3), (1, 2, 0, 3)])
+def test_photographs_of_other_axes_in_a_mat_file(tmp_path, order):
+    axes = np.transpose(SMALL.photographs / 65535, order)
+    with pytest.raises(CaptureError, match=r"I: .*needed \(H, W, 3, N\)\)\. Fix: permute\(I"):
+        load_capture(mat(tmp_path / "a.mat", I=axes))

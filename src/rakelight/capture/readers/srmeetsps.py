@@ -56,6 +56,8 @@ def read(path: Path, wanted: Wanted) -> Reading:
         photographs = _photographs(variables["I"], wanted.photographs)
         matrix = variables["K"].astype(np.float64)
         if matrix.shape == (3, 3):
+            if matrix[:, 2].tolist() == [0, 0, 1]:  # as MATLAB's IntrinsicMatrix has it
+                matrix = matrix.T
             matrix[:2, 2] -= 1.0
         capture = capture_from_arrays(
             photographs, depth_m, Camera.from_matrix(matrix, photographs.shape[1:3]),
@@ -66,6 +68,14 @@ def read(path: Path, wanted: Wanted) -> Reading:
 
 def _photographs(images: Array, chosen: tuple[int, ...] | None) -> Array:
     """(N, H, W, 3) of I (H, W, 3[, N]); uint8 where they are whole numbers up to 255."""
+    if images.shape[2] != 3:
+        raise CaptureError(
+            "no photographs in colour",
+            source="I",
+            seen=str(images.shape),
+            needed="(H, W, 3, N)",
+            remedy="permute(I, ...) in MATLAB: rows, columns, red green blue, photographs",
+        )
     stack = np.moveaxis(images if images.ndim == 4 else images[..., None], -1, 0)
     if chosen is not None:
         check_numbers(chosen, len(stack), "I")
