@@ -50,7 +50,7 @@ class RakelightError(Exception):
         remedy: str = "",
     ) -> None:
         self.what, self.source, self.remedy = what, source, remedy
-        # A caller of another type has put anything there.
+        # Callers show values of any type.
         self.seen, self.needed = str(seen), str(needed)
         super().__init__(what)
 

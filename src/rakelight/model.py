@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from math import isfinite
 from numbers import Integral, Real
 from typing import Any, Literal, NoReturn, TypeAlias, TypeVar
@@ -148,11 +148,11 @@ class Camera:
 
     def __post_init__(self) -> None:
         """Numbers of NumPy and of other kinds become Python's, as JSON and solvers take them."""
-        for each in fields(self)[:-1]:
-            value = getattr(self, each.name)
+        for name in ("width", "height", "fx", "fy", "cx", "cy"):
+            value = getattr(self, name)
             if finite_number(value):
                 plain = int(value) if isinstance(value, Integral) else float(value)
-                object.__setattr__(self, each.name, plain)
+                object.__setattr__(self, name, plain)
 
     @classmethod
     def from_matrix(

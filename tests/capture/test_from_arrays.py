@@ -408,8 +408,9 @@ def test_sequences_of_any_kind_are_names_and_exposures():
         assert found == (1.0, 2.0, 3.0, 4.0)
         assert {type(each) for each in found} == {float}
     assert made(names=np.array(list("abcd"))).names == ("a", "b", "c", "d")
-    with pytest.raises(InputError, match="names: not a tuple of str"):
-        made(names="abcd")
+    for wrong in ("abcd", np.arange(4), np.array("abcd")):
+        with pytest.raises(InputError, match="names: not a tuple of str"):
+            made(names=wrong)
     assert made(register=np.bool_(False)).register is False
 
 
@@ -430,8 +431,10 @@ def test_what_is_wrong_with_a_picture_is_mended_there(name, picture, words):
 
 def test_a_map_in_another_unit_among_others_is_refused():
     maps = np.concatenate([DEPTH[:1], 1000 * DEPTH[:1], DEPTH[:1]])
-    with pytest.raises(InputError, match=r"no distance from .* in map 1, .*Fix: remove map 1, or"):
-        made(depth=maps)
+    for holes in (False, True):
+        maps[1, ::3] = 0 if holes else maps[1, ::3]
+        with pytest.raises(InputError, match=r"no distance .* in map 1, .*Fix: remove map 1, or"):
+            made(depth=maps)
 
 
 def test_depth_that_is_no_number_is_not_to_be_converted():

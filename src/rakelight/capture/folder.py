@@ -76,6 +76,7 @@ from rakelight.model import (
     Mask,
     SensorNoise,
     Truth,
+    selected,
 )
 
 CAPTURE = file_list("capture")
@@ -299,7 +300,7 @@ def _list_all(
         count, rgb = len(rgb.names), rgb.chosen(photographs)
         if lights is not None and len(lights) == count:
             lights = lights.select(photographs)
-        exposures = tuple(exposures[i] for i in photographs) if exposures else ()
+        exposures = selected(exposures, photographs)
     depth = list_images(root, "depth", "depth maps")
     check_photograph_kind(rgb)
     check_depth_kind(depth, table, root)

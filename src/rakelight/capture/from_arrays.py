@@ -93,9 +93,9 @@ def capture_from_arrays(
         depth_to_color=depth_to_color,
         depth_noise=depth_noise,
         register=bool(register) if isinstance(register, np.bool_) else register,
-        names=tuple(map(str, names)) if isinstance(names, np.ndarray) else tuple_of(names),
+        names=_as_tuple(names),
         lights=lights,
-        exposures=tuple_of(exposures),
+        exposures=_as_tuple(exposures),
     )
     with _named_as_arguments():
         capture = checked_arrays(capture)
@@ -121,9 +121,11 @@ def _named_as_arguments() -> Iterator[None]:
         raise
 
 
-def tuple_of(values: Sequence[Any]) -> Any:
-    """A sequence's values as a tuple; text and what is none as they are, to be refused."""
-    listed = isinstance(values, Sequence | np.ndarray) and not isinstance(values, str | bytes)
+def _as_tuple(values: Sequence[Any] | Array) -> Any:
+    """The values of a sequence or an array as a tuple; text and anything else as it is."""
+    if isinstance(values, np.ndarray):
+        return tuple(values.tolist()) if values.ndim else values
+    listed = isinstance(values, Sequence) and not isinstance(values, str | bytes)
     return tuple(values) if listed else values
 
 

@@ -699,12 +699,16 @@ def check_depth(
 
 
 def _refuse_other_units(on_maps: Array, source: str, names: Sequence[str]) -> None:
-    """Raise CaptureError where some maps of several hold next to no distance on the object.
+    """Raise CaptureError where some of several maps hold values that are no distances.
+
+    That is where next to nothing of the object is measured, and most is too far or too near.
 
     on_maps : (K, P) indices into `HOLES` of the object's P pixels
     """
     no_distance = [HOLES.index(each) for each in HOLES if each.startswith(("beyond", "nearer"))]
-    wrong = (np.isin(on_maps, no_distance).mean(axis=1) > 1 - LEAST_MEASURED).tolist()
+    measured = (on_maps == HOLES.index("measured")).mean(axis=1)
+    off = np.isin(on_maps, no_distance).mean(axis=1)
+    wrong = ((measured < LEAST_MEASURED) & (off > 0.5)).tolist()
     if any(wrong) and not all(wrong):
         named = listed(names or [f"map {k}" for k in range(len(wrong))], wrong)
         raise CaptureError(

@@ -23,8 +23,7 @@ HALF_CONFIDENCE_DEG = 3.0
 UNDETERMINED_RAD = 0.5
 # Standard deviation, pixels, of the window in which variances are averaged.
 SMOOTHED_PX = 1.5
-# Intensity of a light over that of the brightest quarter, below which it does not reach the object:
-# photographs of a lamp that is off may be more than half of them.
+# Intensity of a light over that of the others, below which it does not reach the object.
 DARK = 0.02
 # Largest angle between a light and their mean, degrees, below which they are in one place, and the
 # pipeline keeps the depth.  Only this value was tried: 400 random draws, 13 below it
@@ -361,6 +360,7 @@ def toward_lights(lights: Lights) -> tuple[Floats, Mask]:
     """(M, 3) unit vectors to the lights that reach the object, and (N,) which ones do not."""
     vector = lights.vector.mean(axis=1)
     strength = np.linalg.norm(vector, axis=-1)
+    # The others are the brightest quarter: of most photographs the lamp may be off.
     dark = strength < DARK * np.quantile(strength, 0.75, method="higher")
     return vector[~dark] / np.maximum(strength[~dark], np.finfo(float).tiny)[:, None], dark
 

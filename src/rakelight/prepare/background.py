@@ -68,6 +68,7 @@ def beside_the_object(
     from_inside = reached(~rim, links, 2 * border)
     components, count = surfaces(np.where(seen, depth, np.nan), camera)
     own = seen & np.isin(components, np.unique(components[seen & whole]))
+    # Flying pixels have been left out: the background may begin a few pixels farther out.
     background = maximum_filter(np.where(measured & ~inside, depth, -np.inf), 4 * border + 1)
     few = np.bincount(components[seen], minlength=count)[components] < LEAST_PART
     own &= from_inside | ~(from_outside | (few & (depth < background)))

@@ -153,14 +153,14 @@ def _unnamed(
 ) -> dict[str, str]:
     """Files that state a camera of the depth's size, which no name says to be the depth's."""
     (h, w), found = shape, dict[str, str]()
+    if shape == color.shape:  # it is the photographs'
+        return found
     for path, text in small_texts(texts).items():
-        camera = None
-        with suppress(InputError):  # of which the photographs' camera tells
+        with suppress(InputError):  # the reader of the photographs' camera says what is wrong
             camera = parse_intrinsics(text, size=(w, h))
-        another = camera is not None and camera.shape == shape != color.shape
-        if another and camera is not None and not _same_view(camera, color):
-            name = path.relative_to(folder).as_posix()
-            found[name] = f"a camera for {w}x{h}, as the depth is, that is not named depth"
+            if camera and camera.shape == shape and not _same_view(camera, color):
+                name = path.relative_to(folder).as_posix()
+                found[name] = f"a camera for {w}x{h}, as the depth is, that is not named depth"
     return found
 
 
