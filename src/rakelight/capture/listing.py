@@ -28,7 +28,7 @@ UNREAD = {
 # What may be meant for a mask, for lights, confidence, ambient light or a white card, by names.
 _MEANT = re.compile(
     r"(?<![a-z])(masks?|conf(idence)?|ambient|flat)(?![a-z])[^.]*(\.(png|jpe?g|tiff?|bmp|gif|psd|xcf|npy))?$"
-    r"|^[^.].*\.lp$|light\w*\.(txt|csv|json)$",
+    r"|\.lp$|light\w*\.(txt|csv|json)$",
     re.IGNORECASE,
 )
 
@@ -158,7 +158,10 @@ def meant_otherwise(root: Root, read: Sequence[str], remedy: str) -> tuple[Findi
     others = [
         name
         for name in names
-        if name not in read and Path(name).stem.lower() not in copies and _MEANT.search(name)
+        if name not in read
+        and not name.startswith(".")
+        and Path(name).stem.lower() not in copies
+        and _MEANT.search(name)
     ]
     if not others:
         return ()

@@ -29,6 +29,8 @@ Kind = Literal["PNG", "JPEG", "TIFF", "heic", "raw", "exr", "pfm", "npy", "z16"]
 Role = Literal["photograph", "depth", "mask", "ambient", "flat", "confidence", "disparity"]
 
 _ONLY_DEPTH = ("pfm", "npy", "z16")
+# A .npy with a shorter side is no image but a table: poses (N, 7), directions of lights (N, 3).
+_LEAST_SIDE = 8
 # Endings of files that are images, or damaged.
 _IMAGES = (*SUFFIXES, *raw.SUFFIXES, ".heic", ".heif", ".exr")
 # Words that say, in the name of a file or of its folder, what is not read for a photograph.
@@ -44,6 +46,10 @@ _ONE_EACH: dict[Role, str] = {
 }
 _TO_DEPTH = "save focal length (pixels) x baseline (metres) / disparity as depth.tiff"
 _MOST_FILES = 2000  # that are looked at; more are a recording or a disk
+_RENAME = (
+    "rename those that are photographs: depth, conf, mask, ambient and flat in a name say that a "
+    "picture is none"
+)
 _WHERE = "put the photographs in one folder, or name the others depth, mask, ambient, flat"
 
 
@@ -208,6 +214,8 @@ def list_loose_files(folder: Path, photographs: Sequence[str] = ()) -> LooseFile
     }
     one = {word: _the_one(folder, word, named[word]) for word in _ONE_EACH}
     rest = [file for file in images if roles[file.name] is None]
+    tables = [file for file in rest if _is_table(file)]
+    rest = [file for file in rest if file not in tables]
     known = {file.name for file in images}
     names = [p.relative_to(folder).as_posix() for p in paths]
     others = [name for name in names if name not in known]
@@ -221,8 +229,11 @@ def list_loose_files(folder: Path, photographs: Sequence[str] = ()) -> LooseFile
     if photographs:
         rest = _listed(folder, images, photographs)
     taken, paired = _without_pairs([file for file in rest if file not in depth])
-    _check_photographs(folder, taken, depth, unread)
+    arrays = [file for file in taken if file.only_depth]
+    taken = [file for file in taken if file not in arrays]
     more = [file for word in _ONE_EACH for file in named[word] if file is not one[word]]
+    pictures = [each for each in (*unused, *named["confidence"], *more) if not each.one_channel]
+    _check_photographs(folder, taken, depth, unread, pictures)
     return LooseFiles(
         tuple(taken),
         tuple(depth),
@@ -233,7 +244,8 @@ def list_loose_files(folder: Path, photographs: Sequence[str] = ()) -> LooseFile
         scales[0] if scales else None,
         (
             *(name for name in of_depth if Path(name).suffix.lower() not in TEXT_SUFFIXES),
-            *(file.name for file in (*unused, *named["disparity"], *paired, *more)),
+            *(file.name for file in (*unused, *named["disparity"], *paired, *arrays, *more)),
+            *(file.name for file in tables),
         ),
         tuple(named["confidence"]),
         tuple(unread),
@@ -264,6 +276,15 @@ def _looked_at(folder: Path, path: Path) -> LooseFile | None:
         header = exr.read_exr_header(read_bytes(path, source=source), source)
         return LooseFile(path, name, source, kind, exr=header)
     return None if kind is None else LooseFile(path, name, source, kind)
+
+
+def _is_table(file: LooseFile) -> bool:
+    """Whether a file is an array that no image is: by its number of axes, or its sides."""
+    if file.kind != "npy":
+        return False
+    with clear_errors(file.source, "cannot be read"), file.path.open("rb") as opened:
+        shape = npy.stated_shape(opened, file.source)
+    return shape is None or min(shape) < _LEAST_SIDE
 
 
 def is_dng(data: bytes) -> bool:
@@ -315,6 +336,9 @@ def _depth_among(
     """
     if named:
         real = [file for file in named if file.one_channel or file.only_depth]
+        bare = [name for name in meant if name.lower().endswith(z16.SUFFIX)]
+        if bare and not real:
+            raise z16.size_not_stated(f"{folder}/{bare[0]}")
         # A coloured picture of the depth beside the depth itself is for people.
         return (real, [file for file in named if file not in real]) if real else (named, [])
     certain = [file for file in rest if file.only_depth]
@@ -345,11 +369,15 @@ def _without_pairs(files: list[LooseFile]) -> tuple[list[LooseFile], list[LooseF
 
 
 def _check_photographs(
-    folder: Path, files: Sequence[LooseFile], depth: Sequence[LooseFile], unread: Sequence[str]
+    folder: Path,
+    files: Sequence[LooseFile],
+    depth: Sequence[LooseFile],
+    unread: Sequence[str],
+    pictures: Sequence[LooseFile] = (),
 ) -> None:
     """Raise CaptureError unless there are some, of one kind, in one folder.
 
-    unread : names of images of other formats
+    unread : names of images of other formats; pictures : that are none by their names
     """
     source = str(folder)
     if depth and not files and not any(f.only_depth or role_of(f.name) for f in depth):
@@ -364,9 +392,9 @@ def _check_photographs(
         raise CaptureError(
             "no photographs in it",
             source=source,
-            seen=listed(unread),
+            seen=listed(unread) or _names(pictures),
             needed="JPEG, PNG, TIFF, HEIC, EXR, DNG, CR2, CR3, NEF or ARW",
-            remedy=TO_PNG if unread else _WHERE,
+            remedy=TO_PNG if unread else _RENAME if pictures else _WHERE,
         )
     places = sorted({Path(file.name).parent.as_posix() for file in files})
     if len(places) > 1:

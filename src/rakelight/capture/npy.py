@@ -28,6 +28,18 @@ def decode_npy(data: bytes, source: str = "") -> Array:
     return _values(file, *npy_header(file, "the array", source), source)
 
 
+def stated_shape(file: IO[bytes], source: str = "") -> tuple[int, int] | None:
+    """(H, W) of an array by its header; None for one of another number of axes, or of no numbers.
+
+    >>> file = io.BytesIO()
+    >>> np.save(file, np.zeros((4, 3, 3)))
+    >>> stated_shape(io.BytesIO(file.getvalue())) is None
+    True
+    """
+    stated = _stated(_header(file, "the array", source))
+    return None if stated is None else stated[0]
+
+
 def decode_few(data: bytes, most: int, source: str = "") -> Array | None:
     """(H, W), or (1, N) of a list of numbers; None for another array, or one of more than `most`.
 

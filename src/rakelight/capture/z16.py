@@ -14,6 +14,7 @@ import numpy as np
 
 from rakelight.capture.headers import check_size, damaged
 from rakelight.capture.text_tables import text_of
+from rakelight.errors import CaptureError
 from rakelight.files import read_bytes
 from rakelight.model import Array
 
@@ -41,6 +42,15 @@ def stated_shape(path: Path) -> tuple[int, int] | None:
     height, width = map(int, sides)
     check_size(width, height, str(beside))
     return height, width
+
+
+def size_not_stated(source: str) -> CaptureError:
+    """The error for a .raw of depth whose size no metadata beside it states."""
+    return CaptureError(
+        "depth of a size that is not known", source=source,
+        needed=f"{Path(source).stem}_metadata.csv beside it, with Format,Z16 and the Resolution",
+        remedy="put it there: the RealSense Viewer saves it with a snapshot",
+    )  # fmt: skip
 
 
 def decode_z16(data: bytes, shape: tuple[int, int], source: str = "") -> Array:

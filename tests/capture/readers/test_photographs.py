@@ -412,6 +412,49 @@ def test_a_matrix_as_an_array(tmp_path, name):
     refusal(tmp_path, f"{name}: no intrinsics in it")
 
 
+def test_four_numbers_as_an_array(tmp_path):
+    made = fill(tmp_path, texts=False)
+    camera = made.camera
+    np.save(tmp_path / "intrinsics.npy", np.array([camera.fx, camera.fy, camera.cx, camera.cy]))
+    assert load_capture(tmp_path).camera == camera
+    np.save(tmp_path / "intrinsics.npy", np.array([camera.fx, camera.fy]))
+    refusal(tmp_path, "intrinsics.npy: no intrinsics in it")
+
+
+TABLES = {"poses": (4, 4, 4), "timestamps": (4,), "light_directions": (4, 3)}
+
+
+@pytest.mark.parametrize("depth", ["depth.tiff", "000.npy"])
+@pytest.mark.parametrize("name", TABLES)
+def test_arrays_that_are_no_images_are_left_out(tmp_path, name, depth):
+    made = fill(tmp_path)
+    if depth.endswith("npy"):
+        (tmp_path / "depth.tiff").unlink()
+        np.save(tmp_path / depth, made.depth_m[0])
+    np.save(tmp_path / f"{name}.npy", np.zeros(TABLES[name]))
+    capture = load_capture(tmp_path)
+    assert np.array_equal(capture.depth_m, made.depth_m[:1], equal_nan=True)
+    found = [f for f in capture.findings if f.code == "ignored-files"]
+    assert all(f"{name}.npy" in f.message for f in found)
+    assert ("warning" in [f.severity for f in found]) == (name == "light_directions")
+
+
+def test_an_array_beside_named_depth_is_left_out(tmp_path):
+    made = fill(tmp_path)
+    np.save(tmp_path / "weights.npy", np.ones_like(made.depth_m[0]))
+    capture = load_capture(tmp_path)
+    assert np.array_equal(capture.depth_m, made.depth_m[:1], equal_nan=True)
+    assert any("weights.npy" in f.message for f in capture.findings if f.code == "ignored-files")
+
+
+@pytest.mark.parametrize("word", ["conf", "depth_of_field_"])
+def test_photographs_whose_names_say_something_else(tmp_path, word):
+    fill(tmp_path)
+    for each in tmp_path.glob("img*.png"):
+        each.rename(each.with_name(f"{word}{each.name[3:]}"))
+    refusal(tmp_path, f"no photographs in it (seen {word}9.png", "rename those")
+
+
 def test_depth_that_is_turned(tmp_path):
     fill(tmp_path, depth=False)
     (tmp_path / "depth.tiff").write_bytes(encode_tiff(np.full((16, 12), 0.6, np.float32)))

@@ -271,6 +271,18 @@ def test_stray_folder_is_read(tmp_path):
     assert poses.positions_m.shape == (COUNT, 3)
 
 
+@pytest.mark.parametrize("name", ["rgb.MP4", "IMG_0012.mov"])
+def test_stray_video_of_another_name(tmp_path, name):
+    path = write_stray(tmp_path / "scan", frames()[:3], depth_maps()[:3])
+    (path / "rgb.mp4").rename(path / name)
+    assert find_reader(path).name == "stray-scanner"
+    recording, _ = stray_scanner.recording(path)
+    assert recording.names[0] == f"{name} frame 0"
+    (path / "second.mp4").write_bytes((path / name).read_bytes())
+    with pytest.raises(CaptureError, match=r"several videos .*needed rgb\.mp4"):
+        stray_scanner.recording(path)
+
+
 def test_stray_newer_columns_numbers_and_lost_frames(tmp_path):
     """Per-frame intrinsics, numbers that go on from an earlier scan, a last map cut short."""
     text = odometry(COUNT, 40, fx=510.0, fy=511.0, cx=CAMERA.cx, cy=CAMERA.cy, distortion="")

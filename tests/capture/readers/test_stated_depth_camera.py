@@ -306,7 +306,8 @@ def test_snapshots_that_are_damaged_or_without_their_metadata(tmp_path):
         load_capture(tmp_path)
     for each in tmp_path.glob("*_Depth_metadata.csv"):
         each.write_text("Format,Z16\nResolution x,wide\n")
-    with pytest.raises(CaptureError, match="depth has one channel"):
+    said = r"s0_Depth\.raw: depth of a size that is not known .*s0_Depth_metadata\.csv"
+    with pytest.raises(CaptureError, match=said):
         load_capture(tmp_path)
     (tmp_path / "s0_Depth_metadata.csv").write_text("Format,Z16\nResolution x,0\nResolution y,9")
     with pytest.raises(CaptureError, match="a size of 0x9"):

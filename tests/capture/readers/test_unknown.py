@@ -72,6 +72,12 @@ def around(folder):
     return folder
 
 
+def several(folder):
+    for name in ("morning", "noon"):
+        fill(folder / name / "rgb", texts=False)
+    return folder
+
+
 def folder_of(path):
     path.mkdir()
     return path
@@ -112,6 +118,7 @@ UNKNOWN = {
     "a folder of arrays.*from_arrays": lambda p: written(p / "arrays" / "a.npz", b"PK").parent,
     "images of a format that is not read": lambda p: written(p / "gif" / "a.gif", b"GIF89a").parent,
     "a folder around the one.*name that itself: .*/rec/EXR_RGBD": lambda p: around(p / "rec"),
+    "a folder of captures .seen morning, noon.*batch": lambda p: several(p / "day"),
     "nothing in it that is read .seen a.md": lambda p: written(p / "notes" / "a.md").parent,
 }
 

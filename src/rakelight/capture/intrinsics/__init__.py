@@ -38,6 +38,7 @@ from rakelight.model import Camera, Distortion
 MAX_BYTES = 5_000_000
 """Of a file with intrinsics: they take some thousand, the poses beside them megabytes."""
 
+_MOST_NUMBERS = 16  # of an array with intrinsics: a matrix 4 x 4
 # Pixels, and coefficients of a lens, by which one camera differs in two files.
 _ROUNDING = np.array([0.005] * 4 + [1e-5] * 8)
 
@@ -67,9 +68,8 @@ def parse_intrinsics(
     >>> parse_intrinsics(b"a shopping list") is None
     True
     """
-    if data.startswith(npy.MAGIC) and len(data) <= MAX_BYTES:
-        K = npy.decode_npy(data, source) if named else npy.decode_few(data, 9, source)
-        return unchecked(K).checked(source) if K is not None and K.shape == (3, 3) else None
+    if data.startswith(npy.MAGIC):
+        return _in_array(data, source, named)
     text = small_text(data)
     if text is None:
         return None
@@ -193,6 +193,17 @@ def small_texts(paths: Iterable[Path]) -> dict[Path, bytes]:
 def small_text(data: bytes) -> str | None:
     """The text of a file; None where it is none, or larger than files with intrinsics are."""
     return text_of(data) if len(data) <= MAX_BYTES else None
+
+
+def _in_array(data: bytes, source: str, named: bool) -> Camera | None:
+    """The camera of a .npy: a matrix; where its name says so what `bare_numbers.camera` reads."""
+    few = npy.decode_few(data, _MOST_NUMBERS, source)
+    if few is not None and few.shape == (3, 3):
+        return unchecked(few).checked(source)
+    if few is None or not named or not (1 in few.shape or few.shape == (4, 4)):
+        return None
+    found = bare_numbers.camera(" ".join(map(str, few.ravel().tolist())), named)
+    return None if found is None else found.checked(source)
 
 
 def _in_tables(

@@ -214,13 +214,14 @@ def _depth_place(
 
 def _unused(files: LooseFiles, lights: GivenLights | None) -> tuple[Finding, ...]:
     found: list[Finding] = []
-    of_lights = [path.name for path in files.texts if "light" in path.stem.lower()]
+    arrays = (Path(name) for name in files.unused if name.lower().endswith(".npy"))
+    of_lights = [p.name for p in (*files.texts, *arrays) if "light" in p.stem.lower()]
     if lights is None and of_lights:
         message = f"not read: {listed(of_lights)}; the lights are estimated"
         remedy = "name the directions light_directions.txt, x y z in each line, or write a .lp file"
         found.append(Finding("warning", "ignored-files", message, remedy))
     if files.unused:
-        message = f"left out, a better file is there: {listed(files.unused)}"
+        message = f"left out beside what is read: {listed(files.unused)}"
         found.append(Finding("note", "ignored-files", message))
     if files.unread:
         found.append(unread_finding(files.unread))

@@ -3,7 +3,8 @@
 Facts: github.com/strayrobots/scanner, docs/format.md and the encoders in StrayScanner/Helpers.  All
 is stored as the sensor sees it; the video's note of how the phone was held is left alone.  The
 first frame lies before the time 0 of the video, whose edit list hides it: odometry.csv and depth/
-count it.  Depth of recordings of 2021 is .npy, in millimetres too.
+count it.  Depth of recordings of 2021 is .npy, in millimetres too.  The only video in the folder is
+read under another name, too: what a phone's files are copied with may rename it.
 """
 
 from __future__ import annotations
@@ -27,11 +28,12 @@ from rakelight.capture.readers.numbers import camera_of
 from rakelight.capture.readers.tracking import Poses, reading_by
 from rakelight.capture.readers.video_file import video_stream
 from rakelight.capture.recording import Recording, Stream
-from rakelight.errors import CaptureError
+from rakelight.errors import CaptureError, listed
 from rakelight.files import MAX_TEXT_BYTES
 from rakelight.model import Camera, Finding, Floats
 
 VIDEO, MATRIX, ODOMETRY = "rgb.mp4", "camera_matrix.csv", "odometry.csv"
+_VIDEOS = (".mp4", ".mov", ".m4v")
 _PER_METRE = 1000.0
 # The columns of odometry.csv without a header; recordings of early 2021 begin with the place.
 _COLUMNS = ("timestamp", "frame", "x", "y", "z", "qx", "qy", "qz", "qw")
@@ -54,12 +56,32 @@ class _Odometry:
 def sniff(path: Path) -> bool:
     """Whether the folder holds the video and a file of its own."""
     own = (path / MATRIX).is_file() or (path / ODOMETRY).is_file()
-    return own and (path / VIDEO).is_file()
+    return own and ((path / VIDEO).is_file() or ((path / "depth").is_dir() and bool(_videos(path))))
+
+
+def _videos(path: Path) -> list[str]:
+    """Names of the videos in the folder, rgb.mp4 alone where it is there."""
+    if (path / VIDEO).is_file():
+        return [VIDEO]
+    names = sorted(each.name for each in path.iterdir() if each.suffix.lower() in _VIDEOS)
+    return [name for name in names if not name.startswith(".")]
+
+
+def _video(path: Path) -> str:
+    """The name of the one video; raises CaptureError for several, of which none is rgb.mp4."""
+    names = _videos(path)
+    if len(names) > 1:
+        raise CaptureError(
+            "several videos", source=str(path), seen=listed(names), needed=VIDEO,
+            remedy=f"name the one of this recording {VIDEO}",
+        )  # fmt: skip
+    return names[0] if names else VIDEO
 
 
 def recording(path: Path) -> tuple[Recording, Poses | None]:
     """The recording in a folder."""
-    color = video_stream(inside(path, VIDEO), f"{path}/{VIDEO}", hidden=True)
+    video = _video(path)
+    color = video_stream(inside(path, video), f"{path}/{video}", hidden=True)
     odometry = _odometry(path)
     camera = _camera(path, odometry, color.shape)
     color, depth, poses = _streams(path, color, odometry)
@@ -69,7 +91,7 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
         color,
         depth,
         depth_source=f"{path}/depth",
-        names=[f"{VIDEO} frame {number}" for number in range(len(color))],
+        names=[f"{video} frame {number}" for number in range(len(color))],
         findings=[_COMPRESSED],
         beside=("confidence",),
     )

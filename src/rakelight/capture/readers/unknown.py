@@ -152,11 +152,13 @@ def _refuse_by_content(source: Path, names: list[str]) -> None:
         if images_in(source):
             list_loose_files(source)  # says what of a folder of photographs is not there
     _refuse_endings(source, names, _AFTER_IMAGES)
-    inner = next((name for name in names[:_MOST_FOLDERS] if _is_read(source / name)), None)
-    if inner is not None:
+    inner = [name for name in names[:_MOST_FOLDERS] if _is_read(source / name)]
+    if len(inner) > 1:
+        raise folder_of_captures(source, inner)
+    if inner:
         raise CaptureError(
             "a folder around the one that is read", source=str(source), seen=listed(names),
-            remedy=f"name that itself: {source}/{printable(inner)}",
+            remedy=f"name that itself: {source}/{printable(inner[0])}",
         )  # fmt: skip
 
 
