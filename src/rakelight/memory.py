@@ -39,7 +39,9 @@ def limited_memory(limit: float | None) -> Iterator[None]:
     ...     available_memory()
     0.0
     """
-    if limit is not None and not (isinstance(limit, Real) and limit > 0):
+    if limit is not None and not (
+        isinstance(limit, Real) and not isinstance(limit, bool) and limit > 0
+    ):
         raise InputError(
             "not a limit of memory",
             source="memory",

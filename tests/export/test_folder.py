@@ -379,6 +379,13 @@ def test_arrays_of_another_size_are_refused(sphere, tmp_path):
         assert caught.value.source == name
 
 
+def test_names_of_other_photographs_are_refused(sphere, tmp_path):
+    """They could be saved, and not be loaded again."""
+    with pytest.raises(InputError, match=r"photograph_names: not a name for each light .*1 names"):
+        write_result(replace(sphere, photograph_names=("a.png",)), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def test_unknown_options_are_refused(sphere, tmp_path):
     with pytest.raises(InputError, match="no such option"):
         write_result(sphere, tmp_path / "out", mesh="obj")

@@ -187,6 +187,12 @@ def test_what_cannot_be_drawn_is_refused(options, seen):
         draw(0, **options)
 
 
+@pytest.mark.parametrize("seed", [-1, 0.5, None, "a"])
+def test_what_is_no_seed_is_refused(seed):
+    with pytest.raises(InputError, match=f"seed {seed}, .*a whole number from 0"):
+        draw(seed)
+
+
 def test_a_draw_says_all_its_values_on_a_line():
     text = str(draw(5))
     assert "\n" not in text

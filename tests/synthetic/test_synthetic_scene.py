@@ -328,12 +328,23 @@ def test_the_seed_decides_and_its_streams_are_separate():
         {"image_noise": float("nan")},
         {"depth_factor": 0},
         {"seed": -1},
+        {"seed": "a"},
+        {"tilt_deg": 30.0},
+        {"depth_factor": None},
+        {"camera": "wide"},
     ],
 )
 def test_impossible_options(options):
     with pytest.raises(InputError, match="not a possible scene") as caught:
         SceneOptions(**options)
     assert next(iter(options)) in str(caught.value)
+
+
+def test_a_caller_who_wants_errors_for_underflow_gets_a_scene():
+    options = SceneOptions(camera=make_shape("vase").camera.scaled(0.1), photographs=3)
+    with np.errstate(all="raise"):
+        capture, _ = render_scene(make_shape("vase"), make_albedo("simple"), options)
+    assert capture.photographs.any()
 
 
 @pytest.mark.parametrize("factor", [1.5, 3.2, 4.7])

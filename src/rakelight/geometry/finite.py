@@ -114,7 +114,7 @@ def _finding(pixels: int, lights_bad: bool) -> Finding:
 
 
 def _check_sizes(result: Result) -> None:
-    """Raise InputError unless every map has the camera's size."""
+    """Raise InputError unless every map has the camera's size, and every light its name or none."""
     require_ideal(result.camera, "result.camera")
     shape = result.camera.shape
     needed = {
@@ -137,3 +137,9 @@ def _check_sizes(result: Result) -> None:
                 seen=str(seen),
                 needed=str(size),
             )
+    names, lights = result.photograph_names, result.lights
+    if names and len(names) != len(lights):
+        raise InputError(
+            "not a name for each light", source="photograph_names", seen=f"{len(names)} names",
+            needed=f"{len(lights)}, or none",
+        )  # fmt: skip

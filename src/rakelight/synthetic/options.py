@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeAlias, get_args
@@ -100,21 +101,24 @@ class SceneOptions:
         """(option, whether it is possible, what would be)."""
 
         def all_of(needed: str, test: Callable[[Any], bool], *names: str) -> Conditions:
-            return [(name, test(getattr(self, name)), needed) for name in names]
+            return [(name, _holds(test, getattr(self, name)), needed) for name in names]
 
-        low, high = self.tilt_deg
         return [
             *all_of(
                 "moving-lamp, rgb-leds or ambient", get_args(Lighting).__contains__, "lighting"
             ),
             *all_of("linear or srgb", get_args(Encoding).__contains__, "encoding"),
             *all_of("8 or 16", (8, 16).__contains__, "bits"),
-            (
-                "camera",
-                self.camera is None or self.camera.distortion is None,
+            *all_of(
                 "one without lens distortion, which rakelight.synthetic.distorted adds",
+                lambda camera: camera is None or camera.distortion is None,
+                "camera",
             ),
-            ("tilt_deg", 0 <= low <= high < 90, "two angles, 0 <= least <= largest < 90"),
+            *all_of(
+                "two angles, 0 <= least <= largest < 90",
+                lambda angles: len(angles) == 2 and 0 <= angles[0] <= angles[1] < 90,
+                "tilt_deg",
+            ),
             *all_of("0 <= angle < 90", lambda angle: 0 <= angle < 90, "led_tilt_deg"),
             *all_of("three angles", lambda angles: len(angles) == 3, "led_azimuth_deg"),
             *all_of("above 0, at most 1", lambda share: 0 < share <= 1, "peak_quantile"),
@@ -126,8 +130,8 @@ class SceneOptions:
                 )
                 for name, most in _MOST.items()
             ),
-            ("depth_factor", 1 <= self.depth_factor <= 100, "1 to 100"),
-            *all_of("at least 0", lambda value: value >= 0, "seed"),
+            *all_of("1 to 100", lambda factor: 1 <= factor <= 100, "depth_factor"),
+            *all_of("a whole number from 0", lambda seed: operator.index(seed) >= 0, "seed"),
             *all_of("0 to 10", lambda value: 0 <= value <= 10, "exposure_spread"),
             *all_of(
                 "0 to a million",
@@ -140,3 +144,11 @@ class SceneOptions:
                 *("lamp_distance_m", "exposure", "peak"),
             ),
         ]
+
+
+def _holds(test: Callable[[Any], bool], value: object) -> bool:
+    """Whether a value passes a test; one of another kind, as a text for a number, does not."""
+    try:
+        return test(value)
+    except (TypeError, AttributeError, IndexError):
+        return False

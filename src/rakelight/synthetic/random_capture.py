@@ -16,6 +16,7 @@ from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from functools import lru_cache, partial
 from math import lcm
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -237,12 +238,12 @@ def draw(
         raise InputError(
             "not drawn for a capture", source="overrides", seen=unknown[0], needed=", ".join(names)
         )
-    if seed < 0 or not 0.1 <= size <= 10:
+    if not (isinstance(seed, Integral) and seed >= 0 and 0.1 <= size <= 10):
         raise InputError(
             "not a possible capture",
             source="random_capture",
             seen=f"seed {seed}, size {size}",
-            needed="a seed of at least 0, a size of 0.1 to 10",
+            needed="a whole number from 0, a size of 0.1 to 10",
         )
     if not all(1 <= ratio <= MOST_RATIO for ratio in ratios):
         raise InputError(
@@ -305,6 +306,7 @@ def random_capture(
     return render_draw(draw(seed, size, scans, pictures, ratios, **overrides))
 
 
+@np.errstate(under="ignore")  # of a bump far away, whatever the caller has set
 def render_draw(drawn: Draw) -> tuple[Capture, Truth]:
     """The capture that a draw describes, and what is true of it.
 

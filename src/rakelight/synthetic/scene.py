@@ -28,6 +28,7 @@ from rakelight.synthetic.rendering import rendered, require_samples
 from rakelight.synthetic.shapes import Shape, make_shape
 
 
+@np.errstate(under="ignore")  # of a bump far away, whatever the caller has set
 def render_scene(
     shape: Shape, albedo: Albedo, options: SceneOptions | None = None
 ) -> tuple[Capture, Truth]:
@@ -63,6 +64,7 @@ def render_scene(
     return scene.capture(photographs), replace(truth, lights=scene.lights.as_lights(scene.level))
 
 
+@np.errstate(under="ignore")
 def write_scene(
     shape: Shape,
     albedo: Albedo,

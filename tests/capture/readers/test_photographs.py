@@ -80,7 +80,7 @@ def test_what_is_no_number_of_a_photograph_is_refused(tmp_path, photographs):
         assert load_capture(tmp_path, photographs=numbers).names == ("img11.png", "img9.png")
 
 
-@pytest.mark.parametrize("memory", ["4GB", 0, -1.0, np.nan])
+@pytest.mark.parametrize("memory", ["4GB", 0, -1.0, np.nan, True])
 def test_what_is_no_limit_of_memory_is_refused(tmp_path, memory):
     fill(tmp_path)
     with pytest.raises(InputError, match=r"memory: not a limit of memory .*needed bytes, above 0"):
