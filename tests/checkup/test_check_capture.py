@@ -318,7 +318,7 @@ def test_the_json_has_its_keys(head_report):
     assert list(told["next_lights"][0]) == [
         "direction", "tilt_deg", "azimuth_deg", "words", "gain",
     ]  # fmt: skip
-    assert list(told["depth"]) == ["median_m", "width_m", "holes", "noise_mm", "pixels"]
+    assert list(told["depth"]) == ["median_m", "width_m", "height_m", "holes", "noise_mm", "pixels"]
     assert told["accuracy"]["depth_mm"][0] < told["accuracy"]["depth_mm"][1]
 
 

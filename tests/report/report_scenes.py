@@ -8,6 +8,25 @@ from rakelight.model import Finding, Result
 from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
 
 HOSTILE = "\"'><script>alert(1)</script></script><img src=x onerror=alert(2)>{{7*7}}\u202e&amp;"
+# The least contrast of a text on a page, and where it is.
+CONTRAST = """() => {
+  const light = (text) => text.match(/[\\d.]+/g).slice(0, 3).map((c) => {
+    const v = c / 255; return v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4;
+  }).reduce((sum, v, k) => sum + v * [0.2126, 0.7152, 0.0722][k], 0);
+  const behind = (one) => {
+    for (; one; one = one.parentElement) {
+      const colour = getComputedStyle(one).backgroundColor;
+      if (!/, 0\\)$/.test(colour)) return colour;
+    }
+  };
+  return [...document.querySelectorAll("body *")].filter((one) =>
+    one.checkVisibility() && !one.closest("svg, .stage") && [...one.childNodes].some((node) =>
+      node.nodeType === 3 && node.data.trim())
+  ).map((one) => {
+    const [a, b] = [getComputedStyle(one).color, behind(one)].map(light).sort((p, q) => q - p);
+    return [(a + 0.05) / (b + 0.05), one.outerHTML.slice(0, 80)];
+  }).sort((p, q) => p[0] - q[0])[0];
+}"""
 
 
 def vase_result(scale=0.5, **changes):

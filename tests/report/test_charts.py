@@ -45,6 +45,15 @@ def test_a_lamp_behind_the_object_is_not_the_viewers():
     assert list(viewer_lights(drawn)) == ["1"]
 
 
+@pytest.mark.parametrize(
+    "energy", [(10.056, 10.045), (100.56, 100.45), (54.9, 54.1), (2e7, 1.5e7), (2e-5, 1e-5)]
+)
+def test_the_energy_s_scale_can_be_read(energy):
+    labels = [label for _, label in energy_curve(energy).lines]
+    assert 2 <= len(set(labels)) == len(labels) <= 6
+    assert all(min(energy) <= float(label) <= max(energy) for label in labels)
+
+
 def test_the_energy_falls_from_left_to_right():
     curve = energy_curve((1000.0, 100.0, 10.0))
     assert curve.logarithmic

@@ -10,7 +10,7 @@ from rakelight.checkup.report import CheckReport, PhotographCheck
 from rakelight.errors import InputError, OutputExistsError
 from rakelight.model import Camera, Capture, Finding
 from rakelight.report.check_page import check_html, require_free_page, write_page
-from tests.report.report_scenes import HOSTILE
+from tests.report.report_scenes import CONTRAST, HOSTILE
 
 LEFT = np.array([-0.6, 0.0, -0.8])
 
@@ -47,6 +47,14 @@ def opened(browser, tmp_path):
     page.goto(file.as_uri())
     yield page, complaints
     context.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_text_stands_out_from_its_ground(opened, scheme):
+    page, _ = opened
+    page.emulate_media(color_scheme=scheme)
+    ratio, where = page.evaluate(CONTRAST)
+    assert ratio >= 4.5, where
 
 
 def test_the_page_in_a_browser(opened):

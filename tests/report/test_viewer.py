@@ -1,15 +1,18 @@
 """The viewer in a real browser: what it draws, measures, asks for, and how it is worked."""
 
+import base64
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from rakelight.capture.images import decode_image
 from rakelight.geometry.camera import back_project
 from rakelight.geometry.normals import surface_normals
 from rakelight.pipeline import refine
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
-from tests.report.report_scenes import HOSTILE, enlarged, hostile_result, vase_result
+from tests.report.report_scenes import CONTRAST, HOSTILE, enlarged, hostile_result, vase_result
 
 
 @pytest.fixture(scope="module")
@@ -390,6 +393,72 @@ def test_two_fingers_zoom_and_the_wheel_does_once_the_picture_was_clicked(open_r
     assert wide() > 1.2 * before
 
 
+def pinch(x, y):
+    return [
+        ("pointerdown", 1, x - 50, y),
+        ("pointerdown", 2, x + 50, y),
+        ("pointermove", 2, x + 75, y),
+        ("pointerup", 1, x - 50, y),
+        ("pointerup", 2, x + 75, y),
+    ]
+
+
+def ends_on(report, result, share=0.5):
+    """Measure across the vase's middle row."""
+    report.page.get_by_label("measures").check()
+    row = result.mask.shape[0] // 2
+    columns = np.nonzero(result.mask[row])[0]
+    for column in (columns[len(columns) // 4], columns[int(share * len(columns))]):
+        report.click(*report.pixel_of(result, row, column))
+
+
+def test_a_second_finger_takes_back_what_the_first_did(report, vase):
+    ends_on(report, vase)
+    before = measured_mm(report)
+    middle = report.size[0] / 2, report.size[1] / 2
+    report.page.evaluate(TOUCH, pinch(*middle))
+    assert measured_mm(report) == before
+    report.page.get_by_label("moves the light").check()
+    report.page.select_option("#photograph", index=1)
+    lamp = report.page.input_value("#azimuth"), report.page.input_value("#elevation")
+    report.page.evaluate(TOUCH, pinch(*middle))
+    assert (report.page.input_value("#azimuth"), report.page.input_value("#elevation")) == lamp
+    assert report.page.input_value("#photograph") != ""
+
+
+def test_a_click_beside_the_object_leaves_what_is_measured(report, vase):
+    ends_on(report, vase)
+    before = measured_mm(report)
+    report.click(60, 4)
+    assert measured_mm(report) == before
+
+
+END = "(({ e, f }) => [e, f])(document.getElementById('end-b').transform.baseVal[0].matrix)"
+
+
+def test_what_is_in_the_middle_stays_there_in_another_window(open_report, vase):
+    report = open_report(vase)
+    ends_on(report, vase)
+    canvas = report.page.locator("#canvas")
+    for key in ["t", *["+"] * 4, *["Shift+ArrowRight"] * 4, "Shift+ArrowDown"]:
+        canvas.press(key)
+
+    def off_middle():
+        report.settle()
+        return np.array(report.page.evaluate(END)) - [
+            report.box["width"] / 2,
+            report.box["height"] / 2,
+        ]
+
+    before, height = off_middle(), report.box["height"]
+    assert np.linalg.norm(before) > 60
+    report.page.set_viewport_size({"width": 900, "height": 420})
+    report.settle()
+    smaller = report.box["height"] / height
+    assert smaller < 0.8
+    np.testing.assert_allclose(off_middle(), smaller * before, atol=1.5)
+
+
 def test_every_control_has_a_name_and_can_be_reached(report):
     unnamed = report.page.evaluate(
         """[...document.querySelectorAll("input, select, button, [tabindex]")].filter((one) =>
@@ -401,26 +470,6 @@ def test_every_control_has_a_name_and_can_be_reached(report):
     assert report.page.evaluate("[...document.images].every((one) => one.alt)")
 
 
-CONTRAST = """() => {
-  const light = (text) => text.match(/[\\d.]+/g).slice(0, 3).map((c) => {
-    const v = c / 255; return v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4;
-  }).reduce((sum, v, k) => sum + v * [0.2126, 0.7152, 0.0722][k], 0);
-  const behind = (one) => {
-    for (; one; one = one.parentElement) {
-      const colour = getComputedStyle(one).backgroundColor;
-      if (!/, 0\\)$/.test(colour)) return colour;
-    }
-  };
-  return [...document.querySelectorAll("body *")].filter((one) =>
-    one.checkVisibility() && !one.closest("svg, .stage") && [...one.childNodes].some((node) =>
-      node.nodeType === 3 && node.data.trim())
-  ).map((one) => {
-    const [a, b] = [getComputedStyle(one).color, behind(one)].map(light).sort((p, q) => q - p);
-    return [(a + 0.05) / (b + 0.05), one.outerHTML.slice(0, 80)];
-  }).sort((p, q) => p[0] - q[0])[0];
-}"""
-
-
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_text_stands_out_from_its_ground(open_report, scheme):
     report = open_report(hostile_result(), color_scheme=scheme)
@@ -429,9 +478,35 @@ def test_text_stands_out_from_its_ground(open_report, scheme):
 
 
 def test_a_narrow_screen_shows_everything(open_report, vase):
-    report = open_report(vase, viewport={"width": 400, "height": 800}, has_touch=True)
-    assert report.page.evaluate("document.documentElement.scrollWidth") == 400
-    assert report.box["width"] > 350
+    long = tuple(f"PXL_20240312_174523123_exposure_stack_export_{i}.png" for i in range(4))
+    result, truth = replace(vase, photograph_names=long), vase_result()[1]
+    report = open_report(result, truth, viewport={"width": 360, "height": 800}, has_touch=True)
+    assert report.page.evaluate("document.documentElement.scrollWidth") == 360
+    assert report.box["width"] > 320
+    before = report.page.locator("tbody th", has_text="before").bounding_box()
+    assert before["height"] < 40  # on one line
+
+
+def test_a_lamp_behind_the_object_is_not_on_the_dial(open_report, vase):
+    vector = vase.lights.vector.copy()
+    vector[0, 0, 2] *= -1
+    report = open_report(replace(vase, lights=replace(vase.lights, vector=vector)))
+    assert report.page.locator("#dial .dot").count() == 3
+    vector[..., 2] = np.abs(vector[..., 2])
+    report = open_report(replace(vase, lights=replace(vase.lights, vector=vector)))
+    assert not report.page.is_visible("#photograph")
+    report.page.locator("#canvas").press("ArrowRight")
+    assert report.complaints == []
+
+
+def test_a_page_that_one_goes_back_to_names_no_photograph(open_report, vase):
+    report = open_report(vase)
+    report.page.select_option("#photograph", index=1)
+    report.page.goto("about:blank")
+    report.page.go_back()
+    report.page.wait_for_selector("html[data-state=ready]")
+    assert report.page.input_value("#azimuth") == "308"
+    assert report.page.input_value("#photograph") == ""
 
 
 def test_paper_gets_the_view_and_the_pictures(open_report, vase):
@@ -440,12 +515,30 @@ def test_paper_gets_the_view_and_the_pictures(open_report, vase):
     report.page.evaluate("dispatchEvent(new Event('beforeprint'))")
     assert report.page.get_attribute("#still", "src").startswith("data:image/jpeg;base64,")
     assert report.page.is_visible("#still")
+    assert not report.page.is_visible("#measuring")
     assert "lamp at the upper left (308°), 24°" in report.page.inner_text("#still-caption")
     assert not report.page.is_visible(".panel")
     assert report.page.locator(".pictures img >> visible=true").count() == 5
     assert report.page.get_by_text("depth weight", exact=True).is_visible()
     report.page.evaluate("dispatchEvent(new Event('afterprint'))")
     assert not report.page.get_by_text("depth weight", exact=True).is_visible()
+    assert report.complaints == []
+
+
+def test_paper_gets_the_measured_line(open_report, vase):
+    report = open_report(vase)
+
+    def lamp_coloured():
+        report.page.evaluate("dispatchEvent(new Event('beforeprint'))")
+        data = report.page.get_attribute("#still", "src").partition(",")[2]
+        red, green, blue = np.moveaxis(decode_image(base64.b64decode(data)).astype(int), -1, 0)
+        return np.count_nonzero((red > 230) & (blue < 170) & (green > 190))
+
+    assert lamp_coloured() == 0
+    ends_on(report, vase)
+    report.page.emulate_media(media="print")
+    assert lamp_coloured() > 100
+    assert report.page.is_visible("#measured")
     assert report.complaints == []
 
 

@@ -29,7 +29,7 @@ LIKELY_M, LIKELY_WIDTH_M = (0.12, 6.0), (0.008, 4.0)
 class DepthQuality:
     """The depth on the object.
 
-    median_m, width_m : its distance, and the object's longer side across
+    median_m, width_m, height_m : its distance, and what it takes up of the picture there
     holes : share of the object without depth
     noise_mm : standard deviation of a depth pixel: what the maps differ by, or the sensor's model
     pixels : depth pixels on the object
@@ -37,6 +37,7 @@ class DepthQuality:
 
     median_m: float
     width_m: float
+    height_m: float
     holes: float
     noise_mm: float
     pixels: int
@@ -70,7 +71,8 @@ def depth_quality(capture: Capture) -> tuple[DepthQuality | None, tuple[Finding,
     along = (rows.stop - rows.start) / capture.camera.fy
     found = DepthQuality(
         median_m=median_m,
-        width_m=median_m * max(across, along),
+        width_m=median_m * across,
+        height_m=median_m * along,
         holes=1 - float(np.count_nonzero(measured) / np.count_nonzero(inside)),
         noise_mm=1000 * float(np.median(sigma_m[measured])),
         pixels=int(np.count_nonzero(inside)),
@@ -101,15 +103,16 @@ def _many_holes(found: DepthQuality) -> tuple[Finding, ...]:
 def _unit(found: DepthQuality) -> tuple[Finding, ...]:
     """A warning where distance or size are none that a depth camera sees.
 
-    >>> codes = [DepthQuality(z, w, 0.0, 1.0, 9) for z, w in ((0.6, 0.2), (0.06, 0.02))]
+    >>> codes = [DepthQuality(z, w, w, 0.0, 1.0, 9) for z, w in ((0.6, 0.2), (0.06, 0.02))]
     >>> [[finding.code for finding in _unit(each)] for each in codes]
     [[], ['depth-unit']]
     """
-    seen = ((found.median_m, LIKELY_M), (found.width_m, LIKELY_WIDTH_M))
+    longer_m = max(found.width_m, found.height_m)
+    seen = ((found.median_m, LIKELY_M), (longer_m, LIKELY_WIDTH_M))
     if all(least <= value <= most for value, (least, most) in seen):
         return ()
     message = (
-        f"by its depth the object is {found.median_m:.3g} m away and {found.width_m:.3g} m wide: "
+        f"by its depth the object is {found.median_m:.3g} m away and {longer_m:.3g} m long: "
         "is the unit right?"
     )
     remedy = "compare with a ruler and correct depth_scale, the depth value of one metre"

@@ -139,7 +139,8 @@ def facts(report: CheckReport) -> list[str]:
     lines = []
     if (depth := report.depth) is not None:
         lines.append(
-            f"depth: {depth.median_m:.2f} m away, object {1000 * depth.width_m:.0f} mm wide, "
+            f"depth: {depth.median_m:.2f} m away, object {1000 * depth.width_m:.0f} mm "
+            f"wide and {1000 * depth.height_m:.0f} mm high, "
             f"{depth.holes:.1%} holes, noise {depth.noise_mm:.2g} mm, {depth.pixels} depth pixels"
         )
     if (expected := report.accuracy) is not None:

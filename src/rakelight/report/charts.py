@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import acos, atan2, degrees, hypot, isfinite, log10
 from typing import Any
@@ -104,7 +105,7 @@ def energy_curve(energy: tuple[float, ...]) -> Curve | None:
 
     >>> curve = energy_curve((8.0, 4.0, 3.0))
     >>> curve.dots[0][1] < curve.dots[2][1], [label for _, label in curve.lines]
-    (True, ['4', '6', '8'])
+    (True, ['3', '4', '5', '6', '7', '8'])
     """
     points = [(i, value) for i, value in enumerate(energy) if isfinite(value)]
     if len(points) < 2:
@@ -126,20 +127,30 @@ def energy_curve(energy: tuple[float, ...]) -> Curve | None:
 
     dots = tuple((*place(i, value), i, value) for i, value in points)
     ticks = _powers(low, high) if logarithmic else _ticks(low, high)
+    label = "{:.4g}".format if logarithmic else _labels(ticks)
     return Curve(
         path="M" + "L".join(f"{x} {y}" for x, y, *_ in dots),
         dots=dots,
-        lines=tuple((place(0, value)[1], f"{value:.4g}") for value in ticks),
+        lines=tuple((place(0, value)[1], label(value)) for value in ticks),
         logarithmic=logarithmic,
     )
 
 
 def _ticks(low: float, high: float) -> list[float]:
-    rough = max((high - low) / 3, 1e-12)
+    """Round values between, two to six of them."""
+    rough = max((high - low) / 5, 1e-12)  # of the steps one is at most 2.5 times as large
     power = 10.0 ** np.floor(log10(rough))
     step = next(s * power for s in (1, 2, 5, 10) if s * power >= rough)
     first = int(np.ceil(low / step))
     return [float(k * step) for k in range(first, int(np.floor(high / step)) + 1)]
+
+
+def _labels(ticks: list[float]) -> Callable[[float], str]:
+    """How to write ticks: with as many digits as tell them apart."""
+    step, largest = (ticks[1] - ticks[0], max(map(abs, ticks))) if len(ticks) > 1 else (1.0, 1.0)
+    if not 1e-3 <= largest < 1e6:
+        return f"{{:.{int(log10(largest / step)) + 1}e}}".format
+    return f"{{:.{max(0, -int(np.floor(log10(step) + 1e-9)))}f}}".format
 
 
 def _powers(low: float, high: float) -> list[float]:

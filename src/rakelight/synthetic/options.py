@@ -131,7 +131,7 @@ class SceneOptions:
                 for name, most in _MOST.items()
             ),
             *all_of("1 to 100", lambda factor: 1 <= factor <= 100, "depth_factor"),
-            *all_of("a whole number from 0", lambda seed: operator.index(seed) >= 0, "seed"),
+            *all_of("at least 0, a whole number", lambda seed: operator.index(seed) >= 0, "seed"),
             *all_of("0 to 10", lambda value: 0 <= value <= 10, "exposure_spread"),
             *all_of(
                 "0 to a million",

@@ -44,6 +44,7 @@ class Viewer {
     if (!clientWidth || !clientHeight) return;  // hidden, as on paper
     this.scene.resize(Math.round(clientWidth * ratio), Math.round(clientHeight * ratio));
     this.view.resize(clientWidth, clientHeight);
+    if (this.cross) this.crossTo(...this.cross);
     this.showMeasured();
     this.invalidate();
   }
@@ -112,16 +113,14 @@ class Viewer {
     const { width, height } = this.view;
     const end = this.scene.pick(this.view, this.state, x / width, y / height);
     if (!end || this.surfacePoint(end).some(Number.isNaN)) {
-      byId("measured").textContent = "There is no surface here.";
+      if (this.ends.length < 2) byId("measured").textContent = "There is no surface here.";
       return;
     }
-    this.ends = this.ends.length === 1 ? [this.ends[0], end] : [end];
-    this.showMeasured();
-    this.invalidate();
+    this.measureBetween(this.ends.length === 1 ? [this.ends[0], end] : [end]);
   }
 
-  clearMeasured() {
-    this.ends = [];
+  measureBetween(ends) {
+    this.ends = ends;
     this.showMeasured();
     this.invalidate();
   }
@@ -175,6 +174,7 @@ class Viewer {
       byId(key).setAttribute("aria-valuetext", text);
     }
     byId("wipe-handle").setAttribute("aria-valuenow", Math.round(100 * state.wipe));
+    byId("wipe-handle").setAttribute("aria-valuetext", say.wipe);
     byId("measuring").hidden = state.tool !== "measure";
     this.canvas.dataset.tool = state.tool;
     const [x, y] = lightVector(state);
@@ -195,7 +195,7 @@ class Viewer {
       if (lamp) this.set({ azimuth: lamp.azimuth, elevation: Math.max(LOWEST, lamp.elevation) });
     });
     byId("reset").addEventListener("click", () => this.reset());
-    byId("clear").addEventListener("click", () => this.clearMeasured());
+    byId("clear").addEventListener("click", () => this.measureBetween([]));
     byId("level").addEventListener("input", () => this.showMeasured());
     byId("save").addEventListener("click", () => this.savePicture());
     const dial = byId("dial");
@@ -211,11 +211,15 @@ class Viewer {
       this.wipeTo((event.clientX - box.left) / box.width);
     });
     byId("wipe-handle").addEventListener("keydown", (event) => {
-      const step = { ArrowLeft: -0.02, ArrowRight: 0.02, Home: -1, End: 1 }[event.key];
+      const step = {
+        ArrowLeft: -0.02, ArrowDown: -0.02, ArrowRight: 0.02, ArrowUp: 0.02,
+        PageDown: -0.1, PageUp: 0.1, Home: -1, End: 1,
+      }[event.key];
       if (!step) return;
       event.preventDefault();
       this.wipeTo(this.state.wipe + step);
     });
+    byId("photograph").value = "";  // a browser that goes back fills it in, and nothing else
     this.showState();
     this.showMeasured();
   }
@@ -230,16 +234,34 @@ class Viewer {
     this.set({ ...START, tool: this.state.tool });
   }
 
-  picture(type) {
+  // The picture with the measured line, for paper.
+  pictureWithLine() {
+    const picture = document.createElement("canvas"), { canvas, view } = this;
     this.draw();
-    return this.canvas.toDataURL(type, 0.92);
+    Object.assign(picture, { width: canvas.width, height: canvas.height });
+    const pen = picture.getContext("2d"), ratio = canvas.width / view.width;
+    pen.drawImage(canvas, 0, 0);
+    pen.scale(ratio, ratio);
+    pen.strokeStyle = pen.fillStyle = getComputedStyle(root).getPropertyValue("--lamp");
+    pen.lineWidth = 1.6;
+    const ends = this.ends.map((end) => view.project(this.surfacePoint(end)));
+    pen.beginPath();
+    for (const [x, y] of ends) pen.lineTo(x, y);
+    pen.setLineDash([6, 4]);
+    pen.stroke();
+    for (const [x, y] of ends) {
+      pen.beginPath();
+      pen.arc(x, y, 5, 0, 7);
+      pen.fill();
+    }
+    return picture.toDataURL("image/jpeg", 0.92);
   }
 
   // What the picture shows, for paper.
   describe() {
     const { state, view } = this, parts = [{ colour: "albedo" }[state.surface] ?? state.surface];
     if (state.surface === "clay" || state.surface === "colour") {
-      parts.push(`lamp at the ${fromWhere(state)} (${Math.round(state.azimuth)}°), `
+      parts.push(`lamp at the ${fromWhere(state)} (${Math.round(state.azimuth) % 360}°), `
         + `${Math.round(state.elevation)}° over the picture, intensity ${state.intensity.toFixed(2)}, `
         + `ambient ${state.ambient.toFixed(2)}`);
       if (state.specular) parts.push(`specular enhance ${state.specular.toFixed(2)}`);
@@ -253,7 +275,8 @@ class Viewer {
 
   savePicture() {
     const link = document.createElement("a");
-    link.href = this.picture("image/png");
+    this.draw();
+    link.href = this.canvas.toDataURL("image/png");
     link.download = "view.png";
     link.click();
   }
@@ -270,11 +293,13 @@ class Viewer {
       if (event.button === 2 || event.shiftKey) return "turn";
       return event.button === 1 || event.ctrlKey || event.metaKey ? "move" : this.state.tool;
     };
-    let doing = "";
+    let doing = "", undo = () => {};
     canvas.addEventListener("pointerdown", (event) => {
       canvas.setPointerCapture(event.pointerId);
       fingers.set(event.pointerId, spot(event));
       doing = fingers.size > 1 ? "pinch" : task(event);
+      if (doing === "pinch") undo();  // what the first of two fingers has done
+      undo = this.remembered();
       if (doing === "light") this.lampToScreen(...spot(event));
       if (doing === "measure") this.markAt(...spot(event));
       if (event.button === 1) event.preventDefault();
@@ -310,6 +335,16 @@ class Viewer {
     }, { passive: false });
   }
 
+  // Brings back the lamp and the measured line as they are now.
+  remembered() {
+    const { ends, state: { azimuth, elevation } } = this, photograph = byId("photograph").value;
+    return () => {
+      this.set({ azimuth, elevation });
+      byId("photograph").value = photograph;
+      this.measureBetween(ends);
+    };
+  }
+
   lampToScreen(x, y) {
     const { view: { width, height }, lampRadius: r } = this;
     this.lampTo((x - width / 2) / r, (y - height / 2) / r);
@@ -334,11 +369,8 @@ class Viewer {
       const [x, y] = arrow;
       if (state.tool === "measure") {
         const [cx, cy] = this.cross ?? [view.width / 2, view.height / 2], by = shift ? 1 : 10;
-        this.cross = [
-          Math.max(0, Math.min(view.width - 1, cx + by * x)),
-          Math.max(0, Math.min(view.height - 1, cy + by * y)),
-        ];
-      } else if (shift) view.panBy(-20 * x, -20 * y);
+        this.crossTo(cx + by * x, cy + by * y);
+      } else if (shift) view.panBy(20 * x, 20 * y);
       else if (state.tool === "turn") view.turnBy(5 * x, -5 * y);
       else this.lampBy(5 * x, -5 * y);
       return true;
@@ -352,7 +384,7 @@ class Viewer {
       "0": () => this.reset(),
       "[": () => this.wipeTo(state.wipe - 0.05),
       "]": () => this.wipeTo(state.wipe + 0.05),
-      "Escape": () => this.clearMeasured(),
+      "Escape": () => this.measureBetween([]),
       "Enter": () => this.markAtCross(),
       " ": () => this.markAtCross(),
     };
@@ -361,6 +393,11 @@ class Viewer {
     else if (actions[key]) actions[key]();
     else return false;
     return true;
+  }
+
+  crossTo(x, y) {
+    const within = (value, size) => Math.max(0, Math.min(size - 1, value));
+    this.cross = [within(x, this.view.width), within(y, this.view.height)];
   }
 
   markAtCross() {
@@ -379,7 +416,7 @@ class Viewer {
       this.resize();
     });
     window.addEventListener("beforeprint", () => {
-      byId("still").src = this.picture("image/jpeg");
+      byId("still").src = this.pictureWithLine();
       byId("still-caption").textContent = this.describe();
     });
   }

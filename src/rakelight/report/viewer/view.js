@@ -15,8 +15,8 @@ class View {
     const radius = Math.hypot(...corner.map((x, k) => x - this.pivot[k]))
       + known[known.length - 1] - known[0];
     this.range = [Math.max(z / 100, z - 1.5 * radius), z + 1.5 * radius];
-    this.resize(1, 1);
     this.reset();
+    this.resize(1, 1);
   }
 
   reset() {
@@ -25,8 +25,9 @@ class View {
 
   resize(width, height) {
     const { width: w, height: h, fx, fy } = this.camera;
-    Object.assign(this, { width, height });
-    this.fit = 0.94 * Math.min(width / w, height / ((h * fx) / fy));
+    const fit = 0.94 * Math.min(width / w, height / ((h * fx) / fy));
+    const ratio = this.fit ? fit / this.fit : 1;  // what is in the middle stays there
+    Object.assign(this, { width, height, fit, panX: ratio * this.panX, panY: ratio * this.panY });
   }
 
   // Metres of the pixel (u, v) at depth z.
