@@ -15,6 +15,7 @@ from rakelight.check.depth_shift import depth_shift
 from rakelight.check.evidence import LIKELY, SURELY
 from rakelight.check.measured import Measured
 from rakelight.errors import CaptureError
+from rakelight.model import RigidTransform
 from tests.check.tiled_scene import ball, cloth, mask_shape, tiled_scene, with_depth_turned
 from tests.check.wrong_captures import SOLIDS, noise_alone, one_lamp, sound, with_turned_photographs
 
@@ -126,3 +127,16 @@ def test_what_over_exposure_leaves_is_not_explained_by_flat_parts(relief):
     assert depth_orientation(Measured(capture)) == ()
     for fit in orientation_fits(capture):
         assert fit.evidence * fit.advantage >= 0 or abs(fit.evidence) < 1
+
+
+def test_the_same_by_a_depth_camera_finer_than_the_photographs():
+    turned = with_depth_turned(tiled_scene(mask_shape, off_px=8), lambda depth: depth[::-1, ::-1])
+    finer = replace(
+        turned,
+        depth_m=turned.depth_m.repeat(3, axis=1).repeat(3, axis=2),
+        depth_camera=turned.camera.resized(*(3 * n for n in turned.depth_m.shape[:0:-1])),
+        depth_to_color=RigidTransform(np.eye(3), np.zeros(3)),
+    )
+    assert finer.depth_m.shape[1] > turned.camera.height
+    with pytest.raises(CaptureError, match="turned by 180 degrees"):
+        depth_orientation(Measured(finer))

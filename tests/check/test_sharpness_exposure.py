@@ -174,3 +174,7 @@ def test_a_photograph_whose_object_is_largely_black_is_under_exposed(black, unde
     assert found.black[1] == pytest.approx(black, abs=0.03)
     assert np.flatnonzero(found.under).tolist() == ([1] if under else [])
     assert [each.code for each in exposure_findings(measured)] == ["underexposed"] * under
+    if under:  # its brighter part is bright
+        assert exposure_findings(measured)[0].message.endswith(
+            f"up to {found.black[1]:.0%} of the object black"
+        )

@@ -108,6 +108,19 @@ def test_it_says_that_the_depth_is_not_used(estimate):
     assert 0.5 < estimate.confidence.max() <= 1
 
 
+def test_the_last_round_that_is_allowed_may_be_the_one_that_settles(estimate, prepared):
+    rounds = len(estimate.energy)
+    again = ldr_ps(prepared, LdrPs(max_iterations=rounds), silent)
+    assert (again.energy, again.converged) == (estimate.energy, True)
+    assert not ldr_ps(prepared, LdrPs(max_iterations=rounds - 1), silent).converged
+
+
+def test_a_surface_that_faces_nowhere_is_refused(prepared, monkeypatch):
+    monkeypatch.setattr("rakelight.methods.ldr_ps.GRAZING", 2.0)
+    with pytest.raises(MethodError, match="lit often enough"):
+        ldr_ps(prepared, LdrPs(), silent)
+
+
 def test_few_photographs_and_dark_ones_are_refused(prepared):
     with pytest.raises(MethodError, match="too few photographs"):
         ldr_ps(replace(prepared, photographs=prepared.photographs[:3]), LdrPs(), silent)

@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,8 +16,8 @@ from rakelight.export import load_result
 from rakelight.methods import METHODS, Method, choose_method, load_method, method_of
 from rakelight.methods.base import Estimate, photometric_confidence, scatter
 from rakelight.methods.multi_light_alternating import MultiLightAlternating
-from rakelight.model import Camera, Lights
-from rakelight.pipeline import refine
+from rakelight.model import Camera, Lights, Progress
+from rakelight.pipeline import coming_through, refine
 from rakelight.report import save_result
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
@@ -153,6 +154,16 @@ def test_a_method_of_ones_own(capture):
         refine(capture, ours, options=rakelight.LdrPs())
 
 
+def test_a_method_of_ones_own_may_have_the_pose_corrected(capture):
+    def run(prepared, options, progress):
+        return kept_depth(prepared)
+
+    ours = Method("kept-depth", run, Kept, corrects_pose=True)
+    result = refine(replace(capture, register=True), ours)
+    assert result.options == {"weight": 1.0}
+    assert {"registered", "registration-doubtful"} & {f.code for f in result.findings}
+
+
 @pytest.mark.parametrize(("sigma_deg", "warned"), [(14.0, False), (16.0, True)])
 def test_normals_that_are_expected_to_be_far_off_are_told(capture, sigma_deg, warned):
     def unsure(prepared, options, progress):
@@ -254,6 +265,20 @@ def test_errors_of_progress_are_not_taken_for_the_solvers(capture, error):
         refine(capture, progress=stop)
     assert type(raised.value) is error
     assert raised.value.__cause__ is cause
+
+
+def test_an_error_of_progress_is_not_taken_for_the_methods():
+    """One that is caught where a method takes no fewer photographs."""
+
+    def stop(progress):
+        raise MethodError("mine")
+
+    def run():
+        with coming_through(stop) as told, suppress(MethodError):
+            told(Progress("refine"))
+
+    with pytest.raises(MethodError, match="mine"):
+        run()
 
 
 def test_the_capture_is_not_changed(capture):

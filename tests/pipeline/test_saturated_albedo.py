@@ -54,6 +54,20 @@ def test_the_bound_is_below_the_truth_and_not_far(distance_m):
     assert not before[filled].any()
 
 
+def test_an_albedo_below_0_is_no_part_of_the_bound():
+    """A method of one's own may give one."""
+    capture, truth = overexposed()
+    prepared, before, after, _ = given_truth(capture, truth, truth.lights)
+    window = prepared.rows, prepared.columns
+    below = np.where(after != before, -0.5, before)
+    estimate = Estimate(np.zeros(prepared.mask.shape), below, 0 * below[..., 0], truth.lights)
+    depth, normals = truth.depth[window], truth.normals[window]
+    again, _ = bounded_albedo(
+        prepared, np.nan_to_num(depth, nan=1.0), np.nan_to_num(normals), estimate
+    )
+    np.testing.assert_array_equal(again, after)
+
+
 def test_the_darkest_photograph_is_just_saturated():
     capture, truth = overexposed()
     prepared, before, after, _ = given_truth(capture, truth, truth.lights)

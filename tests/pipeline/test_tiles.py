@@ -9,11 +9,13 @@ import pytest
 from rakelight import memory
 from rakelight.errors import InputError, MachineError
 from rakelight.geometry.grid import bounding_window
+from rakelight.methods import load_method
 from rakelight.methods.multi_light import METHOD, MultiLight
 from rakelight.metrics import evaluate_maps
 from rakelight.model import GivenLights, RigidTransform
 from rakelight.pipeline import lower_resolution, refine, tiles
 from rakelight.pipeline.tiles import spans
+from rakelight.prepare import prepared_view
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
 BRIEFLY = MultiLight(lights="white", distance="distant", coarse_pixels=1000, tolerance=0.02)
@@ -112,6 +114,14 @@ def test_sides_that_no_lower_resolution_divides(little):
         truth, depth=truth.depth[part], normals=truth.normals[part], albedo=truth.albedo[part]
     )
     assert evaluate_maps(result.depth, result.normals, truth).normals.mae_deg < 2.5
+
+
+def test_memory_that_becomes_free_meanwhile_is_enough(monkeypatch):
+    capture, _ = scene(depth_factor=4)
+    monkeypatch.setattr(lower_resolution, "available_memory", lambda: 0.0)
+    monkeypatch.setattr(lower_resolution, "require_memory", lambda *given, **named: None)
+    chosen, view = load_method("multi-light"), prepared_view(capture, "auto")
+    assert lower_resolution.lower_resolution(capture, view, chosen) == 32
 
 
 @pytest.mark.parametrize(("depth_factor", "baseline_m"), [(1, None), (1.5, 0.03)])

@@ -65,18 +65,22 @@ def exposure(capture: Capture) -> Exposure:
 def exposure_findings(measured: Measured) -> tuple[Finding, ...]:
     """Warnings about over- and under-exposed photographs."""
     found, findings = measured(exposure), []
-    for code, which, shares, word, remedy in (
-        ("overexposed", found.over, found.saturated, "saturated",
-         "expose shorter, or hold the lamp farther away, and take these again"),
-        ("underexposed", found.under, found.brightness, "bright",
-         "expose longer, or hold the lamp closer, and take these again"),
-    ):  # fmt: skip
-        if not which.any():
-            continue
-        if code == "overexposed":
-            how = f"up to {shares[which].max():.0%} of the object {word}"
-        else:
-            how = f"the object's brighter part at {shares[which].min():.1%} of white"
-        message = f"{code.replace('exposed', '-exposed')}: {listed(measured.names, which)}, {how}"
-        findings.append(Finding("warning", code, message, remedy))
+    over, under = found.over, found.under
+    if over.any():
+        message = (
+            f"over-exposed: {listed(measured.names, over)}, up to "
+            f"{found.saturated[over].max():.0%} of the object saturated"
+        )
+        remedy = "expose shorter, or hold the lamp farther away, and take these again"
+        findings.append(Finding("warning", "overexposed", message, remedy))
+    if under.any():
+        brightness, black = found.brightness[under].min(), found.black[under].max()
+        how = (
+            f"the object's brighter part at {brightness:.1%} of white"
+            if brightness < UNDEREXPOSED
+            else f"up to {black:.0%} of the object black"
+        )
+        remedy = "expose longer, or hold the lamp closer, and take these again"
+        message = f"under-exposed: {listed(measured.names, under)}, {how}"
+        findings.append(Finding("warning", "underexposed", message, remedy))
     return tuple(findings)

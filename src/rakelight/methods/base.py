@@ -86,7 +86,7 @@ class Method:
     starts_from_depth : whether it explains all photographs from the depth on, so that the pipeline
         looks for photographs that do not fit the others, and for a result that predicts them worse
         than the prepared depth does
-    corrects_pose : whether it can correct the depth camera's pose first
+    corrects_pose : whether multi-light is to correct the depth camera's pose first
     given_lights : what it does with a capture's known lights: "use" them; "find" its own, which
         fixed ones forbid; "ignore" them, as methods of one photograph do
     bytes_per_pixel : memory that it needs at the least for each pixel of the object's window;

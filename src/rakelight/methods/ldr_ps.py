@@ -20,6 +20,7 @@ a depth prior.  Ambient light and highlights are not in the model.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -112,12 +113,7 @@ def ldr_ps(prepared: Prepared, options: LdrPs, progress: ProgressCallback) -> Es
     values, lit = grey_photographs(prepared, options.shadow)
     determined = scatter(lit.sum(axis=0) >= 3, mask) > 0
     if not has_gradient(determined).any():
-        raise MethodError(
-            "too little of the object is lit often enough for ldr-ps",
-            source=prepared.source,
-            seen="hardly a pixel that is bright in 3 photographs",
-            remedy="change the exposure, or move the lamp less far to the side",
-        )
+        raise too_little_lit(prepared.source)
     progress(Progress("factorise"))
     factors = factorise(values, lit, options)
     factors = factors.changed(integrable_basis(factors.normals, mask, determined, camera))
@@ -130,6 +126,9 @@ def ldr_ps(prepared: Prepared, options: LdrPs, progress: ProgressCallback) -> Es
     length = np.linalg.norm(factors.normals, axis=1, keepdims=True)
     normals = scatter(factors.normals / np.maximum(length, np.finfo(float).tiny), mask)
     progress(Progress("integrate"))
+    determined &= towards_camera(normals, camera) > GRAZING
+    if not determined.any():
+        raise too_little_lit(prepared.source)
     log_depth = integrated(normals, determined, mask, camera)
     log_depth += np.median((np.log(prepared.depth_m) - log_depth)[mask & prepared.measured])
     albedo, gain = estimated_albedo(prepared, factors, lit, normals[mask])
@@ -139,8 +138,18 @@ def ldr_ps(prepared: Prepared, options: LdrPs, progress: ProgressCallback) -> Es
         confidence=confidence(factors, values, lit, normals, mask, camera),
         lights=Lights(gain * factors.lights[:, None], np.zeros((len(prepared), 1))),
         energy=factors.energy,
-        converged=len(factors.energy) < options.max_iterations,
+        converged=settled(factors.energy, options.tolerance),
         findings=(_finding(len(where), int(agreeing.sum())),),
+    )
+
+
+def too_little_lit(source: str) -> MethodError:
+    """The error where hardly a normal is determined."""
+    return MethodError(
+        "too little of the object is lit often enough for ldr-ps",
+        source=source,
+        seen="hardly a pixel that is bright in 3 photographs",
+        remedy="change the exposure, or move the lamp less far to the side",
     )
 
 
@@ -166,22 +175,27 @@ def factorise(values: Floats, lit: Mask, options: LdrPs) -> Factors:
     seen, W = values[:, some], lit[:, some].astype(np.float64)
     # Its lights are singular vectors of the values, which are eigenvectors of a small matrix.
     lights = np.linalg.eigh(seen @ seen.T)[1][:, -3:]
-    energy = [np.inf]
+    energy: list[float] = []
     for _ in range(options.max_iterations):
         normals = least_squares(lights, seen, W)
         energy.append(float((W * (seen - lights @ normals.T) ** 2).sum()))
-        if energy[-2] - energy[-1] <= options.tolerance * energy[-1]:
+        if settled(energy, options.tolerance):
             break
         lights = least_squares(normals, seen.T, W.T)
     normals = least_squares(lights, values, lit.astype(np.float64))
     # Orthonormal over the pixels, for conditioning only.
     dilated, axes = np.linalg.eigh(normals.T @ normals / count)
     whiten = axes / np.sqrt(np.maximum(dilated, 1e-12 * dilated[-1]))
-    return Factors(lights, normals, tuple(energy[1:])).changed(whiten.T)
+    return Factors(lights, normals, tuple(energy)).changed(whiten.T)
+
+
+def settled(energy: Sequence[float], tolerance: float) -> bool:
+    """Whether the last round has lowered the energy by next to nothing."""
+    return len(energy) > 1 and energy[-2] - energy[-1] <= tolerance * energy[-1]
 
 
 def least_squares(factors: Floats, values: Floats, weights: Floats) -> Floats:
-    """(P, 3) x with factors (N, 3) x_p = values (N, P), weights (N, P); 0 where underfactors.
+    """(P, 3) x with factors (N, 3) x_p = values (N, P), weights (N, P); 0 where underdetermined.
 
     >>> factors = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]])
     >>> x = np.array([[1.0, 2.0, 3.0]])
@@ -355,10 +369,10 @@ def integrated(normals: Floats, determined: Mask, mask: Mask, camera: Camera) ->
 
     Under a Cauchy loss, so that gradients at depth jumps have little weight.
 
+    determined : (h, w) where normals are, and face the camera by more than `GRAZING`
     Raises InputError where the solver does not find it: there is no other depth to fall back on.
     """
     facing = towards_camera(normals, camera)
-    determined = determined & (facing > GRAZING)
     # f times the gradient, of the size of a slope; filled in where there is none.
     slope = normals[..., :2] / np.maximum(facing, GRAZING)[..., None]
     slope = np.stack([nearest_fill(slope[..., k], determined) for k in (0, 1)], axis=-1)

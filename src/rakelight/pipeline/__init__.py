@@ -15,7 +15,7 @@ from rakelight.capture.arrays import checked_capture
 from rakelight.check.depth_orientation import depth_orientation
 from rakelight.check.findings import Stage, checks
 from rakelight.check.measured import Measured
-from rakelight.errors import CaptureError, InputError, MethodError
+from rakelight.errors import CaptureError, InputError, MethodError, RakelightError
 from rakelight.geometry.finite import only_finite
 from rakelight.jit import one_blas_thread
 from rakelight.memory import available_memory, limited_memory, require_memory
@@ -130,7 +130,7 @@ def _shown(options: Any) -> str:
 
 
 class ProgressError(Exception):
-    """A ValueError that `progress` raised, on its way past `solving`."""
+    """What `progress` raised, on its way past those who catch errors of the method."""
 
 
 @contextmanager
@@ -148,10 +148,10 @@ def coming_through(progress: ProgressCallback) -> Iterator[ProgressCallback]:
     def told(step: Progress) -> None:
         try:
             progress(step)
-        except ValueError as error:
+        except (ValueError, RakelightError) as error:
             raise ProgressError(error) from error
 
-    raised: ValueError | None = None
+    raised: ValueError | RakelightError | None = None
     try:
         yield told
     except ProgressError as error:
@@ -308,10 +308,12 @@ def pose_corrected(
         message = f"depth not registered: {method.name} does not correct the depth camera's pose"
         note = Finding("warning", "not-registered", message, "use --method multi-light")
         return replace(capture, findings=(*capture.findings, note), register=False)
+    from rakelight.methods.multi_light import MultiLight
     from rakelight.pipeline.pose import registered
 
     depth_orientation(Measured(capture))
-    return registered(capture, options, progress)
+    known = isinstance(options, MultiLight)  # a method of one's own has its own
+    return registered(capture, options if known else MultiLight(), progress)
 
 
 def _figures(capture: Capture, depth_to_color: RigidTransform | None) -> dict[str, Any]:

@@ -35,6 +35,7 @@ def lower_resolution(capture: Capture, view: PreparedView, chosen: Method) -> in
     if not possible:
         least = pixels / SHRINKS[-1] ** 2 * chosen.bytes_per_pixel / COARSE_SHARE + FIXED_BYTES
         require_memory(least, source=capture.source, remedy=REMEDY)
+        possible = [SHRINKS[-1]]  # memory that has become free meanwhile
     quick = [s for s in possible if pixels <= s**2 * MOST_COARSE_PIXELS] or possible[-1:]
     whole, sides = view_shrink(capture, view), capture.mask.shape
     exact = [s for s in quick if s <= 2 * quick[0] and not any(n % (s * whole) for n in sides)]

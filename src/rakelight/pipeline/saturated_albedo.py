@@ -78,7 +78,7 @@ def with_lower_bounds(
     if not least.any():
         return albedo, nowhere
     filled = albedo.copy()
-    filled[rows, columns] += least
+    filled[rows, columns] = np.maximum(filled[rows, columns], least)
     bounded = nowhere
     bounded[rows, columns] = least.any(axis=-1)
     return filled, bounded

@@ -105,6 +105,11 @@ def test_given_intensities_are_taken_and_those_of_positions_fall_off(coin):
     directions = np.tile([0.0, 0.0, -1.0], (count, 1))
     lights = lights_of_given(level, GivenLights(directions, intensities=colour))
     assert lights.irradiance == pytest.approx(colour / np.median(colour, axis=0))
+    exposures = np.linspace(0.5, 2, count)  # which vectors of lights have in them
+    exposed = replace(level, photographs=replace(level.photographs, exposures=exposures))
+    assert lights_of_given(
+        exposed, GivenLights(directions, intensities=colour)
+    ).irradiance == pytest.approx(lights.irradiance * exposures[:, None])
     white = GivenLights(directions, intensities=np.repeat(colour[:, :1], 3, axis=1))
     assert lights_of_given(level, white).irradiance.shape == (count, 1)
     distance_m = np.linspace(0.1, 0.2, count)

@@ -23,6 +23,7 @@ from rakelight.methods.multi_light.sensor_blur import (
     sharpened_measurements,
 )
 from rakelight.metrics import evaluate_maps
+from rakelight.model import RigidTransform
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
 
@@ -127,6 +128,26 @@ def test_measurements_are_sharpened_where_they_are():
     assert isinstance(level.averaging, Averaging)
     sharp = known(0.0, 2)
     assert sharpened_measurements(*sharp, 1e-2)[1] is sharp[0]
+
+
+def test_a_sensor_that_smooths_may_be_finer_than_the_photographs():
+    fine, truth = captured(3.0, factor=1)
+    height, width = (side // 2 * 2 for side in fine.mask.shape)
+    part = slice(0, height), slice(0, width)
+    halved = [area_mean(each[part].astype(float), 2) for each in fine.photographs]
+    camera = fine.camera.cropped(*part)
+    capture = replace(
+        fine,
+        photographs=np.rint(halved).astype(fine.photographs.dtype),
+        mask=area_mean(1.0 * fine.mask[part], 2) == 1,
+        camera=camera.scaled(0.5), depth_m=fine.depth_m[:, *part], depth_camera=camera,
+        depth_to_color=RigidTransform(np.eye(3), np.zeros(3)),
+    )  # fmt: skip
+    result = refine(capture)
+    assert "depth-smoothed" in {each.code for each in result.findings}
+    depth = truth.depth[part][::2, ::2]
+    off = [np.nanmedian(np.abs(each - depth)) for each in (result.depth, result.prepared_depth)]
+    assert off[0] < 0.8 * off[1]
 
 
 def test_smoothed_depth_does_not_flatten_the_surface(monkeypatch):

@@ -51,6 +51,8 @@ def lights_of_given(level: Level, given: GivenLights) -> LightParameters:
         intensity = given.intensities.reshape(len(given), -1)
         intensity = intensity * scale[:, None] ** 2
         intensity = intensity / np.median(intensity, axis=0)
+        if level.photographs.exposures is not None:
+            intensity = intensity * level.photographs.exposures[:, None]
         if np.allclose(intensity, intensity[:, :1]):
             intensity = intensity.mean(axis=1, keepdims=True)
     vector, nothing = directions[:, None] * intensity[..., None], np.zeros_like(intensity)

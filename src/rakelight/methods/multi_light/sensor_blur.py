@@ -151,4 +151,6 @@ def sharpened_measurements(
         return blur_px, prepared
     sensor = prepared.sensor
     lost = lost_detail(measured, surface, blur_px)
+    if level.averaging is None:  # on the output's pixels, which may be wider than the sensor's
+        lost = sensor.averaging(prepared.mask).down(lost)
     return blur_px, replace(prepared, sensor=replace(sensor, depth_m=sensor.depth_m * np.exp(lost)))
