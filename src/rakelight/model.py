@@ -658,6 +658,15 @@ def _indices(photographs: Iterable[int], count: int) -> list[int]:
     return listed
 
 
+def photograph_names(names: tuple[str, ...], count: int) -> tuple[str, ...]:
+    """The names, or where there are none others to say which of `count` photographs is meant.
+
+    >>> photograph_names((), 2)
+    ('photograph 0', 'photograph 1')
+    """
+    return names or tuple(f"photograph {i}" for i in range(count))
+
+
 def selected(each: tuple[T, ...], chosen: Iterable[int]) -> tuple[T, ...]:
     """What is said of the chosen photographs (indices from 0); nothing where nothing is said.
 

@@ -38,6 +38,7 @@ from rakelight.model import (
     Mask,
     RigidTransform,
     SensorNoise,
+    photograph_names,
 )
 
 _SAY_ENCODING = 'give encoding="linear" or "srgb", or write it into the capture.toml of `import`'
@@ -100,7 +101,7 @@ def capture_from_arrays(
     with _named_as_arguments():
         capture = checked_arrays(capture)
         factor = check_sensor(capture)
-        shown = capture.names or tuple(f"photograph {i}" for i in range(len(pixels)))
+        shown = photograph_names(capture.names, len(pixels))
         validate.check_not_twice(pixels, shown, "photographs")
         marked, found = _marked(capture, mask)
         capture = replace(capture, mask=marked)

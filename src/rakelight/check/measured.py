@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from rakelight.model import Capture
+from rakelight.model import Capture, photograph_names
 
 T = TypeVar("T")
 
@@ -39,4 +39,4 @@ class Measured:
     def names(self) -> tuple[str, ...]:
         """Of the photographs, for messages."""
         count = len(self.capture.photographs)
-        return self.capture.names or tuple(f"photograph {i}" for i in range(count))
+        return photograph_names(self.capture.names, count)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rakelight.errors import listed
-from rakelight.model import Finding, Floats, Mask
+from rakelight.model import Finding, Floats, Mask, photograph_names
 
 # Ratio of a photograph's prediction error to the median one's, above which it is suspect; both in
 # light and relative to its own brightness, since a dark photograph's noise is large relative to its
@@ -76,7 +76,7 @@ def odd_finding(names: tuple[str, ...], odd: Mask, kept: bool = False) -> Findin
 
     names : of all; odd : (N,) which; kept : whether they were used, not left out
     """
-    named = names or tuple(f"photograph {i}" for i in range(len(odd)))
+    named = photograph_names(names, len(odd))
     return Finding(
         "warning",
         "odd-photographs",

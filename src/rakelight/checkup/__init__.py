@@ -25,7 +25,7 @@ from rakelight.checkup.verdict import judged, refused_finding
 from rakelight.errors import CaptureError, InputError
 from rakelight.jit import one_blas_thread
 from rakelight.methods import choose_method, load_method
-from rakelight.model import Capture, Finding
+from rakelight.model import Capture, Finding, photograph_names
 from rakelight.pipeline import pose_corrected
 from rakelight.pipeline.inside_out import refuse_inverted
 from rakelight.prepare.undistort import undistorted
@@ -121,7 +121,7 @@ def _names(capture: Capture) -> tuple[str, ...]:
     """A name of its own for every photograph."""
     if len(set(capture.names)) == len(capture.photographs):
         return capture.names
-    return tuple(f"photograph {i}" for i in range(len(capture.photographs)))
+    return photograph_names((), len(capture.photographs))
 
 
 def _photographs(measured: Measured, quick: Quick) -> tuple[PhotographCheck, ...]:

@@ -121,3 +121,13 @@ def surface_normals(depth_m: Floats, mask: Mask, camera: Camera) -> Floats:
     normals, _ = normals_from_gradient(gradient[0], gradient[1], camera)
     normals[~mask] = np.nan
     return normals
+
+
+def towards_camera(normals: Floats, camera: Camera) -> Floats:
+    """(h, w) -n . r of normals (h, w, 3) and rays r = (x/fx, y/fy, 1); below 0 it looks away.
+
+    That is 1 / |m| of the normal m before it is normalised.
+    """
+    x, y = pixel_rays(camera)
+    n_x, n_y, n_z = np.moveaxis(normals, -1, 0)
+    return np.asarray(-(n_x * x / camera.fx + n_y * y / camera.fy + n_z))

@@ -14,7 +14,16 @@ import numpy as np
 
 from rakelight.errors import InputError, MethodError, listed, printable
 from rakelight.geometry.normals import squared_normal_derivative
-from rakelight.model import Camera, Finding, Floats, Lighting, Lights, Mask, ProgressCallback
+from rakelight.model import (
+    Camera,
+    Finding,
+    Floats,
+    Lighting,
+    Lights,
+    Mask,
+    ProgressCallback,
+    photograph_names,
+)
 from rakelight.prepare import Prepared
 
 # Standard deviation of a normal, degrees, at which the confidence is one half.
@@ -321,7 +330,7 @@ def light_findings(lights: Lights, names: tuple[str, ...]) -> tuple[Finding, ...
     ['one-lamp-position']
     """
     toward, dark = toward_lights(lights)
-    named = names or tuple(f"photograph {i}" for i in range(len(dark)))
+    named = photograph_names(names, len(dark))
     findings = []
     if dark.any():
         findings.append(

@@ -29,10 +29,11 @@ from rakelight.errors import MethodError
 from rakelight.geometry.camera import pixel_rays
 from rakelight.geometry.fill import nearest_fill
 from rakelight.geometry.grid import has_gradient, mean_gradient
-from rakelight.geometry.normals import normal_derivatives
+from rakelight.geometry.normals import normal_derivatives, towards_camera
 from rakelight.methods.base import (
     Estimate,
     Method,
+    brightest,
     photometric_confidence,
     require_options,
     require_photographs,
@@ -394,13 +395,6 @@ def integrated(normals: Floats, determined: Mask, mask: Mask, camera: Camera) ->
     return log_depth
 
 
-def towards_camera(normals: Floats, camera: Camera) -> Floats:
-    """(h, w) -n . r of normals (h, w, 3) and rays r = (x/fx, y/fy, 1); below 0 it looks away."""
-    x, y = pixel_rays(camera)
-    n_x, n_y, n_z = np.moveaxis(normals, -1, 0)
-    return np.asarray(-(n_x * x / camera.fx + n_y * y / camera.fy + n_z))
-
-
 def estimated_albedo(
     prepared: Prepared, factors: Factors, lit: Mask, normals: Floats
 ) -> tuple[Floats, float]:
@@ -411,7 +405,7 @@ def estimated_albedo(
         (light, usable & seen[:, None], shade[:, None])
         for (light, usable), seen, shade in zip(photographs, lit, shading, strict=True)
     )
-    gain = max(float(np.percentile(albedo, 99)), 1e-12)
+    gain = brightest(albedo)
     return albedo / gain, gain
 
 

@@ -27,7 +27,7 @@ from rakelight.methods.base import (
 from rakelight.methods.levels import Level, finest_level
 from rakelight.model import Floats, Progress, ProgressCallback
 from rakelight.photometry.images import LightParameters, Linearization, Surface
-from rakelight.photometry.lighting import frontal_lights
+from rakelight.photometry.lighting import frontal_lights, without_negative_ambient
 from rakelight.prepare import Prepared
 from rakelight.solve import Solution, assemble, solve
 from rakelight.solve.robust import SMALLEST_NOISE
@@ -128,10 +128,11 @@ def light_and_albedo(
         hessian, slope, _ = photographs.light_terms(
             surface, lights, albedo, project=False, subsampling=subsampling
         )
+        each_light = [slice(first, first + 4) for first in range(0, len(slope), 4)]
         before = np.concatenate([lights.vector, lights.ambient[..., None]], axis=-1)[:, 0]
         solved = [
-            least_squares_light(hessian[k : k + 4, k : k + 4], slope[k : k + 4], light)
-            for k, light in zip(range(0, len(slope), 4), before, strict=True)
+            without_negative_ambient(hessian[k, k], hessian[k, k] @ light - slope[k])
+            for k, light in zip(each_light, before, strict=True)
         ]
         lights = lights.moved((np.array(solved) - before)[:, None])
     linearization = photographs.linearize(surface, lights, lagged=True, project=False)
@@ -143,18 +144,6 @@ def light_and_albedo(
     sum_of_squares = level.sensor_sum_of_squares(log_depth)
     energy = float(np.log(noise)) + sum_of_squares / (2 * linearization.observations)
     return Fit(log_depth, lights, surface, linearization, noise, energy)
-
-
-def least_squares_light(hessian: Floats, slope: Floats, light: Floats) -> Floats:
-    """The light (s_x, s_y, s_z, phi) where the derivatives at `light` vanish; phi at least 0.
-
-    Where the pixels do not determine it, of minimum norm.
-    """
-    right = hessian @ light - slope
-    best = np.linalg.lstsq(hessian, right, rcond=1e-9)[0]
-    if best[3] < 0:
-        best = np.append(np.linalg.lstsq(hessian[:3, :3], right[:3], rcond=1e-9)[0], 0.0)
-    return np.asarray(best)
 
 
 def depth(level: Level, fit: Fit) -> Solution:

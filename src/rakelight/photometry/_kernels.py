@@ -297,7 +297,7 @@ def add_highlight(rho, size, light, shine, both):
 
 @inlined
 def load_scales(here, size, row, scales, pixel):
-    """Fill pixel's SHARP: 1 / scale^2 of the loss, 0 for least squares."""
+    """Fill pixel's INV_SCALE2: 1 / scale^2 of the loss, 0 for least squares."""
     for j in range(size):
         scale = scales[row, here[j]]
         pixel[INV_SCALE2, j] = 1.0 / (scale * scale) if scale > 0.0 else 0.0

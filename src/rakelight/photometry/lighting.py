@@ -29,12 +29,12 @@ def estimate_light(
     normals: Floats,
     start: Floats | None = None,
 ) -> Floats:
-    """Least-squares light (s_x, s_y, s_z, phi) of one photograph; phi is never negative.
+    """Least-squares light (s_x, s_y, s_z, phi) of one photograph.
 
     image, albedo : (P, C) linear light and albedo; weight : (P, C), 0 leaves a value out
     normals : (P, 3)
     start : (3,) a light vector that says which pixels are lit at first; None for first-order
-        harmonics without attached shadows, whose phi may have any sign
+        harmonics without attached shadows, whose phi may have any sign; else it is at least 0
 
     Minimises sum_c sum_p w (rho_c (max(0, s.n) + phi) - I_c)^2, equation (3) over all channels;
     without a start, s.n takes the place of max(0, s.n).
@@ -58,11 +58,20 @@ def estimate_light(
         seen = lit(normals, vector)
         matrix, rhs = (basis * (squares * seen)) @ basis.T, basis @ (products * seen)
         matrix[3, 3], rhs[3] = squares.sum(), products.sum()
-        light = _least_squares(matrix, rhs)
-        if light[3] < 0:
-            light = np.append(_least_squares(matrix[:3, :3], rhs[:3]), 0.0)
+        light = without_negative_ambient(matrix, rhs)
         vector, ambient = light[:3], light[3]
     return np.append(vector, ambient)
+
+
+def without_negative_ambient(matrix: Floats, rhs: Floats) -> Floats:
+    """The light (s_x, s_y, s_z, phi) of these normal equations, (4, 4) and (4,); phi at least 0.
+
+    Where the pixels do not determine it, of minimum norm.
+    """
+    light = _least_squares(matrix, rhs)
+    if light[3] < 0:
+        light = np.append(_least_squares(matrix[:3, :3], rhs[:3]), 0.0)
+    return light
 
 
 def _least_squares(matrix: Floats, rhs: Floats) -> Floats:

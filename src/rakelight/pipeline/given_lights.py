@@ -19,7 +19,7 @@ from rakelight.check.depth_orientation import evidence
 from rakelight.check.evidence import LIKELY
 from rakelight.errors import listed
 from rakelight.geometry.camera import back_project
-from rakelight.model import Array, Finding, Floats, GivenLights, Lights
+from rakelight.model import Array, Finding, Floats, GivenLights, Lights, photograph_names
 from rakelight.photometry.forward import arriving, least_squares_albedo, shadings
 from rakelight.pipeline.held_back import Sample, lights_of, sampled
 from rakelight.prepare import Prepared
@@ -90,7 +90,7 @@ def wrong_lights(prepared: Prepared) -> tuple[Finding, ...]:
     }
     remedy = after[min(after)] if min(after) <= fits else REMEDY
     off_deg = angles_deg(_seen(given, points_m).direction[:, 0], lights.direction[:, 0])
-    named = prepared.names or tuple(f"photograph {i}" for i in range(len(prepared)))
+    named = photograph_names(prepared.names, len(prepared))
     explained = [1 - float(each.sum()) / flat for each in (before, free)]
     message = (
         f"the given lights are not those of the photographs: they explain {explained[0]:.0%} of "

@@ -23,11 +23,12 @@ from typing import Any
 
 import numpy as np
 
-from rakelight.geometry.camera import back_project, pixel_rays
+from rakelight.geometry.camera import back_project
 from rakelight.geometry.normals import (
     normal_derivatives,
     squared_normal_derivative,
     surface_normals,
+    towards_camera,
 )
 from rakelight.methods.base import Estimate, brightest
 from rakelight.model import MAD_TO_SIGMA, Array, Camera, Finding, Floats, Lights, Mask
@@ -195,22 +196,17 @@ def _sample(prepared: Prepared, finite: Mask, pixels: int = SAMPLE_PIXELS) -> Sa
 
 def _derivatives(normals: Floats, camera: Camera, sample: Sample) -> tuple[Floats, Floats]:
     """|m| (P,) and the derivatives (P, 3, 2) of the normals (h, w, 3) at a sample."""
-    length = 1 / np.maximum(_facing(normals, camera), 1e-3)
-    each = normal_derivatives(np.nan_to_num(normals), length, camera)
+    normals = np.nan_to_num(normals)
+    length = 1 / np.maximum(towards_camera(normals, camera), 1e-3)
+    each = normal_derivatives(normals, length, camera)
     return sample.of(length), np.stack([sample.of(one) for one in each], axis=-1)
 
 
 def _gradient(normals: Floats, camera: Camera, sample: Sample) -> Floats:
     """(P, 2) gradient of log depth that normals (h, w, 3) belong to, at a sample."""
-    slope = normals[..., :2] / np.maximum(_facing(normals, camera), 1e-3)[..., None]
+    facing = towards_camera(np.nan_to_num(normals), camera)
+    slope = normals[..., :2] / np.maximum(facing, 1e-3)[..., None]
     return np.asarray(sample.of(slope) / np.array([camera.fx, camera.fy]))
-
-
-def _facing(normals: Floats, camera: Camera) -> Floats:
-    """(h, w) 1 / |m| of normals: minus their product with the viewing ray (x/fx, y/fy, 1)."""
-    x, y = pixel_rays(camera)
-    n = np.nan_to_num(normals)
-    return np.asarray(-(n[..., 0] * x / camera.fx + n[..., 1] * y / camera.fy + n[..., 2]))
 
 
 def _left_out(
@@ -249,7 +245,7 @@ def _left_out(
     # Invertible, too, where one direction is told by nothing but such a depth.
     matrix += (ROUNDING * tensor.trace(axis1=1, axis2=2)[:, None, None] + TINY) * np.eye(2)
     inverse = np.linalg.inv(matrix)
-    error = error - good * np.einsum("npci,pij,pj->npc", projected, inverse, right)
+    error = error - np.einsum("npci,pij,pj->npc", projected, inverse, right)
     hat = np.einsum("npci,pij,npdj->npcd", projected, inverse, projected)
     hat[..., range(3), range(3)] += own
     return np.abs(np.linalg.solve((1 + 1e-6) * np.eye(3) - hat, error[..., None])[..., 0])

@@ -217,7 +217,7 @@ def prepared_view(capture: Capture, scale: Scale = "auto") -> PreparedView:
 def shrunk_view(capture: Capture, shrink: int) -> PreparedView:
     """`prepared_view` at a resolution `shrink` times lower than the photographs'.
 
-    shrink : a divisor of both sides; the sensor's pixels are no narrower than the output's
+    shrink : a divisor of both sides
     """
     camera = capture.camera.scaled(1 / shrink)
     mask = _shrunk_mask(capture, shrink)

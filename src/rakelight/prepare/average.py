@@ -26,8 +26,6 @@ def robust_average(depth_m: Floats) -> Floats:
     1.001
     """
     stack, inlier = _inliers(depth_m)
-    if len(stack) == 1:
-        return np.asarray(stack[0])
     total = np.where(inlier, stack, 0.0).sum(axis=0)
     count = inlier.sum(axis=0)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)

@@ -95,6 +95,8 @@ def nearest_object(depth_m: Floats, sigma_m: Floats, camera: Camera) -> Found | 
 
     depth_m, sigma_m : metres, NaN = no measurement; camera : of the depth map
     """
+    from scipy.ndimage import median
+
     measured = np.isfinite(depth_m)
     if not measured.any():
         return None
@@ -105,9 +107,7 @@ def nearest_object(depth_m: Floats, sigma_m: Floats, camera: Camera) -> Found | 
         return None
     area = np.bincount(components[before], minlength=count)
     at_frame = np.bincount(components[before & frame], minlength=count) / np.count_nonzero(frame)
-    middle_m = np.array(
-        [np.median(each) for each in np.split(*_sorted(depth_m[before], components[before], area))]
-    )
+    middle_m = np.asarray(median(depth_m[before], components[before], np.arange(count)))
     large = area >= SMALLEST * measured.size
     if not large.any():
         return None
@@ -203,11 +203,6 @@ def _largest_plane(
     return np.asarray(plane)
 
 
-def _sorted(values: Floats, labels: Array, area: Array) -> tuple[Floats, Array]:
-    """Values ordered by their label, and where each label but the first begins."""
-    return values[np.argsort(labels, kind="stable")], np.cumsum(area)[:-1]
-
-
 def _with_its_parts(
     best: int, components: Array, area: Array, at_frame: Floats, depth_m: Floats, camera: Camera
 ) -> Array:
@@ -276,7 +271,7 @@ def outlined(mask: Mask, measured: Mask, picture: Array, grid: SensorGrid) -> tu
     coarse = grid.nearest_upsample(mask)[window]
     trimap = np.where(coarse, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
     trimap[grid.nearest_upsample(inner | thin)[window]] = cv2.GC_FGD
-    trimap[grid.nearest_upsample(elsewhere & ~mask)[window]] = cv2.GC_BGD
+    trimap[grid.nearest_upsample(elsewhere)[window]] = cv2.GC_BGD
     if min(np.count_nonzero(trimap == side) for side in (cv2.GC_FGD, cv2.GC_BGD)) >= FEWEST_COLOURS:
         colours = np.zeros((1, 65)), np.zeros((1, 65))
         cv2.setRNGSeed(0)

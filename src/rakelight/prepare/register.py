@@ -18,8 +18,8 @@ NEAREST_M, LARGEST_PX = 0.01, 16
 def sensor_grid(colour: Camera, depth: Camera) -> Camera:
     """The colour camera's view in pixels as wide as the depth camera's, as nearly as they fit.
 
-    Its pixels cover the colour image exactly; a whole number along each side, so that the colour
-    camera has depth.width / self.width ... pixels for each, rarely a whole number.
+    Its pixels cover the colour image exactly, a whole number along each side: each is
+    colour.width / grid.width of the colour camera's wide, rarely a whole number.
 
     >>> colour = Camera(1280, 720, fx=920.0, fy=920.0, cx=639.5, cy=359.5)
     >>> depth = Camera(640, 480, fx=525.0, fy=525.0, cx=319.5, cy=239.5)
@@ -54,7 +54,7 @@ def register(
     [nan, 2.0, 2.0, 2.0]
     """
     measured = np.isfinite(depth_m)
-    links = surface_links(np.where(measured, depth_m, np.nan), measured, camera)
+    links = surface_links(depth_m, measured, camera)
     points = project(back_project(depth_m, camera), pose, target)
     nearest = _Nearest(target)
     nearest.draw(*_triangles(points, sigma_m, links))

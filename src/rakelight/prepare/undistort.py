@@ -17,7 +17,6 @@ import numpy as np
 
 from rakelight.errors import CaptureError
 from rakelight.files import in_threads
-from rakelight.geometry.camera import pixel_rays
 from rakelight.geometry.distortion import to_pixels, to_rays
 from rakelight.geometry.grid import outline
 from rakelight.memory import require_memory
@@ -170,9 +169,7 @@ def _grows_by(capture: Capture) -> int:
 
 def _places(ideal: Camera, camera: Camera) -> Floats:
     """(h, w, 2) u and v in the camera's image of the ideal camera's pixels; NaN = nowhere."""
-    x, y = pixel_rays(ideal)
-    x, y = np.broadcast_arrays(x / ideal.fx, y / ideal.fy)
-    return np.stack(to_pixels(x, y, camera), axis=-1)
+    return np.stack(to_pixels(*to_rays(*_pixels(ideal), ideal), camera), axis=-1)
 
 
 def _resampled(capture: Capture, place: Floats) -> Array:

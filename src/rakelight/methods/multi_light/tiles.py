@@ -149,7 +149,7 @@ def refine_tile(
         )
     level, start = tile_level(prepared, whole)
     fit = first_fit(level, start, whole.lights)
-    level = level.weighted(agreement(level, fit, whole.shrink))
+    level = level.weighted(agreement(fit, whole.shrink))
     for step in range(STEPS):
         check()
         fit = fit if step == 0 else update_scale(level, fit, noisiest=1.0)
@@ -245,7 +245,7 @@ def carried(image: Floats, prepared: Prepared, whole: Whole) -> Floats:
     return fine[whole.shrink : whole.shrink + height, whole.shrink : whole.shrink + width]
 
 
-def agreement(level: Level, fit: Fit, shrink: int) -> float:
+def agreement(fit: Fit, shrink: int) -> float:
     """The weight of the agreement, 1 / variance of log depth, by which corrections fade."""
     information = max(fit.linearization.typical_information(2.0), TINY)
     return information / (fit.noise * LENGTH * shrink) ** 2

@@ -17,7 +17,6 @@ import numpy as np
 
 from rakelight.geometry.averaging import data_sum_of_squares, data_terms
 from rakelight.geometry.grid import (
-    Links,
     differences,
     neighbours,
 )
@@ -72,7 +71,7 @@ class View:
         """The view of the first photograph of `prepared`."""
         level = first_photograph(prepared)
         mask, links, usable = level.mask, level.links, level.usable
-        seen = usable.any(axis=-1) & surrounded(links)
+        seen = usable.any(axis=-1) & level.inner  # those at a border mix with the background
         observed = level.image.mean(axis=-1)[seen]
         exposure = max(float(np.median(observed)), np.finfo(float).tiny) if observed.size else 1.0
         colour = level.image / exposure
@@ -110,12 +109,6 @@ class View:
     def shading_weight(self, colour_weight: float) -> Floats:
         """(h, w) 0..1, the weight c of the shading: see `texture.shading_weight`."""
         return shading_weight(self.colour, self.texture, self.level.links, colour_weight)
-
-
-def surrounded(links: Links) -> Mask:
-    """(h, w) which pixels have all four neighbours: those at a border mix with the background."""
-    sides = [side for axis in (0, 1) for side in neighbours(links, axis)]
-    return np.asarray(np.logical_and.reduce(sides))
 
 
 @dataclass(frozen=True)

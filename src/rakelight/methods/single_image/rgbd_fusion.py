@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rakelight.methods.base import Estimate, Method, require_options, require_ranges, require_types
+from rakelight.methods.base import Estimate, Method, require_options, require_ranges
 from rakelight.methods.single_image.depth_energy import View
 from rakelight.methods.single_image.fusion_like import (
     FusionLike,
@@ -57,7 +57,6 @@ class RgbdFusion(FusionLike):
     tau: float = 0.1
 
     def __post_init__(self) -> None:
-        require_types(self)
         FusionLike.__post_init__(self)
         require_ranges(self, from_0=("lambda_beta1", "lambda_beta2"))
         require_options(self, tau=(self.tau >= 0, "at least 0"))
