@@ -13,11 +13,14 @@ The library raises these and nothing else for bad input; it never prints and nev
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import repeat
 from typing import Any
 
+# How zlib, OpenCV and the loader of libraries say that memory is short.
+_NO_MEMORY = re.compile("(?i)(insufficient|out of|cannot allocate) memory")
 _LONGEST = 400  # characters of each part of a message; what a file holds may be any length
 
 
@@ -174,6 +177,38 @@ def check_is(value: object, kind: type[Any], name: str, remedy: str = "") -> Non
             needed=f"rakelight.{kind.__name__}" if public else kind.__name__,
             remedy=remedy,
         )
+
+
+def machine_fault(error: BaseException, more_memory: str) -> str | None:
+    """One line for an error by which a library says that the machine is at fault; None for others.
+
+    more_memory : what to do where there is too little
+
+    >>> machine_fault(MemoryError(), "close other programs")
+    'not enough memory. Fix: close other programs'
+    >>> machine_fault(KeyError("x"), "") is None
+    True
+    """
+    for cause in causes(error):
+        if isinstance(cause, MemoryError) or _NO_MEMORY.search(str(cause)):
+            return f"not enough memory. Fix: {more_memory}"
+        if "can't start new thread" in str(cause):
+            remedy = "raise the limit on processes (`ulimit -u`) or on memory (`ulimit -v`)"
+            return f"the system starts no more threads. Fix: {remedy}"
+        if isinstance(cause, ImportError) and not (cause.name or "").startswith("rakelight"):
+            remedy = "free memory or raise its limit (`ulimit -v`), else install rakelight again"
+            return f"a library cannot be loaded (seen {str(cause).strip()[:200]}). Fix: {remedy}"
+    if isinstance(error, OSError):
+        where = f"{error.filename}: " if error.filename else ""
+        return printable(f"{where}the system refused it (seen {error.strerror or error})")
+    return None
+
+
+def causes(error: BaseException | None) -> Iterator[BaseException]:
+    """The errors that led to this one, the first of them first, and itself."""
+    if error is not None:
+        yield from causes(error.__cause__ or error.__context__)
+        yield error
 
 
 def cut(text: str, longest: int = _LONGEST) -> str:

@@ -4,7 +4,7 @@ A folder is ours when a file in it, its manifest, lists what rakelight wrote the
 `overwrite` such a folder is replaced if it holds nothing else, and its files are deleted by the
 names in the list.  Everything else is refused.
 
-Beside the folder NAME a run uses hidden names, `.NAME.rakelight-` and eight digits, then
+Beside the folder NAME a run uses hidden names, `.NAME.rakelight-`, eight hexadecimal digits, then
 
 - `.partial`: being written; a dead run's is deleted
 - `.old`: whole, but not at its name; put back where NAME is missing
@@ -304,7 +304,8 @@ def _refuse_occupied(target: Path, shown: str, overwrite: bool, manifest: Manife
 
 def _somebody_lives_in(folder: Path) -> bool:
     """Whether the home or the working directory is the folder or lies in it."""
-    return any(place.is_relative_to(folder) for place in (Path.cwd(), Path.home()))
+    home = Path(os.path.expanduser("~"))  # noqa: PTH111 - Path.home() raises where there is none
+    return any(place.is_relative_to(folder) for place in (Path.cwd(), home))
 
 
 def _owned(folder: Path, manifest: Manifest) -> Set[str]:

@@ -73,7 +73,7 @@ def kernel(function: Function, *, any_order: bool = False) -> Kernel:
         or (block, ...); `in_parts` and `in_blocks` share the work among the cores.  numba's own
         prange compiles its body three times, and its threads do not survive a fork.
     any_order : whether sums may be taken in another order than written, so that their loops run in
-        wide instructions; where a loop is parted must not change such sums
+        wide instructions; the place where a loop is split must not change them
 
     The machine code is cached beside the source, else in the user's cache folder (or where
     NUMBA_CACHE_DIR says).  Where none of them can be written it is compiled once per process.

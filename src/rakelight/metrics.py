@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rakelight.errors import InputError, check_is
+from rakelight.geometry.finite import require_numbers
 from rakelight.geometry.normals import surface_normals
 from rakelight.model import Camera, Floats, Mask, Result, Truth
 
@@ -78,7 +79,7 @@ def evaluate_maps(
     (3.0, 0.0, 1.0)
     """
     check_is(truth, Truth, "truth", "read one with rakelight.load_truth")
-    _check_numbers("truth", truth.depth)
+    require_numbers("truth", truth.depth)
     chosen = truth.mask if mask is None else mask
     return Evaluation(
         depth=depth_errors(depth, truth.depth, chosen),
@@ -168,7 +169,7 @@ def depth_error_map_mm(depth_m: Floats, truth_m: Floats, mask: Mask) -> Floats:
     >>> depth_error_map_mm(truth + 0.002, truth, mask)
     array([[ 2., nan]])
     """
-    _check_numbers("depth", depth_m, truth_m)
+    require_numbers("depth", depth_m, truth_m)
     _check("depth", depth_m, truth_m, mask, np.isfinite(truth_m))
     charge = DEPTH_CHARGE * np.asarray(truth_m, float)
     with np.errstate(invalid="ignore"):
@@ -184,7 +185,7 @@ def normal_error_map_deg(normals: Floats, truth_normals: Floats, mask: Mask) -> 
     >>> normal_error_map_deg(np.array([[[0.0, 1.0, -1.0]]]), facing, np.ones((1, 1), bool)).round(9)
     array([[45.]])
     """
-    _check_numbers("normals", normals, truth_normals)
+    require_numbers("normals", normals, truth_normals)
     _check("normals", normals, truth_normals, mask, _has_normal(truth_normals))
     present = mask & _has_normal(normals)
     a, b = np.asarray(normals, float)[present], np.asarray(truth_normals, float)[present]
@@ -202,17 +203,6 @@ def _has_depth(depth_m: Floats) -> Mask:
 
 def _has_normal(normals: Floats) -> Mask:
     return np.asarray(np.isfinite(normals).all(axis=-1) & (np.asarray(normals) != 0).any(axis=-1))
-
-
-def _check_numbers(name: str, *arrays: Floats) -> None:
-    for array in arrays:
-        if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu" or not array.ndim:
-            raise InputError(
-                f"{name} is no array of numbers",
-                source=name,
-                seen=f"{type(array).__name__} {getattr(array, 'dtype', '')}",
-                needed="a numpy.ndarray of floats",
-            )
 
 
 def _check(name: str, estimate: Floats, truth: Floats, mask: Mask, truth_mask: Mask) -> None:

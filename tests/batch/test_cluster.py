@@ -56,6 +56,13 @@ def test_dask_says_nothing_of_a_cluster_that_is_closed(log, monkeypatch, fails):
         handler.setLevel(level)
 
 
+def test_nothing_stays_in_the_folder_for_temporary_files(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with cluster.local_client(1, {}) as client:
+        assert client.submit(abs, -1).result() == 1
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_another_cluster_on_this_machine_is_no_matter(tmp_path, recwarn):
     with socket.socket() as taken:
         with suppress(OSError):  # somebody else has it already

@@ -125,6 +125,14 @@ def test_a_folder_of_somebody_else_is_never_replaced(capture, tmp_path):
     assert (tmp_path / "out" / "coin" / "thesis.docx").read_text() == "x"
 
 
+def test_what_may_not_be_replaced_is_seen_before_the_work(capture, done, monkeypatch):
+    (done / "coin" / "notes.txt").write_text("x")
+    monkeypatch.setattr("rakelight.batch.one.refine_source", raising(AssertionError("work")))
+    entry = do(capture, done, recipe({"max_iterations": "2"}), overwrite=True)
+    assert (entry.state, entry.exit_code) == ("failed", 2)
+    assert "notes.txt" in entry.message
+
+
 def test_failures_are_answers(tmp_path, capture, monkeypatch):
     entry = do(tmp_path / "none", tmp_path / "out")
     assert (entry.state, entry.exit_code) == ("failed", 2)
@@ -136,6 +144,8 @@ def test_failures_are_answers(tmp_path, capture, monkeypatch):
     for error, code, words in [
         (MemoryError(), 3, "not enough memory"),
         (OSError(5, "Input/output error", "x.png"), 3, "x.png: the system refused it"),
+        (RuntimeError("can't start new thread"), 3, "the system starts no more threads"),
+        (ImportError("libx.so: cannot open", name="cv2"), 3, "a library cannot be loaded"),
         (ZeroDivisionError("x"), 1, "a bug in rakelight: ZeroDivisionError: x"),
     ]:
         monkeypatch.setattr("rakelight.batch.one.content_checksum", raising(error))

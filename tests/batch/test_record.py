@@ -3,7 +3,9 @@
 import pytest
 
 from rakelight.batch.record import Entry, delete_remains, opened, read_record, write_record
+from rakelight.batch.run import _begun
 from rakelight.errors import InputError, OutputExistsError
+from rakelight.recipe import Recipe
 
 ENTRY = Entry(source="/a/coin", name="coin", state="failed", message="no depth", exit_code=2)
 REMAINS = ".batch.json.rakelight-01234567.partial"
@@ -56,3 +58,11 @@ def test_somebody_elses_folder_and_file_are_refused(tmp_path):
         opened(tmp_path)
     with pytest.raises(OutputExistsError, match="a file stands"):
         opened(tmp_path / "thesis.docx")
+
+
+def test_what_an_earlier_run_did_is_not_of_this_one(tmp_path):
+    done = Entry(source="a", name="a", state="done", computed=True, wall_s=2.0, cpu_s=3.0)
+    write_record(tmp_path, {}, [done, Entry(source="b", name="b")])
+    others = _begun(tmp_path, Recipe(), {"c": Entry(source="c", name="c")})
+    assert others == [Entry(source="a", name="a", state="done")]
+    assert [each.name for each in opened(tmp_path).captures] == ["c", "a"]

@@ -44,7 +44,8 @@ def test_json(run, lit):
     assert len(told["photographs"]) == 8
 
 
-def test_a_page_in_no_folder(refused, lit, tmp_path):
+def test_a_page_in_no_folder_is_refused_before_the_check(refused, lit, tmp_path, monkeypatch):
+    monkeypatch.setattr("rakelight.checkup.check_capture", None)
     nowhere = tmp_path / "nowhere/check.html"
     refused("check", lit, "--html", nowhere, about=str(nowhere), words=("make its folder",))
 

@@ -316,6 +316,7 @@ AT_WORK = {
     "refine": WHILE_REFINING,
     "import": "rakelight.capture.readers.find_reader",
     "demo": "rakelight.synthetic.demo_scene",
+    "paper": "rakelight.paper.make.folder_of",
 }
 
 
@@ -333,7 +334,7 @@ def test_27_the_place_is_taken_before_the_work(run, capture, tmp_path, monkeypat
         raise KeyboardInterrupt
 
     monkeypatch.setattr(AT_WORK[command], second)
-    source = () if command == "demo" else (capture,)
+    source = {"demo": (), "paper": ("table1",)}.get(command, (capture,))
     assert run(command, *source, "-o", out).code == 130
     assert refused == [3]
     assert not (tmp_path / "new").exists()

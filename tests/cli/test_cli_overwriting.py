@@ -74,6 +74,18 @@ def test_33_the_thesis_beside_true_files_survives(run, refused, tmp_path, comman
     assert run(*arguments).code == 0
 
 
+def no_home():
+    raise RuntimeError("no home")
+
+
+def test_a_user_without_a_home_may_overwrite(run, result, capture, tmp_path, monkeypatch):
+    """As in a container under a number that has no name."""
+    monkeypatch.setattr("pathlib.Path.home", no_home)
+    maps = ("eval", result, "--truth", capture, "--maps", tmp_path / "maps")
+    assert run(*maps).code == 0
+    assert run(*maps, "--overwrite").code == 0
+
+
 def test_33_the_demo_keeps_the_thesis(refused, run, capture, result, tmp_path):
     shutil.rmtree(capture)  # out of the way of demo's own
     assert run("synth", capture, "--size", "0.1", "--lights", "3").code == 0

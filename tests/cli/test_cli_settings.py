@@ -70,6 +70,13 @@ def test_settings_that_cannot_be(refused, capture, tmp_path, method, setting, ab
     refused(*command, about=about, words=words)
 
 
+def test_a_method_that_is_none_is_seen_before_the_capture_is_read(run, tmp_path):
+    ran = run("refine", tmp_path / "missing", "-o", tmp_path / "out", "--method", "typo")
+    assert ran.code == 2
+    assert "typo" in ran.err
+    assert "missing" not in ran.err
+
+
 def test_a_setting_twice(refused, capture, tmp_path):
     command = ("refine", capture, "-o", tmp_path / "out", "--set", "lights=auto", "--set")
     refused(*command, "lights=white", about="--set lights", words=("seen auto and white",))
@@ -100,7 +107,14 @@ def test_values_of_every_type(text, kind, value):
 
 @pytest.mark.parametrize(
     ("text", "kind"),
-    [("1", bool), ("yes", bool), ("inf", float), ("", float), ("Near", Literal["near"])],
+    [
+        ("1", bool),
+        ("yes", bool),
+        ("inf", float),
+        ("9" * 400, int),
+        ("", float),
+        ("Near", Literal["near"]),
+    ],
 )
 def test_values_of_no_type(text, kind):
     with pytest.raises(InputError, match="not a value of this option"):

@@ -12,7 +12,9 @@ import pytest
 from rakelight import jit
 from rakelight.cli import compiling, first_run
 from rakelight.cli.first_run import compiling_beside, parts_to_compile
+from rakelight.cli.progress import shown_progress
 from rakelight.errors import MachineError
+from rakelight.model import Progress
 from rakelight.photometry import _kernels
 
 from .cli_process import SOURCES
@@ -145,6 +147,15 @@ def test_a_system_that_starts_no_process_loses_time_alone(monkeypatch, error):
     with compiling_beside():
         work.append("done")
     assert work == ["done"]
+
+
+@pytest.mark.parametrize("compiles", [False, True])
+def test_a_command_that_compiles_nothing_does_not_speak_of_it(monkeypatch, capfd, compiles):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    monkeypatch.setattr("rakelight.cli.progress._compiled", lambda: False)
+    with shown_progress(compiles=compiles) as progress:
+        progress(Progress("read"))
+    assert ("compiling" in capfd.readouterr().err) == compiles
 
 
 def test_an_empty_cache_is_seen(tmp_path):

@@ -87,7 +87,7 @@ def test_extra_files_arrive_with_the_rest_and_are_listed(sphere, tmp_path):
 
 @pytest.mark.parametrize(
     "name", ["../a.txt", "/tmp/a.txt", "a/a.txt", "a\\a.txt", "..", "", "report.html",
-             "depth.tiff", "result.json", 3],
+             "depth.tiff", "result.json", "a\0b", "caf\udce9.txt", 3],
 )  # fmt: skip
 def test_extra_files_neither_leave_the_folder_nor_replace_its_own(sphere, tmp_path, name):
     with pytest.raises(InputError, match=r"of a file in the result folder|a file of that name"):
@@ -377,6 +377,23 @@ def test_arrays_of_another_size_are_refused(sphere, tmp_path):
         with pytest.raises(InputError, match="another size") as caught:
             write_result(wrong, tmp_path / "out")
         assert caught.value.source == name
+
+
+@pytest.mark.parametrize("depth", [[[1.0]], np.ones((3, 3), complex)])
+def test_what_is_no_array_of_numbers_is_refused(sphere, tmp_path, depth):
+    with pytest.raises(InputError, match="depth is no array of numbers"):
+        write_result(replace(sphere, depth=depth), tmp_path / "out")
+
+
+def test_nothing_that_is_written_is_infinite(sphere, tmp_path):
+    inside = np.argwhere(sphere.mask)
+    row, column = inside[len(inside) // 2]
+    before = sphere.prepared_depth.copy()
+    before[row, column] = np.inf
+    write_result(replace(sphere, prepared_depth=before), tmp_path / "out", mesh="none")
+    again = load_result(tmp_path / "out")
+    assert np.isnan(again.prepared_depth[row, column])
+    np.testing.assert_array_equal(again.mask, sphere.mask)
 
 
 def test_names_of_other_photographs_are_refused(sphere, tmp_path):

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 
 from rakelight.capture.images import decode_image
-from rakelight.model import Camera, RigidTransform
+from rakelight.model import Camera, Lights, RigidTransform
 from rakelight.paper.bas_relief import bas_relief_aligned
 from rakelight.paper.drawing import turned
 from rakelight.paper.figure1 import figure1
 from rakelight.paper.figure2 import explanations, figure2
 from rakelight.paper.figure3 import SENSOR, figure3
 from rakelight.paper.figure4 import figure4
-from rakelight.paper.figure5 import figure5
+from rakelight.paper.figure5 import _lights, figure5
 from rakelight.paper.figure6 import figure6
 from rakelight.paper.figure7 import Count, counted, enough
 from rakelight.paper.figure8 import figure8, jump_share
 from rakelight.paper.rows import ROWS
-from rakelight.paper.runs import Runs, row_of
+from rakelight.paper.runs import MAIN, Runs, row_of
 from rakelight.paper.scenarios import scenarios
 from rakelight.paper.scenes import PAPER_OPTIONS, SCENARIOS, paper_camera
 from rakelight.paper.sheet import Sheet
@@ -30,6 +30,19 @@ from rakelight.synthetic import DepthNoise, make_albedo, make_shape, render_scen
 CAMERA = Camera(60, 40, fx=400.0, fy=400.0, cx=29.5, cy=19.5)
 MASK = np.zeros(CAMERA.shape, bool)
 MASK[5:35, 10:50] = True
+
+
+def test_figure_5_pairs_the_photographs_that_were_used_with_their_lamps(runs):
+    capture, truth = runs.scene(MAIN, "moving-lamp")
+    whole, names = runs.joint(), capture.names
+    kept = [i for i in range(len(names)) if i != 2]
+    left = replace(
+        whole, lights=Lights(whole.lights.vector[kept], whole.lights.ambient[kept]),
+        photograph_names=tuple(names[i] for i in kept),
+    )  # fmt: skip
+    rows = _lights("bust", capture, left, truth.lights)
+    every = {row.photograph: row for row in _lights("bust", capture, whole, truth.lights)}
+    assert rows == [every[i] for i in kept]
 
 
 @pytest.fixture(scope="module")

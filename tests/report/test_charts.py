@@ -54,6 +54,10 @@ def test_the_energy_s_scale_can_be_read(energy):
     assert all(min(energy) <= float(label) <= max(energy) for label in labels)
 
 
+def test_equal_energies_have_their_value():
+    assert [label for _, label in energy_curve((0.5, 0.5)).lines] == ["0.5"]
+
+
 def test_the_energy_falls_from_left_to_right():
     curve = energy_curve((1000.0, 100.0, 10.0))
     assert curve.logarithmic

@@ -1,6 +1,7 @@
 """Maps survive their way into the page."""
 
 from base64 import b64decode
+from dataclasses import replace
 from zlib import decompress
 
 import numpy as np
@@ -57,6 +58,21 @@ def test_depth_comes_back_within_half_a_step():
             back[inside], depth_m[inside], atol=0.51 * facts["depth"]["step_m"]
         )
     assert facts["depth"]["step_m"] < 1e-5
+
+
+def test_an_object_too_thin_for_whole_blocks_is_shown_finer(monkeypatch):
+    result = vase_result(0.2)[0]
+    thin = np.eye(*result.mask.shape, 20, dtype=bool) & result.mask
+    only = {
+        name: np.where(thin if each.ndim == 2 else thin[..., None], each, empty)
+        for name, empty in {"depth": np.nan, "normals": np.nan, "prepared_depth": np.nan,
+                            "albedo": 0, "confidence": 0}.items()
+        for each in [getattr(result, name)]
+    }  # fmt: skip
+    monkeypatch.setattr(shown, "MOST_PIXELS", 500)
+    maps = viewer_maps(replace(result, **only))
+    assert maps.shrunk == 1
+    assert np.isfinite(maps.after_m).any()
 
 
 def test_large_maps_are_averaged_and_keep_their_place(monkeypatch):

@@ -55,13 +55,15 @@ def worker_count(asked: int | None, jobs: int) -> int:
     1
     """
     if asked is not None and asked < 1:
-        raise InputError("no number of workers", source="--workers", seen=str(asked), needed="1")
+        raise InputError(
+            "no number of workers", source="--workers", seen=str(asked), needed="1 or more"
+        )
     count = max(min(_cores(), int(min(free_memory() // USUAL_BYTES, 1000)), jobs), 1)
     count = count if asked is None else min(asked, jobs)
     require_memory(
         count * LEAST_BYTES,
-        source=f"{count} workers",
-        remedy="close other programs, or --workers 1",
+        source=f"{count} worker{'s' if count > 1 else ''}",
+        remedy="close other programs" + (", or --workers 1" if count > 1 else ""),
     )
     return count
 
@@ -84,7 +86,7 @@ def local_client(workers: int, deaths: Deaths) -> Iterator[Any]:
     with (
         TemporaryDirectory(prefix="rakelight-batch-", ignore_cleanup_errors=True) as scratch,
         _environment_kept(),
-        dask.config.set(_SETTINGS),
+        dask.config.set({**_SETTINGS, "temporary-directory": scratch}),
     ):
         cluster = client = None
         levels = _silenced()

@@ -13,12 +13,19 @@ from rakelight.batch.checksum import combined, content_checksum
 from rakelight.batch.plan import Job
 from rakelight.batch.record import Entry, figures_of
 from rakelight.batch.remote import local_copy
-from rakelight.errors import InputError, MachineError, OutputExistsError, RakelightError, printable
+from rakelight.errors import (
+    InputError,
+    MachineError,
+    OutputExistsError,
+    RakelightError,
+    machine_fault,
+    printable,
+)
 from rakelight.export import RESULT, read_summary
 from rakelight.export.plain import json_bytes
 from rakelight.export.summary import program_version
 from rakelight.files import MAX_TEXT_BYTES, read_bytes
-from rakelight.folders import remove_unfinished
+from rakelight.folders import remove_unfinished, require_free
 from rakelight.memory import give_memory_back
 from rakelight.recipe import Recipe, refine_source
 
@@ -77,11 +84,13 @@ def _done_once(
             source=str(target),
             remedy="--overwrite replaces it; or choose another OUT",
         )
+    replaced = overwrite or stored == checksum
+    require_free(target, manifest=RESULT, overwrite=replaced)  # before hours of work
     stamp = {"schema": _STAMP_SCHEMA, "checksum": checksum, "source": job.shown, **recipe.facts()}
     try:
         refine_source(
             source, target, recipe,
-            overwrite=overwrite or stored == checksum,
+            overwrite=replaced,
             extra_files={STAMP: json_bytes(stamp)},
             named=job.shown if job.remote else "",
         )  # fmt: skip
@@ -119,10 +128,7 @@ def explained(error: Exception) -> tuple[int, str]:
     """
     if isinstance(error, RakelightError):
         return error.exit_code, str(error)
-    if isinstance(error, MemoryError):
-        return 3, "not enough memory. Fix: fewer --workers, or --scale 1"
-    if isinstance(error, OSError):
-        where = f"{error.filename}: " if error.filename else ""
-        return 3, printable(f"{where}the system refused it (seen {error.strerror or error})")
+    if (line := machine_fault(error, "fewer --workers, or --scale 1")) is not None:
+        return 3, line
     what = f"a bug in rakelight: {type(error).__name__}: {error}"
     return 1, printable(f"{what}. Fix: refine this capture alone with --debug and report all")

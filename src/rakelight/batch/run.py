@@ -9,6 +9,8 @@ from pathlib import Path
 from time import perf_counter, sleep
 from typing import Any, TypeAlias
 
+import msgspec
+
 from rakelight.batch.cluster import Deaths, local_client, remote_client, worker_count
 from rakelight.batch.one import explained, run_one
 from rakelight.batch.page import index_html
@@ -99,7 +101,11 @@ def _begun(out: Path, recipe: Recipe, now: dict[str, Entry]) -> list[Entry]:
         record = opened(out)  # once more, now that nobody else writes it
         delete_remains(out)
     before = [] if record is None else record.captures
-    others = [each for each in before if each.name not in now and each.state == "done"]
+    others = [
+        msgspec.structs.replace(each, computed=False, wall_s=0.0, cpu_s=0.0)
+        for each in before
+        if each.name not in now and each.state == "done"
+    ]
     write_record(out, recipe.facts(), [*now.values(), *others])
     return others
 

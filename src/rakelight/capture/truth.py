@@ -13,7 +13,7 @@ from rakelight.capture.headers import read_header
 from rakelight.capture.images import decode_image, encode_tiff
 from rakelight.capture.listing import Root
 from rakelight.errors import CaptureError, parsing
-from rakelight.files import MAX_TEXT_BYTES, as_path, read_bytes, write_bytes
+from rakelight.files import MAX_TEXT_BYTES, as_path, clear_errors, read_bytes, write_bytes
 from rakelight.model import Floats, Lights, Truth
 
 TRUE_MAPS: dict[str, tuple[int, ...]] = {"depth": (), "normals": (3,), "albedo": (3,)}
@@ -35,7 +35,9 @@ def load_truth(folder: str | PathLike[str]) -> Truth:
     Raises CaptureError when there is none, or its files are damaged or do not fit each other.
     """
     root = Root(as_path(folder, "folder"))
-    if not (root.path / "truth").is_dir():
+    with clear_errors(root.shown(), "cannot be read"):
+        there = (root.path / "truth").is_dir()
+    if not there:
         raise CaptureError(
             "this capture has no truth",
             source=root.shown(),

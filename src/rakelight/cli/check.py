@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from rakelight.checkup.report import CheckReport
-from rakelight.cli.options import NamedPath, output_options, refuse_input_as_output
+from rakelight.cli.options import NamedPath, output_options, refuse_input_as_output, rounded
 from rakelight.errors import printable
 
 # Characters; no line is as long, and what is no terminal breaks none.
@@ -40,14 +40,19 @@ def command(
     and says what accuracy to expect and where the next lights should be.  The exit code is 2 when
     nothing is to be gained by refining it.
     """
+    from tempfile import TemporaryFile
+
     from rakelight.capture import load_capture
     from rakelight.checkup import check_capture
     from rakelight.cli.first_run import compiling_beside
+    from rakelight.files import clear_errors
     from rakelight.report.check_page import check_html, require_free_page, write_page
 
     if html is not None:
         refuse_input_as_output(capture, html)
         require_free_page(html, overwrite=overwrite)
+        with clear_errors(str(html), "cannot be written"), TemporaryFile(dir=html.parent):
+            pass  # its folder is there, and may be written to
     with compiling_beside():
         loaded = load_capture(capture)
         report = check_capture(loaded)
@@ -141,13 +146,14 @@ def facts(report: CheckReport) -> list[str]:
         lines.append(
             f"depth: {depth.median_m:.2f} m away, object {1000 * depth.width_m:.0f} mm "
             f"wide and {1000 * depth.height_m:.0f} mm high, "
-            f"{depth.holes:.1%} holes, noise {depth.noise_mm:.2g} mm, {depth.pixels} depth pixels"
+            f"{depth.holes:.1%} holes, noise {rounded(depth.noise_mm)} mm, "
+            f"{depth.pixels} depth pixels"
         )
     if (expected := report.accuracy) is not None:
         (low, high), (least, most) = expected.depth_mm, expected.normals_deg
         lines.append(
-            f"expect: two thirds of the object within {low:.2g} - {high:.2g} mm and "
-            f"{least:.2g} - {most:.2g} degrees (3 of 4 captures)"
+            f"expect: two thirds of the object within {rounded(low)} - {rounded(high)} mm and "
+            f"{rounded(least)} - {rounded(most)} degrees (3 of 4 captures)"
         )
     for i, light in enumerate(report.next_lights):
         start = "the next light: " if i == 0 else "then: "

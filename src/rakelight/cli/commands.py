@@ -5,19 +5,18 @@ from __future__ import annotations
 import atexit
 import gc
 import os
-import re
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
 import click
 
 from rakelight.cli import INTERRUPTED
-from rakelight.errors import RakelightError, printable
+from rakelight.errors import RakelightError, causes, machine_fault, printable
 from rakelight.memory import keep_freed_memory, require_addresses
 
-# Command -> module and function; `rakelight --help` shows them in this order.
+# Command -> what it does; `rakelight --help` shows them in this order.
 COMMANDS = {
     "demo": "make a synthetic capture, refine it, compare it with its truth",
     "refine": "refine the depth of a capture: a folder or a recording",
@@ -131,36 +130,15 @@ def _run(arguments: list[str], interrupted: Callable[[], bool]) -> int:
 
 def _unexpected(error: Exception, debug: bool) -> int:
     """What none of us raised: the machine's fault, where a library says so in its own words."""
-    causes = list(_causes(error))
-    if any(isinstance(cause, KeyboardInterrupt) for cause in causes):
+    if any(isinstance(cause, KeyboardInterrupt) for cause in causes(error)):
         return _interrupted(debug)  # a library made another error of it
-    for cause in causes:
-        if isinstance(cause, MemoryError) or _NO_MEMORY.search(str(cause)):
-            remedy = "close other programs, use --scale 1, or raise the limit (`ulimit -v`)"
-            return _fail(f"not enough memory. Fix: {remedy}", 3, debug)
-        if "can't start new thread" in str(cause):
-            remedy = "raise the limit on processes (`ulimit -u`) or on memory (`ulimit -v`)"
-            return _fail(f"the system starts no more threads. Fix: {remedy}", 3, debug)
-        if isinstance(cause, ImportError) and not (cause.name or "").startswith("rakelight"):
-            remedy = "free memory or raise its limit (`ulimit -v`), else install rakelight again"
-            seen = str(cause).strip()[:200]
-            return _fail(f"a library cannot be loaded (seen {seen}). Fix: {remedy}", 3, debug)
-    if isinstance(error, OSError):
-        where = f"{error.filename}: " if error.filename else ""
-        return _fail(f"{where}the system refused it (seen {error.strerror or error})", 3, debug)
+    if (line := machine_fault(error, _MORE_MEMORY)) is not None:
+        return _fail(line, 3, debug)
     what = f"a bug in rakelight: {type(error).__name__}: {error}"
     return _fail(f"{what}. Fix: run it again with --debug and report all it prints", 1, debug)
 
 
-# How zlib, OpenCV and the loader of libraries say that memory is short.
-_NO_MEMORY = re.compile("(?i)(insufficient|out of|cannot allocate) memory")
-
-
-def _causes(error: BaseException | None) -> Iterator[BaseException]:
-    """The errors that led to this one, the first of them first."""
-    if error is not None:
-        yield from _causes(error.__cause__ or error.__context__)
-        yield error
+_MORE_MEMORY = "close other programs, use --scale 1, or raise the limit (`ulimit -v`)"
 
 
 def _interrupted(debug: bool) -> int:

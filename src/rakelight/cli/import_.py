@@ -68,7 +68,7 @@ def command(
 
     refuse_input_as_output(source, output, "source")
     require_free(output, manifest=CAPTURE, overwrite=overwrite)
-    with only_writer(output), shown_progress(quiet or as_json) as progress:
+    with only_writer(output), shown_progress(quiet or as_json, compiles=False) as progress:
         progress(Progress("read"))
         reader = find_reader(source)
         reading = reader.read(source, Wanted(progress=progress))

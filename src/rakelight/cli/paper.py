@@ -51,9 +51,10 @@ def command(
     from rakelight.capture import load_capture
     from rakelight.errors import InputError
     from rakelight.files import write_bytes
-    from rakelight.folders import file_list, require_free, staged_folder
+    from rakelight.folders import file_list, only_writer, require_free, staged_folder
     from rakelight.paper.make import folder_of, require_extras
     from rakelight.paper.runs import Runs
+    from rakelight.prepare.undistort import undistorted
 
     if not 0.1 <= size <= 4:
         raise InputError("not a size", source="--size", seen=str(size), needed="0.1 to 4")
@@ -70,13 +71,14 @@ def command(
         refuse_input_as_output(capture, output)
     manifest = file_list(f"paper's {what}")
     require_free(output, manifest=manifest, overwrite=overwrite)
-    own = None if capture is None else load_capture(capture)
-    with shown_progress(quiet or as_json) as progress:
-        files, rows, text = folder_of(what, Runs(size, own, progress))
-    with staged_folder(output, manifest=manifest, overwrite=overwrite) as staging:
-        for name, content in files.items():
-            (staging.path / name).parent.mkdir(exist_ok=True)
-            write_bytes(staging.path / name, content)
+    own = None if capture is None else undistorted(load_capture(capture))
+    with only_writer(output):
+        with shown_progress(quiet or as_json) as progress:
+            files, rows, text = folder_of(what, Runs(size, own, progress))
+        with staged_folder(output, manifest=manifest, overwrite=overwrite) as staging:
+            for name, content in files.items():
+                (staging.path / name).parent.mkdir(exist_ok=True)
+                write_bytes(staging.path / name, content)
     if not quiet:
         print_findings(staging.findings)
     if as_json:

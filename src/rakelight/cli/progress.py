@@ -15,15 +15,18 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def shown_progress(quiet: bool = False) -> Iterator[ProgressCallback]:
-    """A callback that draws on stderr when that is a terminal, and does nothing when it is not."""
+def shown_progress(quiet: bool = False, *, compiles: bool = True) -> Iterator[ProgressCallback]:
+    """A callback that draws on stderr when that is a terminal, and does nothing when it is not.
+
+    compiles : whether the work needs compiled kernels, so that the first run takes longer
+    """
     if quiet or not sys.stderr.isatty():
         yield silent
         return
     from rich.progress import TaskID, TextColumn, TimeRemainingColumn
 
     with _bars(TextColumn("left"), TimeRemainingColumn()) as bars:
-        if not _compiled():
+        if compiles and not _compiled():
             bars.console.print("first run: compiling takes 15 seconds or so, later runs need none")
         tasks: dict[str, TaskID] = {}
 

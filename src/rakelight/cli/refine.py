@@ -21,6 +21,7 @@ from rakelight.cli.options import (
     parse_scale,
     print_findings,
     refuse_input_as_output,
+    rounded,
 )
 from rakelight.cli.progress import shown_progress
 from rakelight.cli.view import view_command
@@ -104,7 +105,7 @@ def recipe_of(
         photographs=None if photographs is None else tuple(parse_photographs(photographs)),
         **written,
     )
-    if named:  # wrong ones are refused before anything is read
+    if named or method != "auto":  # wrong ones are refused before anything is read
         recipe.check()
     return recipe
 
@@ -186,7 +187,7 @@ def report_result(result: Result, folder: Path, as_json: bool) -> None:
     )
     if (expected := facts["expected_errors"]) is not None:
         click.echo(
-            f"expected errors: {expected['depth_mm']:.2g} mm in depth, "
-            f"{expected['normals_deg']:.2g} degrees in normals (medians)"
+            f"expected errors: {rounded(expected['depth_mm'])} mm in depth, "
+            f"{rounded(expected['normals_deg'])} degrees in normals (medians)"
         )
     click.echo(f"result: {facts['output']}  (look at it with `{printable(view_command(folder))}`)")

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from difflib import get_close_matches
-from math import isfinite
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from rakelight.errors import InputError
 from rakelight.methods import Method
+from rakelight.model import finite_number
 
 
 def parse_settings(texts: Sequence[str]) -> dict[str, str]:
@@ -120,7 +120,7 @@ def _read(text: str, kind: Any) -> Any:
         number = kind(text)
     except ValueError:
         return _UNREADABLE
-    return number if isfinite(number) else _UNREADABLE
+    return number if finite_number(number) else _UNREADABLE
 
 
 def _in_words(kind: Any) -> str:

@@ -9,6 +9,7 @@ import click
 
 from rakelight.cli.options import NamedPath
 from rakelight.errors import InputError, MachineError
+from rakelight.files import clear_errors
 
 
 @click.command("view")
@@ -40,7 +41,9 @@ def report_address(folder: Path) -> str:
     from rakelight.folders import put_back
 
     report = put_back(folder) / "report.html"
-    if not report.is_file():
+    with clear_errors(str(folder), "cannot be read"):
+        there = report.is_file()
+    if not there:
         raise InputError(
             "no report here",
             source=str(folder),
@@ -51,5 +54,10 @@ def report_address(folder: Path) -> str:
 
 
 def view_command(folder: Path) -> str:
-    """What to type to see the report."""
-    return f"rakelight view {shlex.quote(str(folder))}"
+    """What to type to see the report.
+
+    >>> view_command(Path("out of it")), view_command(Path("-out"))
+    ("rakelight view 'out of it'", 'rakelight view ./-out')
+    """
+    shown = str(folder)
+    return f"rakelight view {shlex.quote(f'./{shown}' if shown.startswith('-') else shown)}"

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 import msgspec
 import numpy as np
 
+from rakelight.errors import InputError
 from rakelight.export.mesh import Y_UP_FROM_CAMERA, Surface
 
 
@@ -29,7 +30,13 @@ def glb_parts(surface: Surface) -> Iterator[bytes]:
     sizes = [12 * surface.vertices, 12 * surface.vertices, 8 * surface.vertices, 12 * surface.faces]
     tree = msgspec.json.encode(_gltf_tree(surface, sizes, lowest.tolist(), highest.tolist()))
     tree += b" " * (-len(tree) % 4)
-    yield struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(tree) + 8 + sum(sizes))
+    size = 12 + 8 + len(tree) + 8 + sum(sizes)
+    if size >= 1 << 32:
+        raise InputError(
+            "the mesh is too large for glb", source="mesh", seen=f"{size / 1e9:.1f} GB",
+            needed="at most 4.3 GB", remedy="--mesh ply, or mesh=\"ply\"",
+        )  # fmt: skip
+    yield struct.pack("<4sII", b"glTF", 2, size)
     yield struct.pack("<I4s", len(tree), b"JSON") + tree
     yield struct.pack("<I4s", sum(sizes), b"BIN\0")
     for k in range(2):

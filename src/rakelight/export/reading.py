@@ -15,7 +15,7 @@ from rakelight.capture.images import decode_image
 from rakelight.errors import InputError
 from rakelight.export.lights import parse_lights
 from rakelight.export.summary import MARKER, Summary, parse_summary
-from rakelight.files import MAX_TEXT_BYTES, as_path, read_bytes
+from rakelight.files import MAX_TEXT_BYTES, as_path, clear_errors, read_bytes
 from rakelight.folders import put_back
 from rakelight.model import Array, Floats, Lights, Result
 from rakelight.prepare.linear import to_linear
@@ -77,7 +77,9 @@ def read_summary(folder: Path) -> Summary:
 
     Raises InputError when `folder` is not a result, or its result.json is damaged.
     """
-    if not (folder / MARKER).is_file():
+    with clear_errors(str(folder), "cannot be read"):
+        there = (folder / MARKER).is_file()
+    if not there:
         raise InputError(
             "not a result folder",
             source=str(folder),

@@ -120,9 +120,11 @@ def corner_px(camera: Camera) -> tuple[float, float]:
     """How far the image's farthest corner is from the principal point, pixels across and along.
 
     >>> corner_px(Camera(8, 6, 20.0, 20.0, 4.0, 2.0))
-    (4.0, 4.0)
+    (4.5, 3.5)
     """
-    return max(camera.cx, camera.width - camera.cx), max(camera.cy, camera.height - camera.cy)
+    across = max(camera.cx, camera.width - 1 - camera.cx)
+    along = max(camera.cy, camera.height - 1 - camera.cy)
+    return across + 0.5, along + 0.5  # from its middle to the edge of a pixel
 
 
 def corner_stretch(camera: Camera) -> float:

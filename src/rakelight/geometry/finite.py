@@ -45,12 +45,12 @@ def only_finite(result: Result, mask: Mask | None = None) -> Result:
     return replace(
         result,
         depth=np.where(inside, result.depth, np.nan),
-        prepared_depth=np.where(inside, result.prepared_depth, np.nan),
+        prepared_depth=_inside(result.prepared_depth, inside),
         normals=np.where(inside[..., None], result.normals, np.nan),
         albedo=np.where((inside & shown)[..., None], result.albedo, 0),
         confidence=np.where(inside & shown, result.confidence, 0),
-        depth_sigma=_inside(result.depth_sigma, inside),
-        normal_sigma=_inside(result.normal_sigma, inside),
+        depth_sigma=None if result.depth_sigma is None else _inside(result.depth_sigma, inside),
+        normal_sigma=None if result.normal_sigma is None else _inside(result.normal_sigma, inside),
         findings=findings,
         converged=converged,
     )
@@ -80,6 +80,7 @@ def _is_clean(result: Result, mask: Mask | None) -> bool:
             and (all_finite(result.normals[rows]) == inside).all()
             and np.isnan(result.normals[rows][outside]).all()
             and np.isnan(result.prepared_depth[rows][outside]).all()
+            and not np.isinf(result.prepared_depth[rows]).any()
             and np.isfinite(albedo).all()
             and np.isfinite(confidence).all()
             and not albedo[outside].any()
@@ -95,10 +96,8 @@ def _is_clean(result: Result, mask: Mask | None) -> bool:
     return seen
 
 
-def _inside(sigma: Floats | None, inside: Mask) -> Floats | None:
-    """An expected error (H, W), NaN outside; or where it is not finite."""
-    if sigma is None:
-        return None
+def _inside(sigma: Floats, inside: Mask) -> Floats:
+    """A prepared depth or expected error (H, W), NaN outside and where it is not finite."""
     return np.where(inside & np.isfinite(sigma), sigma, np.nan)
 
 
@@ -111,6 +110,18 @@ def _finding(pixels: int, lights_bad: bool) -> Finding:
         f"not finite, and left out: {' and '.join(parts)}",
         "do not rely on this result; report the capture that led to it",
     )
+
+
+def require_numbers(name: str, *arrays: Floats) -> None:
+    """Raise InputError for what is no array of real numbers."""
+    for array in arrays:
+        if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu" or not array.ndim:
+            raise InputError(
+                f"{name} is no array of numbers",
+                source=name,
+                seen=f"{type(array).__name__} {getattr(array, 'dtype', '')}",
+                needed="a numpy.ndarray of floats",
+            )
 
 
 def _check_sizes(result: Result) -> None:
@@ -129,6 +140,7 @@ def _check_sizes(result: Result) -> None:
     for name, size in needed.items():
         if (given := getattr(result, name)) is None:
             continue
+        require_numbers(name, given)
         seen = given.shape
         if seen != size:
             raise InputError(

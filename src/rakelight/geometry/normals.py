@@ -88,8 +88,8 @@ def gradient_directions(camera: Camera) -> tuple[Floats, Floats]:
 def normals_from_depth(depth_m: Floats, mask: Mask, camera: Camera) -> Floats:
     """Unit normals (H, W, 3) of a depth map (H, W) in metres; NaN outside the mask.
 
-    A pixel without a neighbour along one axis gets the normal of a surface that runs along the
-    rays' perpendicular there (zero gradient of log depth).
+    A pixel without a neighbour along one axis gets the normal of a surface that does not slope
+    along it (zero gradient of log depth).
 
     >>> camera = Camera(4, 3, fx=10.0, fy=10.0, cx=1.5, cy=1.0)
     >>> n = normals_from_depth(np.full((3, 4), 2.0), np.ones((3, 4), bool), camera)

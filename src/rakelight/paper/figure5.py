@@ -52,11 +52,13 @@ def figure5(runs: Runs) -> Sheet:
 def _lights(name: str, capture: Capture, result: Result, truth: Lights | None) -> list[LightRow]:
     found = result.lights.direction.mean(axis=1)
     found = found / np.linalg.norm(found, axis=-1, keepdims=True)
+    names = result.photograph_names  # of those that were used
+    used = [capture.names.index(name) for name in names] if names else range(len(found))
     rows = []
-    for i, (x, y, z) in enumerate(found):
+    for i, (x, y, z) in zip(used, found, strict=True):
         off = None
         if truth is not None:
-            off = float(np.degrees(np.arccos(np.clip(found[i] @ truth.direction[i, 0], -1, 1))))
+            off = float(np.degrees(np.arccos(np.clip((x, y, z) @ truth.direction[i, 0], -1, 1))))
         light = to_linear(capture.photographs[i][capture.mask], capture.encoding)
         tilt = float(np.degrees(np.arccos(np.clip(-z, -1, 1))))
         azimuth = float(np.degrees(np.arctan2(y, x)))
@@ -68,11 +70,13 @@ def _picture(capture: Capture, lights: list[LightRow]) -> Array:
     window = object_window(capture.mask)
     panels = [
         panel(
-            photograph_picture(to_linear(capture.photographs[i][window], capture.encoding)),
-            f"lamp {lights[i].tilt_deg:.0f} deg off, at {lights[i].azimuth_deg:.0f} deg",
+            photograph_picture(
+                to_linear(capture.photographs[row.photograph][window], capture.encoding)
+            ),
+            f"lamp {row.tilt_deg:.0f} deg off, at {row.azimuth_deg:.0f} deg",
             WIDTH_PX,
         )
-        for i in range(min(MOST, len(lights)))
+        for row in lights[:MOST]
     ]
     rows = [panels[i : i + IN_A_ROW] for i in range(0, len(panels), IN_A_ROW)]
     return in_column(*(in_row(*row) for row in rows))

@@ -56,11 +56,13 @@ def shown_depth(result: Result) -> tuple[Camera, int, Floats, Floats]:
     window = object_window(result.mask)
     camera = result.camera.cropped(*window)
     factor = display_factor(camera)
-    camera = camera if factor == 1 else camera.cropped(*whole_blocks(camera, factor))
+    while factor > 1 and not (shown_at(1.0 * result.mask[window], factor) == 1).any():
+        factor -= 1  # an object so thin that it fills no block
+    camera = camera.cropped(*whole_blocks(camera, factor)).scaled(1 / factor)
     before_m = np.where(prepared_mask(result)[window], result.prepared_depth[window], np.nan)
     after_m = np.where(result.mask[window], result.depth[window], np.nan)
     before_m, after_m = (shown_at(each, factor) for each in (before_m, after_m))
-    return (camera if factor == 1 else camera.scaled(1 / factor)), factor, before_m, after_m
+    return camera, factor, before_m, after_m
 
 
 def whole_blocks(camera: Camera, factor: int) -> tuple[slice, slice]:

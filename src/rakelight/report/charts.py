@@ -127,7 +127,7 @@ def energy_curve(energy: tuple[float, ...]) -> Curve | None:
 
     dots = tuple((*place(i, value), i, value) for i, value in points)
     ticks = _powers(low, high) if logarithmic else _ticks(low, high)
-    label = "{:.4g}".format if logarithmic else _labels(ticks)
+    label = "{:.4g}".format if logarithmic or len(ticks) < 2 else _labels(ticks)
     return Curve(
         path="M" + "L".join(f"{x} {y}" for x, y, *_ in dots),
         dots=dots,
@@ -147,7 +147,7 @@ def _ticks(low: float, high: float) -> list[float]:
 
 def _labels(ticks: list[float]) -> Callable[[float], str]:
     """How to write ticks: with as many digits as tell them apart."""
-    step, largest = (ticks[1] - ticks[0], max(map(abs, ticks))) if len(ticks) > 1 else (1.0, 1.0)
+    step, largest = ticks[1] - ticks[0], max(map(abs, ticks))
     if not 1e-3 <= largest < 1e6:
         return f"{{:.{int(log10(largest / step)) + 1}e}}".format
     return f"{{:.{max(0, -int(np.floor(log10(step) + 1e-9)))}f}}".format

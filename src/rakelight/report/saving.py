@@ -86,7 +86,8 @@ def _own_files(extra_files: Mapping[str, bytes] | None) -> Mapping[str, bytes]:
     check_is(extra_files, Mapping, "extra_files", "give a dict, name -> content")
     for name, data in extra_files.items():
         source = f"extra_files[{name!r}]"
-        plain = isinstance(name, str) and Path(name).name == name and "\\" not in name
+        plain = isinstance(name, str) and name.isprintable() and Path(name).name == name
+        plain = plain and "\\" not in name
         if not plain or name in ("", "..", REPORT):
             raise InputError(
                 "no name of a file in the result folder",
