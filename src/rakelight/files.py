@@ -214,4 +214,4 @@ def clear_errors(source: str, what: str, *, needed: str = "") -> Iterator[None]:
 
 
 def _megabytes(size: int) -> str:
-    return f"{size / 1e6:.0f} MB"
+    return f"{size / 1e6:.0f} MB" if size >= 10_000_000 else f"{size} bytes"

@@ -1,5 +1,6 @@
 import io
 import struct
+import tracemalloc
 import zlib
 
 import cv2
@@ -287,6 +288,39 @@ def test_what_follows_the_end_of_a_jpeg_is_no_part_of_it(progressive):
     moving = data + b"\0\0\0\x1cftypisom" + b"\xff\xda\xff\xd9" * 300
     np.testing.assert_array_equal(decode_image(moving), decode_image(data))
     assert "the end of the JPEG is missing" in refusal(data[:-2])
+
+
+def tags_alone(width, height, compression, tile, offsets, counts):
+    """A grey TIFF of 8 bit in tiles, without its pixels."""
+    tags = {
+        256: [width], 257: [height], 258: [8], 259: [compression], 262: [1], 277: [1],
+        322: [tile], 323: [tile], 324: offsets, 325: counts,
+    }  # fmt: skip
+    start, entries, long = 8 + 2 + 12 * len(tags) + 4, b"", b""
+    for tag, values in tags.items():
+        body = struct.pack(f"<{len(values)}I", *values)
+        if len(body) > 4:
+            body, long = struct.pack("<I", start + len(long)), long + body
+        entries += struct.pack("<HHI", tag, 4, len(values)) + body
+    return b"II*\0" + struct.pack("<IH", 8, len(tags)) + entries + bytes(4) + long
+
+
+def test_a_tiff_that_states_more_tiles_than_it_has_is_refused_at_once():
+    data = tags_alone(10_000, 10_000, 1, 1, [8], [1])
+    tracemalloc.start()
+    try:
+        assert "strips or tiles are missing" in refusal(data)
+        assert tracemalloc.get_traced_memory()[1] < 1e6
+    finally:
+        tracemalloc.stop()
+
+
+def test_tiles_that_lie_in_each_other_are_refused():
+    """Unpacking them takes their number times the size of the file."""
+    tile = zlib.compress(bytes(256)) + bytes(10_000)
+    data = tags_alone(160, 160, 8, 16, [0] * 100, [len(tile)] * 100)
+    data = tags_alone(160, 160, 8, 16, [len(data)] * 100, [len(tile)] * 100) + tile
+    assert "strips or tiles lie in each other" in refusal(data)
 
 
 def test_every_flipped_bit_of_deflate_in_tiles_is_seen():

@@ -77,7 +77,17 @@ def test_the_light_at_half_of_white(icc, half):
         assert half_light(data) == pytest.approx(half, abs=1e-3)
 
 
-@pytest.mark.parametrize("icc", [b"", bytes(200), SRGB[:140], profile("para", 9), bytes(10)])
+@pytest.mark.parametrize(
+    "icc",
+    [
+        b"",
+        bytes(200),
+        SRGB[:140],
+        profile("para", 9),
+        bytes(10),
+        profile("para", 1, -1.0, -1.0, 0.0),
+    ],
+)
 def test_a_profile_without_a_curve_states_nothing(icc):
     pixels = SMALL.photographs[0]
     for data in (tiff(pixels, icc or None), png(pixels, b"iCCP", iccp(icc)[: -2 if icc else None])):

@@ -19,7 +19,7 @@ from rakelight.capture.video.positions import (
     solve_positions,
 )
 from rakelight.errors import CaptureError, InputError
-from rakelight.model import silent
+from rakelight.model import Camera, silent
 from tests.capture.moving_lamp import make_video, recording_of
 
 SIZE = 0.5
@@ -197,3 +197,19 @@ def test_frames_that_end_early_are_an_error():
     short = replace(color, walk=lambda wanted: list(color.walk(wanted))[:-3])
     with pytest.raises(CaptureError, match="frames are missing"):
         capture_of(replace(video.recording, color=short), Wanted())
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_an_object_as_thin_as_a_needle(turned, recwarn):
+    """It fills no pixel of the small pictures by half."""
+    camera = Camera(960, 720, 900.0, 900.0, 479.5, 359.5)
+    v, u = np.mgrid[: camera.height, : camera.width]
+    across, along = (u, v) if turned else (v, u)
+    depth = np.where((np.abs(across - 301) < 3) & (np.abs(along - 350) < 250), 0.5, 1.5)
+    texture = np.random.default_rng(0).integers(40, 120, (*camera.shape, 3))
+    frames = np.stack([texture * (0.5 + 0.1 * (i % 5)) for i in range(6)]).astype(np.uint8)
+    recording = recording_of(frames, depth.astype(np.float32), camera, None)
+    frames = look_through(recording, silent)
+    assert frames.mask.any()
+    assert np.isfinite(frames.saturated).all()
+    assert not recwarn.list

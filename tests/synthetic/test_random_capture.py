@@ -180,6 +180,11 @@ def test_scans_and_pictures_are_drawn_where_they_are_and_found_by_name(tmp_path)
         ({"paint": "gold"}, "gold"),
         ({"colour": "red"}, "colour"),
         ({"size": 0.0}, "size 0"),
+        ({"lights": "nope"}, "lights: .*nope.*needed"),
+        ({"lighting": "nope"}, "lighting: .*nope"),
+        ({"bits": 12}, "bits: .*12"),
+        ({"depth_factor": 0}, "depth_factor: .*1 to"),
+        ({"photographs": "many"}, "photographs: .*many"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(options, seen):

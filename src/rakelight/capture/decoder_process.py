@@ -108,13 +108,13 @@ class DecoderProcess:
     def _start(self) -> subprocess.Popen[bytes]:
         if not sys.executable:
             raise MachineError("no Python interpreter to decode the photographs with")
-        self._said = tempfile.TemporaryFile()  # noqa: SIM115 - closed by _end
         package = Path(__file__).resolve().parents[2]
         path = os.pathsep.join(filter(None, [str(package), os.environ.get("PYTHONPATH")]))
         # -P: nothing is imported from the folder that we happen to stand in.  -u: what the
         # libraries print is seen at once.
         command = [sys.executable, "-P", "-u", "-m", "rakelight.capture.decoder_child"]
         try:
+            self._said = tempfile.TemporaryFile()  # noqa: SIM115 - closed by _end
             return subprocess.Popen(
                 command,
                 stdin=subprocess.PIPE,

@@ -429,10 +429,15 @@ def _bad_line(source: str, number: int, line: str, needed: str) -> CaptureError:
 
 def unit(vectors: Floats, source: str) -> Floats:
     """(N, 3) of unit length; raises CaptureError for one without a direction."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    if not (length.min() > 1e-9 and np.isfinite(length).all()):
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    wrong = ~((length > 1e-9) & np.isfinite(length))[:, 0]
+    if wrong.any():
         raise CaptureError(
-            "a light without a direction", source=source, seen="0 0 0", remedy="correct its line"
+            "a light without a direction",
+            source=source,
+            seen=" ".join(f"{each:g}" for each in vectors[wrong][0]),
+            remedy="correct its line",
         )
     return np.asarray(vectors / length)
 

@@ -275,7 +275,7 @@ def read_mask(
         opaque = opacity != 0
         if opaque.any() and not opaque.all():
             return opaque, soft_mask_findings(opacity, opaque, source)
-    colours = as_rgb(decode_image(data, source))
+    colours = np.nan_to_num(as_rgb(decode_image(data, source)))
     red, green, blue = np.moveaxis(colours != 0, 2, 0)
     mask = np.asarray(red | green | blue)
     return mask, soft_mask_findings(colours.max(axis=2), mask, source)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 
 from rakelight.capture.images import decode_image
 from rakelight.capture.loose_files import LooseFile, LooseFiles
-from rakelight.capture.npy import decode_npy
+from rakelight.capture.npy import decode_npy, stated_shape
 from rakelight.errors import listed
 from rakelight.files import read_bytes
 from rakelight.model import Array, Finding, Floats
@@ -31,7 +32,8 @@ def without_unsure(depth_m: Floats, files: LooseFiles) -> tuple[Finding, ...]:
     unsure = [_unsure(file, depth_m.shape[1:]) for file in maps]
     if any(each is None for each in unsure):
         height, width = depth_m.shape[1:]
-        return _not_used(maps, f"not one channel of the depth's {width}x{height} pixels")
+        needed = f"one channel of the depth's {width}x{height} pixels, as PNG, TIFF or NPY"
+        return _not_used(maps, f"not {needed}")
     doubtful = np.stack([each for each in unsure if each is not None])
     measured = np.isfinite(depth_m)
     lost = measured & doubtful
@@ -50,8 +52,9 @@ def _unsure(file: LooseFile, shape: tuple[int, ...]) -> Array | None:
         return None
     if file.header is not None and file.header.format != "JPEG":
         return np.asarray(decode_image(data, file.source) == 0)
-    values = decode_npy(data, file.source) if file.kind == "npy" else None
-    return None if values is None or values.shape != shape else np.asarray(values == 0)
+    if file.kind != "npy" or stated_shape(io.BytesIO(data), file.source) != shape:
+        return None
+    return np.asarray(decode_npy(data, file.source) == 0)
 
 
 def _of_same_numbers(depth: Sequence[LooseFile], maps: Sequence[LooseFile]) -> bool:

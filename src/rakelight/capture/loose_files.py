@@ -257,8 +257,9 @@ def _looked_at(folder: Path, path: Path) -> LooseFile | None:
     source = f"{folder}/{name}"
     stated = path.suffix.lower() in _IMAGES
     if not path.is_file():
-        if stated and path.is_symlink():
-            raise CaptureError("a link to nothing", source=source, remedy="remove it")
+        if stated:
+            what = "a link to nothing" if path.is_symlink() else "neither a file nor a folder"
+            raise CaptureError(what, source=source, remedy="remove it")
         return None
     with clear_errors(source, "cannot be read"), path.open("rb") as file:
         start = file.read(64)

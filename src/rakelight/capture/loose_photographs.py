@@ -104,15 +104,18 @@ def read_loose_photographs(
     turned, exposures = [first.turned], [first.exif.exposure]
     for i, one in enumerate(ones, start=1):
         progress(Progress("read", i, len(everything)))
-        if one.pixels.shape != shape or str(one.pixels.dtype) != dtype:
+        pixels = one.pixels
+        if everything[i] is files.flat and (str(pixels.dtype), dtype) == ("uint8", "uint16"):
+            pixels = 257 * pixels.astype(np.uint16)  # white is smooth: 8 bits are enough of it
+        if pixels.shape != shape or str(pixels.dtype) != dtype:
             raise CaptureError(
                 "photographs of different kinds",
                 source=everything[i].source,
-                seen=_kind(one.pixels),
+                seen=_kind(pixels),
                 needed=f"{_kind(first.pixels)}, as {everything[0].name}",
                 remedy="take all with the same settings, and leave out the odd ones",
             )
-        stack[i] = one.pixels
+        stack[i] = pixels
         turned.append(one.turned)
         exposures.append(one.exif.exposure)
     changed = _changed(exposures[:count])
@@ -146,7 +149,8 @@ def _decoded(
             check_size(file.header.width, file.header.height, file.source)
             pixels = as_rgb(decode_image(data, file.source))
             if pixels.dtype.kind == "f":
-                pixels = pixels.astype(np.float32)
+                with np.errstate(over="ignore"):
+                    pixels = pixels.astype(np.float32)
             elif pixels.dtype not in (np.uint8, np.uint16):
                 raise CaptureError(
                     "this kind of photograph is not read",

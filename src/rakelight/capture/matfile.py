@@ -18,7 +18,7 @@ from rakelight.errors import CaptureError
 from rakelight.memory import require_memory
 from rakelight.model import Array
 
-# How data are stored, by their number, and how many bytes a value of each class takes at most.
+# How data are stored, by their number; then the type of each class.
 _STORED = {
     1: "i1",
     2: "u1",
@@ -128,7 +128,6 @@ def _elements(data: bytes, at: int, end: int, order: str) -> Iterator[tuple[int,
         yield kind, start, start + length
         # All but compressed elements are padded to eight bytes.
         at = start + length if kind == _COMPRESSED else start + -(-length // 8) * 8
-        at += 4 if start % 8 == 4 and kind != _COMPRESSED and length <= 4 else 0
 
 
 class _Variable:

@@ -6,6 +6,7 @@ same for every kind of recording.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -124,10 +125,29 @@ def capture_of(recording: Recording, wanted: Wanted) -> Reading:
 
 def _mask(recording: Recording) -> tuple[Mask | None, tuple[Finding, ...]]:
     """mask.png (H, W) of the folder that the recording is, and what is to say of it; else None."""
-    path = Path(recording.source) / "mask.png"
-    if not recording.source or path.is_symlink() or not path.is_file():
+    folder = Path(recording.source)
+    path = folder / "mask.png"
+    if not recording.source or not os.path.lexists(path):
         return None, ()
+    if path.is_symlink() and not path.resolve().is_relative_to(folder.resolve()):
+        raise CaptureError(
+            "a file outside the folder", source=str(path), remedy="copy the mask into the folder"
+        )
     return read_mask(path, str(path), recording.color.shape, ("PNG",))
+
+
+def nearest(times_s: Floats, moments_s: Floats) -> Array:
+    """(M,) which of the rising times (N,) is nearest to each moment (M,), the earlier of two.
+
+    >>> nearest(np.array([0.0, 1.0, 2.0]), np.array([-1.0, 0.5, 1.6])).tolist()
+    [0, 0, 2]
+    """
+    if len(times_s) == 1:
+        return np.zeros(len(moments_s), int)
+    right = np.clip(np.searchsorted(times_s, moments_s), 1, len(times_s) - 1)
+    left = right - 1
+    closer = moments_s - times_s[left] <= times_s[right] - moments_s
+    return np.asarray(np.where(closer, left, right))
 
 
 def evenly(count: int, wanted: int) -> list[int]:

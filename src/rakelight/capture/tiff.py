@@ -40,12 +40,15 @@ def decode_tiff(data: bytes, header: Header, source: str) -> Array:
     if rows < 1:
         raise damaged(source, "strips without rows")
     tops, lefts = range(0, header.height, rows), range(0, header.width, columns)
-    blocks = list(product(range(planes), tops, lefts))
-    if len(blocks) > min(len(offsets), len(counts)):
+    needed = planes * len(tops) * len(lefts)
+    if needed > min(len(offsets), len(counts)):
         raise damaged(source, "strips or tiles are missing")
+    blocks = product(range(planes), tops, lefts)
 
     pixels = np.empty((header.height, header.width, header.channels), header.dtype)
     row_bytes = columns * samples * stored.itemsize
+    if compression != "none" and sum(counts[:needed]) > len(data):
+        raise damaged(source, "strips or tiles lie in each other")
     for (plane, top, left), offset, count in zip(blocks, offsets, counts, strict=False):
         here = rows if tiled else min(rows, header.height - top)
         block = unpacked(

@@ -41,7 +41,7 @@ def half_light(data: bytes) -> float | None:
             return _of_png(data)
         profile = TiffTags(data).bytes_of(_ICC_TAG)
         return _of_profile(profile) if profile else None
-    except (struct.error, zlib.error, ValueError, IndexError, OverflowError, CaptureError):
+    except (struct.error, zlib.error, ValueError, IndexError, ArithmeticError, CaptureError):
         return None
 
 

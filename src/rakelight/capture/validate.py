@@ -330,17 +330,18 @@ def _check_camera_size(camera: Camera, shape: tuple[int, int], source: str, tabl
 def check_transform(transform: RigidTransform, source: str) -> None:
     """[depth_to_color] is a rotation and a short translation in metres."""
     rotation, translation_m = transform.rotation, transform.translation_m
-    off = np.abs(rotation @ rotation.T - np.eye(3)).max()
-    if off > 1e-3 or np.linalg.det(rotation) < 0:
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = np.abs(rotation @ rotation.T - np.eye(3)).max()
+        determinant = np.linalg.det(rotation)
+        baseline_m = float(np.linalg.norm(translation_m))
+    if not off <= 1e-3 or determinant < 0:
         raise CaptureError(
             "key 'depth_to_color.rotation' is not a rotation",
             source=source,
-            seen=f"R Rᵀ differs from the identity by {off:.2g}, "
-            f"determinant {np.linalg.det(rotation):.2g}",
+            seen=f"R Rᵀ differs from the identity by {off:.2g}, determinant {determinant:.2g}",
             needed="three orthonormal rows, determinant 1",
             remedy="give the rotation from the depth camera to the colour camera, rows first",
         )
-    baseline_m = float(np.linalg.norm(translation_m))
     if baseline_m > LONGEST_BASELINE_M:
         raise CaptureError(
             "key 'depth_to_color.translation' is implausibly long",

@@ -57,7 +57,7 @@ def distorted(
             "this capture cannot be seen through a lens",
             source="capture",
             seen=f"photographs {capture.camera.shape}, depth {small}",
-            needed=f"depth in the colour camera's frame, sides divisible by {shrink}",
+            needed=f"depth in the colour camera's frame, sides divisible by {shrink * factor}",
         )
     camera = replace(capture.camera.scaled(1 / shrink), distortion=distortion)
     rays = shrink * _RAYS

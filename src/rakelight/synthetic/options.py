@@ -120,7 +120,12 @@ class SceneOptions:
                 "tilt_deg",
             ),
             *all_of("0 <= angle < 90", lambda angle: 0 <= angle < 90, "led_tilt_deg"),
-            *all_of("three angles", lambda angles: len(angles) == 3, "led_azimuth_deg"),
+            *all_of(
+                "three angles, -360 to 360",
+                lambda angles: len(angles) == 3 and all(abs(angle) <= 360 for angle in angles),
+                "led_azimuth_deg",
+            ),
+            *all_of("a DepthNoise", lambda noise: isinstance(noise, DepthNoise), "depth_noise"),
             *all_of("above 0, at most 1", lambda share: 0 < share <= 1, "peak_quantile"),
             *(
                 (

@@ -18,7 +18,7 @@ from functools import lru_cache, partial
 from math import lcm
 from numbers import Integral
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -38,6 +38,7 @@ from rakelight.model import (
     Mask,
     RigidTransform,
     Truth,
+    finite_number,
 )
 from rakelight.prepare.linear import srgb
 from rakelight.synthetic.albedo import ALBEDOS, DARKEST, Albedo, make_albedo, texture_from_file
@@ -253,6 +254,8 @@ def draw(
             needed=f"1 to {MOST_RATIO}",
         )
     table = distributions(Draw)
+    for name, value in overrides.items():
+        _check_override(name, value, table.get(name))
     easy = overrides.get("easy", table["easy"].draw(stream(seed, "easy"), False))
     values: dict[str, Any] = {
         name: each.draw(stream(seed, name), easy) for name, each in table.items()
@@ -285,6 +288,23 @@ def draw(
     elif "photographs" not in overrides and not ratios:
         values["photographs"] = max(values["photographs"], values["depth_factor"] ** 2)
     return Draw(seed=seed, size=size, **values)
+
+
+def _check_override(name: str, value: Any, distribution: Range | OneOf | None) -> None:
+    """Raise InputError for a value that no capture has; files are looked for by their own names."""
+    if name == "depth_factor":
+        possible, needed = finite_number(value) and 1 <= value <= MOST_RATIO, f"1 to {MOST_RATIO}"
+    elif isinstance(distribution, OneOf) and name not in ("shape", "paint"):
+        others = get_args(Lighting) if name == "lighting" else ()  # that no draw has by itself
+        possible = value in others or distribution.holds(value)
+        needed = ", ".join(map(str, others or distribution.weights))
+    elif isinstance(distribution, Range) and value != distribution.none:
+        possible = finite_number(value) and (value > 0 or distribution.low <= 0)
+        needed = "a number above 0" if distribution.low > 0 else "a number"
+    else:
+        return
+    if not possible:
+        raise InputError("not drawn for a capture", source=name, seen=str(value), needed=needed)
 
 
 def random_capture(

@@ -142,8 +142,18 @@ def test_a_mask_in_the_folder_of_a_recording_is_read(tmp_path, write):
     capture = load_capture(path)
     np.testing.assert_array_equal(capture.mask, mask)
     assert "no-mask" not in [finding.code for finding in capture.findings]
+    linked = load_capture(path).mask
     (path / "._mask.png").write_bytes(b"\0\5\26\7")  # what macOS puts beside it on other disks
     assert "ignored-files" not in [f.code for f in load_capture(path).findings]
+    (path / "mask.png").rename(path / "drawn.png")
+    (path / "mask.png").symlink_to("drawn.png")
+    np.testing.assert_array_equal(load_capture(path).mask, linked)
+    (path / "drawn.png").rename(tmp_path / "drawn.png")
+    (path / "mask.png").unlink()
+    (path / "mask.png").symlink_to(tmp_path / "drawn.png")
+    with pytest.raises(CaptureError, match="a file outside the folder"):
+        load_capture(path)
+    (path / "mask.png").unlink()
     (path / "mask.png").write_bytes(png(mask[1:].astype(np.uint8)))
     with pytest.raises(CaptureError, match=r"mask\.png: the mask has another size"):
         load_capture(path)

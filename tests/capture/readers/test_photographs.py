@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 from dataclasses import replace
 
 import cv2
@@ -12,7 +13,7 @@ from PIL.TiffImagePlugin import IFDRational
 
 from rakelight import MultiLight, evaluate, load_capture, refine
 from rakelight.capture.exif import ROUGHNESS, Exif, camera_of, exif_of, roughness_of
-from rakelight.capture.images import encode_jpeg, encode_png, encode_tiff
+from rakelight.capture.images import decode_image, encode_jpeg, encode_png, encode_tiff
 from rakelight.capture.intrinsics import parse_intrinsics
 from rakelight.capture.readers import find_reader
 from rakelight.errors import CaptureError, InputError
@@ -410,6 +411,34 @@ def test_a_matrix_as_an_array(tmp_path, name):
     assert load_capture(tmp_path).camera == made.camera
     (tmp_path / name).write_bytes(as_npy(np.eye(2)))
     refusal(tmp_path, f"{name}: no intrinsics in it")
+
+
+def test_a_white_card_of_8_bits_beside_photographs_of_16(tmp_path):
+    fill(tmp_path)
+    for each in tmp_path.glob("img*.png"):
+        deep = 257 * decode_image(each.read_bytes()).astype(np.uint16)
+        each.write_bytes(encode_png(deep))
+    card = np.full((24, 32, 3), 200, np.uint8)
+    card[:, :16] = 100
+    (tmp_path / "flat.png").write_bytes(encode_png(card))
+    shallow = load_capture(tmp_path).photographs
+    (tmp_path / "flat.png").write_bytes(encode_png(257 * card.astype(np.uint16)))
+    assert np.array_equal(shallow, load_capture(tmp_path).photographs)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="a system without them")
+@pytest.mark.parametrize("name", ["mask.png", "img20.png"])
+def test_what_is_no_file_is_refused_by_its_name(tmp_path, name):
+    fill(tmp_path)
+    os.mkfifo(tmp_path / name)
+    refusal(tmp_path, f"{name}: neither a file nor a folder")
+
+
+def test_a_mask_of_numbers_where_nothing_is_none(tmp_path):
+    made = fill(tmp_path)
+    mask = np.where(made.mask, np.float32(1), np.float32("nan"))
+    (tmp_path / "mask.tiff").write_bytes(encode_tiff(mask))
+    assert np.array_equal(load_capture(tmp_path).mask, made.mask)
 
 
 def test_four_numbers_as_an_array(tmp_path):

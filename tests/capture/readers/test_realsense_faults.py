@@ -2,6 +2,7 @@
 
 import sqlite3
 from collections import Counter
+from contextlib import suppress
 from random import Random
 
 import numpy as np
@@ -93,6 +94,21 @@ def test_a_recording_that_was_cut_off(tmp_path, name):
     (tmp_path / name).write_bytes(sound[: len(sound) // 2])
     with pytest.raises(CaptureError, match=r"damaged|is not read"):
         load_capture(tmp_path / name)
+
+
+def test_a_schema_with_bytes_that_are_no_text_is_damaged(tmp_path):
+    """SQLite's own message then has them, too."""
+    path = tmp_path / "rec.db3"
+    write_db3(path, PLAIN)
+    data = path.read_bytes()
+    schema = data.find(b"CREATE TABLE messages")
+    for at in range(schema - 20, schema):
+        path.write_bytes(data[:at] + b"\xff" + data[at + 1 :])
+        with suppress(CaptureError):
+            load_capture(path)
+            continue
+        with pytest.raises(CaptureError, match="this recording is damaged"):
+            load_capture(path)
 
 
 def test_a_computed_column_is_not_evaluated(tmp_path):

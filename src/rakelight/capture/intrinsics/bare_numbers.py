@@ -49,7 +49,8 @@ def camera(text: str, named: bool) -> UncheckedCamera | None:
     numbers = np.array(words, np.float64)
     if len(numbers) in (9, 16):
         K = square(numbers)
-        pose = np.allclose(K @ K.T, np.eye(3), atol=1e-3)
+        with np.errstate(over="ignore", invalid="ignore"):
+            pose = np.allclose(K @ K.T, np.eye(3), atol=1e-3)
         if pose and (len(numbers) == 16 or not named):
             return None  # where a camera stood, or how it was turned
         if K[1, 0] == 0 and K[2].tolist() == [0, 0, 1]:

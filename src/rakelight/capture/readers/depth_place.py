@@ -1,6 +1,6 @@
 """Recordings whose depth and colour show the same view, as those of phones and recorders.
 
-Or one that a file beside the frames states.
+Where a file beside the frames states a depth camera of its own, that is taken.
 """
 
 from __future__ import annotations

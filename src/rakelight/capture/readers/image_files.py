@@ -86,7 +86,7 @@ def numbered_files(
         found[number] = f"{folder}/{path.name}"
     if not found:
         raise CaptureError(
-            "no numbered images in it", source=source, needed="PNG or JPEG files",
+            "no numbered files in it", source=source, needed=" or ".join(suffixes),
             remedy="copy the recording again, whole",
         )  # fmt: skip
     return dict(sorted(found.items()))

@@ -127,7 +127,8 @@ def of_quaternion(q: Floats) -> Floats:
     """
     w, v = q[0], q[1:]
     cross = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
-    return np.asarray((w * w - v @ v) * np.eye(3) + 2 * np.outer(v, v) + 2 * w * cross)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray((w * w - v @ v) * np.eye(3) + 2 * np.outer(v, v) + 2 * w * cross)
 
 
 def between(of_depth: RigidTransform, of_color: RigidTransform) -> RigidTransform:

@@ -29,6 +29,7 @@ from rakelight.capture.readers.r3d_archive import (
     metadata_in,
     opened_zip,
 )
+from rakelight.capture.readers.tracked_frames import rising_times
 from rakelight.capture.readers.tracking import Poses, reading_by
 from rakelight.capture.recording import Recording, Stream
 from rakelight.errors import CaptureError, InputError, parsing
@@ -82,15 +83,11 @@ def _camera(facts: Mapping[str, Any], header: Header, source: str) -> tuple[Came
     """
     width = int(number_in(facts.get("w"), 1, 1e5) or header.width)
     height = int(number_in(facts.get("h"), 1, 1e5) or header.height)
-    matrix = facts.get("K")
-    if not _turned(width, height, header.width, header.height):
-        stated = camera_of(_matrix(facts, matrix, source), (height, width), source, "K")
-        return _resized(stated, header.width, header.height, source), 0
-    if turns := _TURNS.get(header.orientation, 0):
-        stated = camera_of(_matrix(facts, matrix, source), (height, width), source, "K")
-        return _resized(stated, header.height, header.width, source), turns
-    stated = camera_of(_matrix(facts, matrix, source), (width, height), source, "K")
-    return _resized(stated, header.width, header.height, source), 0
+    turned = _turned(width, height, header.width, header.height)
+    turns = _TURNS.get(header.orientation, 0) if turned else 0
+    frames = (header.height, header.width) if turns else (header.width, header.height)
+    shape = (width, height) if turned and not turns else (height, width)
+    return _resized(camera_of(_matrix(facts, source), shape, source, "K"), *frames, source), turns
 
 
 def _turned(width: int, height: int, stored_width: int, stored_height: int) -> bool:
@@ -110,11 +107,11 @@ def _resized(camera: Camera, width: int, height: int, source: str) -> Camera:
     return camera.resized(width, height)
 
 
-def _matrix(facts: Mapping[str, Any], matrix: object, source: str) -> object:
+def _matrix(facts: Mapping[str, Any], source: str) -> object:
     """K; by the median of each frame's own focal length and centre, where there are any."""
     each = facts.get("perFrameIntrinsicCoeffs")
     if not isinstance(each, list) or not each:
-        return matrix
+        return facts.get("K")
     with parsing(source, "perFrameIntrinsicCoeffs are not four numbers each", CaptureError):
         fx, fy, cx, cy = np.median(np.array([row[:4] for row in each], np.float64), axis=0)
     return [fx, 0.0, 0.0, 0.0, fy, 0.0, cx, cy, 1.0]
@@ -152,11 +149,9 @@ def _depth_shape(
 def _times(facts: Mapping[str, Any], numbers: Sequence[int]) -> Floats:
     """Seconds of the frames: as stated where they rise, else by the frame rate."""
     stated = facts.get("frameTimestamps")
-    if isinstance(stated, list) and len(stated) > numbers[-1]:
-        times = [number_in(stated[number], -1e12, 1e12) for number in numbers]
-        if None not in times and np.all(np.diff(np.array(times, float)) > 0):
-            return np.array(times, float)
-    return np.array(numbers) / (number_in(facts.get("fps"), 0.1, 1000) or _FPS)
+    known = stated if isinstance(stated, list) and len(stated) > numbers[-1] else []
+    times = [number_in(known[number], -1e12, 1e12) for number in numbers] if known else [None]
+    return rising_times(times, numbers, number_in(facts.get("fps"), 0.1, 1000) or _FPS)
 
 
 def _poses(facts: Mapping[str, Any], numbers: Sequence[int], source: str) -> Poses | None:

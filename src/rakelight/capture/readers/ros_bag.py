@@ -112,7 +112,7 @@ def is_bag(path: Path) -> bool:
     try:
         with closing(_connected(path)) as database:
             return _has_tables(database)
-    except sqlite3.Error:  # cut short: `opened` says so
+    except (sqlite3.Error, UnicodeDecodeError):  # cut short: `opened` says so
         return path.suffix.lower() == ".db3"
 
 

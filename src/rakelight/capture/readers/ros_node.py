@@ -169,10 +169,7 @@ def _to_each_parent(bag: Bag, parents: _Parents, frame: str) -> dict[str, RigidT
         rotation = of_quaternion(np.array([q.w, q.x, q.y, q.z]))
         what = f"/tf_static from {above} to {name}"
         place = rigid_transform(rotation, np.array([t.x, t.y, t.z]), bag.source, what)
-        rotation = below.rotation @ place.rotation.T
-        found[above] = RigidTransform(
-            rotation, below.translation_m - rotation @ place.translation_m
-        )
+        found[above] = between(place, below)
         name = above
     return found
 

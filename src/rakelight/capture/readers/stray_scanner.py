@@ -25,9 +25,10 @@ from rakelight.capture.readers.image_files import (
     read_within,
 )
 from rakelight.capture.readers.numbers import camera_of
+from rakelight.capture.readers.tracked_frames import middle_camera
 from rakelight.capture.readers.tracking import Poses, reading_by
 from rakelight.capture.readers.video_file import video_stream
-from rakelight.capture.recording import Recording, Stream
+from rakelight.capture.recording import Recording, Stream, nearest
 from rakelight.errors import CaptureError, listed
 from rakelight.files import MAX_TEXT_BYTES
 from rakelight.model import Camera, Finding, Floats
@@ -144,9 +145,7 @@ def _camera(path: Path, odometry: _Odometry | None, shape: tuple[int, int]) -> C
         each = odometry.of("fx", "fy", "cx", "cy")
         each = each[np.isfinite(each).all(axis=1)]
         if len(each):
-            fx, fy, cx, cy = np.median(each, axis=0)
-            matrix = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
-            return camera_of(matrix, shape, f"{path}/{ODOMETRY}", "fx, fy, cx, cy")
+            return middle_camera(each.tolist(), shape, f"{path}/{ODOMETRY}")
     rows = [[_number(field) for field in row if field] for row in _table(path, MATRIX)]
     return camera_of(rows, shape, f"{path}/{MATRIX}", "the matrix")
 
@@ -168,9 +167,10 @@ def _streams(
             numbers = start + np.arange(odometry.rows)
         if not np.isfinite(clock).all():
             clock = color.times_s[: odometry.rows]
-        if np.any(np.diff(clock) <= 0) or np.abs(numbers).max() > 1e15:
+        rising = bool(np.all(np.diff(clock) > 0))
+        if not rising or np.abs(numbers).max() > 1e15:
             raise CaptureError(
-                "times that do not rise",
+                "frame numbers that cannot be" if rising else "times that do not rise",
                 source=f"{path}/{ODOMETRY}",
                 needed="one per frame",
                 remedy="copy the recording again",
@@ -178,9 +178,8 @@ def _streams(
         times = dict(zip(numbers.astype(int).tolist(), (clock - clock[0]).tolist(), strict=False))
         if odometry.rows == len(color):
             color = Stream(clock - clock[0], color.shape, color.walk)
-        nearest = np.abs(color.times_s[:, None] - np.array(list(times.values()))).argmin(axis=1)
-        places = odometry.of("x", "y", "z")[nearest]
-        poses = Poses(places, odometry.of("qx", "qy", "qz", "qw")[nearest])
+        rows = nearest(clock - clock[0], color.times_s)
+        poses = Poses(odometry.of("x", "y", "z")[rows], odometry.of("qx", "qy", "qz", "qw")[rows])
     kept = sorted(set(names) & set(times), key=lambda number: times[number])
     if not kept:
         raise CaptureError(

@@ -52,8 +52,7 @@ def moved_finding(poses: Poses, capture: Capture, numbers: Mapping[str, int]) ->
 
     numbers : of the frames by their names, of which the capture has some
     """
-    chosen = [numbers[name] for name in capture.names if name in numbers]
-    chosen = chosen or list(range(len(poses.positions_m)))
+    chosen = [numbers[name] for name in capture.names]
     distance_m = float(np.nanmedian(capture.depth_m))
     way_m, angle = _farthest(poses, chosen, capture.camera, distance_m)
     shift_px = _shift_px(way_m, angle, capture.camera, distance_m)

@@ -39,7 +39,6 @@ class Frames:
     numbers : (N,) of the frames in the recording; times_s : (N,) from its first frame
     small : (N, h, w, 3) float32 linear light
     detail : (N, hd, wd) uint8 what light changes least
-    step_px : pixels of the recording per pixel of `detail`
     sharpness : (N,) gradients of the finest scale over those of a coarser one
     saturated : (N,) fraction of the object's pixels
     brightness : (N,) the object's 90th percentile, linear light
@@ -51,7 +50,6 @@ class Frames:
     times_s: Floats
     small: Floats
     detail: Array
-    step_px: float
     sharpness: Floats
     saturated: Floats
     brightness: Floats
@@ -76,25 +74,23 @@ def look_through(recording: Recording, progress: ProgressCallback) -> Frames:
         times_s=recording.color.times_s[numbers] - recording.color.times_s[0],
         small=np.empty((len(numbers), *small, 3), np.float32),
         detail=np.empty((len(numbers), *fine), np.uint8),
-        step_px=inside.shape[1] / fine[1],
         sharpness=np.empty(len(numbers)),
         saturated=np.empty(len(numbers)),
         brightness=np.empty(len(numbers)),
-        mask=_resized(inside.astype(np.float32), small) > 0.5,
-        detail_mask=_resized(inside.astype(np.float32), fine) > 0.5,
+        mask=_shown(inside, small),
+        detail_mask=_shown(inside, fine),
         window=window,
     )
-    sharp_mask = _resized(inside.astype(np.float32), sharp) > 0.5
-    strided = inside[::STRIDE, ::STRIDE]
+    sharp_mask = _shown(inside, sharp)
+    step = STRIDE if inside[::STRIDE, ::STRIDE].any() else 1
+    strided = inside[::step, ::step]
     seen = 0
     for k, (number, image) in enumerate(recording.color.walk(numbers.tolist())):
         if k >= len(numbers) or number != numbers[k]:
             break
         part = image[window]
         top = np.iinfo(part.dtype).max
-        kept.saturated[k] = (
-            (part[::STRIDE, ::STRIDE][strided] >= SATURATED * top).any(axis=-1).mean()
-        )
+        kept.saturated[k] = (part[::step, ::step][strided] >= SATURATED * top).any(axis=-1).mean()
         medium = _resized(part, sharp)
         kept.sharpness[k] = sharpness(medium, sharp_mask)
         little = _resized(medium, fine)
@@ -189,3 +185,9 @@ def _resized(image: Array, shape: tuple[int, int]) -> Array:
         return image
     size = shape[1], shape[0]
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+
+
+def _shown(mask: Mask, shape: tuple[int, int]) -> Mask:
+    """(h, w) the pixels of a smaller picture that a mask covers by half; of a thin one, by most."""
+    share = _resized(mask.astype(np.float32), shape)
+    return np.asarray(share > min(0.5, 0.5 * float(share.max())))

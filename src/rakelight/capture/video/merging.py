@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight.capture.listing import allocate
-from rakelight.capture.recording import Recording
+from rakelight.capture.recording import Recording, nearest
 from rakelight.capture.video.frames import Frames
 from rakelight.capture.video.light import Explained
 from rakelight.errors import CaptureError
@@ -88,7 +88,7 @@ def still_depth(
     values : depth values at most in all; most : maps
     """
     times_s = recording.depth.times_s - recording.color.times_s[0]
-    beside = np.abs(times_s[:, None] - frames.times_s).argmin(axis=1)
+    beside = nearest(frames.times_s, times_s)
     good = np.flatnonzero(~unusable[beside])
     if not good.size:
         good = np.arange(len(times_s))
