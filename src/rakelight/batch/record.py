@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from rakelight.errors import InputError, OutputExistsError, parsing, printable
-from rakelight.export.summary import Summary, program_version
+from rakelight.export.summary import STAGES, Summary, program_version
 from rakelight.files import clear_errors, is_partial, read_bytes, replace_bytes
 
 SCHEMA = "rakelight-batch/1"
@@ -19,9 +19,6 @@ SCHEMA = "rakelight-batch/1"
 RECORD, INDEX = "batch.json", "index.html"
 # Bytes; a batch of 100,000 captures with ten warnings each has about as many.
 _LARGEST = 300_000_000
-
-# Stages of a result that follow each other; the others are parts of them.
-_STAGES = ("read", "undistort", "register", "prepare", "refine")
 
 
 class Figures(msgspec.Struct, frozen=True, kw_only=True):
@@ -78,7 +75,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True):
 def figures_of(summary: Summary) -> Figures:
     """The figures that the page shows of a result."""
     errors = [error for error in summary.prediction_errors if error is not None]
-    seconds = (summary.timings_s.get(stage) or 0.0 for stage in _STAGES)
+    seconds = (summary.timings_s.get(stage) or 0.0 for stage in STAGES)
     return Figures(
         method=summary.method,
         photographs=len(summary.photographs),

@@ -27,7 +27,7 @@ from rakelight.export.mesh_formats import (
     NO_MESH,
     mesh_file,
 )
-from rakelight.export.normals import normals_png, normals_tiff
+from rakelight.export.normals import normals_png
 from rakelight.export.preview import preview_png
 from rakelight.export.reading import load_result, read_summary
 from rakelight.export.summary import (
@@ -132,7 +132,7 @@ def _write(
         "depth.tiff": lambda: float32_tiff(result.depth),
         "prepared_depth.tiff": lambda: float32_tiff(result.prepared_depth),
         "depth.png": lambda: depth_png(result.depth, values_per_metre),
-        "normals.tiff": lambda: normals_tiff(result.normals),
+        "normals.tiff": lambda: float32_tiff(result.normals),
         "normals.png": lambda: normals_png(result.normals, normal_map),
         "albedo.png": lambda: albedo_png(result.albedo),
         "confidence.png": lambda: confidence_png(result.confidence),

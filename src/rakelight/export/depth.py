@@ -15,7 +15,7 @@ LARGEST = 65534
 
 
 def float32_tiff(image: Floats) -> bytes:
-    """float32 TIFF of depth or expected errors (H, W), metres or degrees, NaN outside."""
+    """float32 TIFF of depth, expected errors (H, W) or normals (H, W, 3), NaN outside."""
     return encode_tiff(image.astype(np.float32, copy=False))
 
 

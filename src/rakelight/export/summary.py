@@ -12,6 +12,8 @@ from rakelight.model import Camera, Finding, Result
 from rakelight.pictures.colors import NormalMap
 
 SCHEMA = "rakelight-result/1"
+# Stages of a result that follow each other; what else `timings_s` has are parts of them.
+STAGES = ("read", "undistort", "register", "prepare", "refine")
 
 MARKER = "result.json"
 """By which a result folder is known."""

@@ -8,7 +8,7 @@ from rakelight.model import Floats, Mask
 
 
 def nearest_fill(values: Floats, measured: Mask) -> Floats:
-    """`values` (h, w) with every other pixel given the value of the nearest measured one."""
+    """`values` (h, w[, C]) with every other pixel given that of the nearest measured one."""
     from scipy.ndimage import distance_transform_edt
 
     if measured.all():

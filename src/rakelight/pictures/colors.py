@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -70,10 +71,13 @@ def confidence_picture(confidence: Floats, mask: Mask) -> Array:
     >>> confidence_picture(np.array([[1.0]]), np.array([[True]])).tolist()
     [[[254, 232, 56]]]
     """
-    stops = np.linspace(0, 1, len(CONFIDENCE_COLORS))
-    columns = zip(*CONFIDENCE_COLORS, strict=True)
-    picture = [np.interp(confidence, stops, column) for column in columns]
-    return _on_background(np.rint(np.stack(picture, axis=-1)), mask)
+    return _on_background(np.rint(_ramp(confidence, CONFIDENCE_COLORS)), mask)
+
+
+def _ramp(share: Floats, colors: Sequence[tuple[int, int, int]]) -> Floats:
+    """(H, W, 3) the colours of shares (H, W), 0 to 1, between the first colour and the last."""
+    stops, columns = np.linspace(0, 1, len(colors)), zip(*colors, strict=True)
+    return np.stack([np.interp(share, stops, column) for column in columns], axis=-1)
 
 
 def color_errors(errors: Floats, largest: float) -> Array:
@@ -92,9 +96,7 @@ def color_errors(errors: Floats, largest: float) -> Array:
             needed="a value above 0",
         )
     share = np.clip(np.nan_to_num(np.asarray(errors, float)) / largest, 0, 1)
-    stops = np.linspace(0, 1, len(ERROR_COLORS))
-    columns = zip(*ERROR_COLORS, strict=True)
-    picture = np.stack([np.interp(share, stops, column) for column in columns], axis=-1)
+    picture = _ramp(share, ERROR_COLORS)
     picture[np.isnan(errors)] = 255
     return np.asarray(np.rint(picture).astype(np.uint8))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from rakelight.capture.images import as_rgb
+from rakelight.capture.images import as_rgb, encode_jpeg
 from rakelight.model import Array
 
 BACKGROUND = 32
@@ -84,5 +84,4 @@ def small_jpeg(picture: Array, width: int) -> bytes:
     if image.shape[1] > width:
         height = round(image.shape[0] * width / image.shape[1])
         image = np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA))
-    bgr = np.ascontiguousarray(image[..., ::-1])
-    return bytes(cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, 80])[1].tobytes())
+    return encode_jpeg(image, 80)

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from base64 import b64encode
 from math import radians, sin
 from pathlib import PurePath
 from typing import Any
 
 import cv2
 import numpy as np
-from markupsafe import Markup
 
-from rakelight.capture.images import encode_jpeg
 from rakelight.checkup.report import CheckReport
 from rakelight.errors import printable
 from rakelight.model import Array, Capture, Encoding
 from rakelight.pictures.shown import object_window
 from rakelight.prepare.linear import srgb, to_linear
+from rakelight.report.pictures import jpeg_address
 from rakelight.report.sealed import require_free_page, sealed, write_page
 from rakelight.report.template import page_text, rendered
 
@@ -60,12 +58,11 @@ def _photographs(report: CheckReport, capture: Capture) -> list[dict[str, Any]]:
         report.photographs, report.as_dict()["photographs"], capture.photographs, strict=False
     ):
         picture = thumbnail(photograph[object_window(capture.mask)], capture.encoding)
-        data = b64encode(encode_jpeg(picture)).decode("ascii")
         rows.append(
             {
                 **facts,
                 "marks": check.marks,
-                "uri": Markup("data:image/jpeg;base64,{}").format(Markup(data)),
+                "uri": jpeg_address(picture),
                 "height": picture.shape[0],
                 "width": picture.shape[1],
             }

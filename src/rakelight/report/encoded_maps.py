@@ -16,6 +16,7 @@ import numpy as np
 from markupsafe import Markup
 
 from rakelight.export.confidence import confidence_values
+from rakelight.geometry.fill import nearest_fill
 from rakelight.geometry.grid import STEEPEST, all_finite
 from rakelight.geometry.normals import surface_normals
 from rakelight.model import Array, Camera, Floats, Mask, Result
@@ -167,9 +168,4 @@ def _continued(image: Floats, inside: Mask) -> Floats:
 
     Textures are read between pixels: at the outline they must not mix with a background.
     """
-    from scipy.ndimage import distance_transform_edt
-
-    if not inside.any():
-        return np.nan_to_num(image)
-    index = distance_transform_edt(~inside, return_distances=False, return_indices=True)
-    return np.asarray(image[tuple(index)])
+    return nearest_fill(image, inside) if inside.any() else np.nan_to_num(image)

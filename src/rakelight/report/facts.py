@@ -10,6 +10,7 @@ import numpy as np
 
 from rakelight.errors import printable
 from rakelight.export.plain import plain
+from rakelight.export.summary import STAGES
 from rakelight.model import Result
 from rakelight.pictures.shown import prepared_mask
 
@@ -74,11 +75,7 @@ def method_rows(result: Result) -> Rows:
             ("Expected errors", f"{1000 * depth_m:.2f} mm in depth, {normals_deg:.1f} degrees in "
              "normals, medians")
         )  # fmt: skip
-    stages = {
-        name: seconds
-        for name, seconds in result.timings_s.items()
-        if name in ("read", "undistort", "register", "prepare", "refine")
-    }
+    stages = {name: seconds for name, seconds in result.timings_s.items() if name in STAGES}
     if stages:
         parts = ", ".join(f"{name} {seconds:.1f}" for name, seconds in stages.items())
         rows.append(("Seconds", f"{sum(stages.values()):.1f} ({parts})"))

@@ -10,7 +10,6 @@ import numpy as np
 from markupsafe import Markup
 
 from rakelight.capture.images import encode_jpeg
-from rakelight.geometry.grid import area_mean
 from rakelight.metrics import (
     DEPTH_RANGE_MM,
     NORMAL_RANGE_DEG,
@@ -26,13 +25,13 @@ from rakelight.pictures.colors import (
     normals_picture,
 )
 from rakelight.pictures.montage import BACKGROUND
-from rakelight.pictures.shown import object_window
+from rakelight.pictures.shown import object_window, shown_at
 from rakelight.report.encoded_maps import Maps
 
 # Depth (H, W) in metres and normals (H, W, 3).
 Surface: TypeAlias = tuple[Floats, Floats]
 
-LONGEST_SIDE = 1000
+LONGEST_PX = 1000  # side of a picture of the report
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,10 +81,13 @@ def truth_pictures(before: Surface, after: Surface, truth: Truth) -> list[Report
 
 
 def _picture(title: str, caption: str, picture: Array) -> ReportPicture:
-    factor = -(-max(picture.shape[:2]) // LONGEST_SIDE)
-    if factor > 1:
-        height, width = (side // factor * factor for side in picture.shape[:2])
-        picture = np.rint(area_mean(picture[:height, :width], factor)).astype(np.uint8)
+    factor = -(-max(picture.shape[:2]) // LONGEST_PX)
+    picture = np.rint(shown_at(picture, factor)).astype(np.uint8)
+    height, width = picture.shape[:2]
+    return ReportPicture(title, caption, width, height, jpeg_address(picture))
+
+
+def jpeg_address(picture: Array) -> Markup:
+    """The data: address of a picture (H, W[, 3]) uint8 as JPEG."""
     data = b64encode(encode_jpeg(picture)).decode("ascii")
-    uri = Markup("data:image/jpeg;base64,{}").format(Markup(data))
-    return ReportPicture(title, caption, picture.shape[1], picture.shape[0], uri)
+    return Markup("data:image/jpeg;base64,{}").format(Markup(data))

@@ -11,7 +11,7 @@ per pixel, each with its exact normal, averaged in linear light; the truth is th
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from functools import lru_cache, partial
@@ -234,11 +234,8 @@ def draw(
     >>> other.lights, other.photographs == one.photographs
     ('one-side', True)
     """
-    names = {item.name for item in fields(Draw)} - {"seed", "size"}
-    if unknown := sorted(set(overrides) - names):
-        raise InputError(
-            "not drawn for a capture", source="overrides", seen=unknown[0], needed=", ".join(names)
-        )
+    table = distributions(Draw)
+    _check_overrides(overrides, table)
     if not (isinstance(seed, Integral) and seed >= 0 and 0.1 <= size <= 10):
         raise InputError(
             "not a possible capture",
@@ -253,9 +250,6 @@ def draw(
             seen=", ".join(f"{ratio:g}" for ratio in ratios),
             needed=f"1 to {MOST_RATIO}",
         )
-    table = distributions(Draw)
-    for name, value in overrides.items():
-        _check_override(name, value, table.get(name))
     easy = overrides.get("easy", table["easy"].draw(stream(seed, "easy"), False))
     values: dict[str, Any] = {
         name: each.draw(stream(seed, name), easy) for name, each in table.items()
@@ -288,6 +282,17 @@ def draw(
     elif "photographs" not in overrides and not ratios:
         values["photographs"] = max(values["photographs"], values["depth_factor"] ** 2)
     return Draw(seed=seed, size=size, **values)
+
+
+def _check_overrides(overrides: Mapping[str, Any], table: Mapping[str, Range | OneOf]) -> None:
+    """Raise InputError for a field that is not drawn, or a value that no capture has."""
+    names = {item.name for item in fields(Draw)} - {"seed", "size"}
+    if unknown := sorted(set(overrides) - names):
+        raise InputError(
+            "not drawn for a capture", source="overrides", seen=unknown[0], needed=", ".join(names)
+        )
+    for name, value in overrides.items():
+        _check_override(name, value, table.get(name))
 
 
 def _check_override(name: str, value: Any, distribution: Range | OneOf | None) -> None:
