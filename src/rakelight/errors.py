@@ -195,9 +195,10 @@ def machine_fault(error: BaseException, more_memory: str) -> str | None:
         if "can't start new thread" in str(cause):
             remedy = "raise the limit on processes (`ulimit -u`) or on memory (`ulimit -v`)"
             return f"the system starts no more threads. Fix: {remedy}"
-        if isinstance(cause, ImportError) and not (cause.name or "").startswith("rakelight"):
+    for each in (error, error.__cause__):  # not what was raised while an import was tried
+        if isinstance(each, ImportError) and not (each.name or "").startswith("rakelight"):
             remedy = "free memory or raise its limit (`ulimit -v`), else install rakelight again"
-            return f"a library cannot be loaded (seen {str(cause).strip()[:200]}). Fix: {remedy}"
+            return f"a library cannot be loaded (seen {str(each).strip()[:200]}). Fix: {remedy}"
     if isinstance(error, OSError):
         where = f"{error.filename}: " if error.filename else ""
         return printable(f"{where}the system refused it (seen {error.strerror or error})")
@@ -207,8 +208,20 @@ def machine_fault(error: BaseException, more_memory: str) -> str | None:
 def causes(error: BaseException | None) -> Iterator[BaseException]:
     """The errors that led to this one, the first of them first, and itself."""
     if error is not None:
-        yield from causes(error.__cause__ or error.__context__)
+        hidden = error.__suppress_context__
+        yield from causes(error.__cause__ or (None if hidden else error.__context__))
         yield error
+
+
+def rounded(value: float) -> str:
+    """A number with two digits, or as a whole one, never as a power.
+
+    >>> rounded(0.123), rounded(9.96), rounded(99.6), rounded(123.4), rounded(1e-5)
+    ('0.12', '10', '100', '123', '0')
+    """
+    if abs(value) < 1e-4:
+        return "0"
+    return f"{value:.2g}" if abs(value) < 9.95 else f"{value:.0f}"
 
 
 def cut(text: str, longest: int = _LONGEST) -> str:

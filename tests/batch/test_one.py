@@ -145,6 +145,7 @@ def test_failures_are_answers(tmp_path, capture, monkeypatch):
         (MemoryError(), 3, "not enough memory"),
         (OSError(5, "Input/output error", "x.png"), 3, "x.png: the system refused it"),
         (RuntimeError("can't start new thread"), 3, "the system starts no more threads"),
+        (bug_beside_an_import(), 1, "a bug in rakelight: ZeroDivisionError"),
         (ImportError("libx.so: cannot open", name="cv2"), 3, "a library cannot be loaded"),
         (ZeroDivisionError("x"), 1, "a bug in rakelight: ZeroDivisionError: x"),
     ]:
@@ -152,6 +153,16 @@ def test_failures_are_answers(tmp_path, capture, monkeypatch):
         entry = do(capture, tmp_path / "out")
         assert (entry.state, entry.exit_code) == ("failed", code)
         assert words in entry.message
+
+
+def bug_beside_an_import():
+    try:
+        try:
+            raise ImportError("optional", name="cupy")
+        except ImportError:
+            1 / 0  # noqa: B018
+    except ZeroDivisionError as error:
+        return error
 
 
 def raising(error):

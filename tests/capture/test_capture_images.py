@@ -323,6 +323,13 @@ def test_tiles_that_lie_in_each_other_are_refused():
     assert "strips or tiles lie in each other" in refusal(data)
 
 
+def test_a_count_that_reaches_beyond_the_file_is_no_such_tile():
+    data = tags_alone(16, 16, 8, 16, [0], [0])
+    tile = zlib.compress(bytes(range(256)))
+    data = tags_alone(16, 16, 8, 16, [len(data)], [10**9]) + tile
+    assert decode_image(data).ravel().tolist() == list(range(256))
+
+
 def test_every_flipped_bit_of_deflate_in_tiles_is_seen():
     data = tiff(NOISY, tile=(16, 16), compression="zlib")
     start = len(data) - len(zlib.compress(NOISY[:16, :16].tobytes()))

@@ -46,7 +46,17 @@ def test_a_lamp_behind_the_object_is_not_the_viewers():
 
 
 @pytest.mark.parametrize(
-    "energy", [(10.056, 10.045), (100.56, 100.45), (54.9, 54.1), (2e7, 1.5e7), (2e-5, 1e-5)]
+    "energy",
+    [
+        (10.056, 10.045),
+        (100.56, 100.45),
+        (54.9, 54.1),
+        (2e7, 1.5e7),
+        (2e-5, 1e-5),
+        (321.8, 14.6),
+        (4e4, 99.0),
+        (1.0076868e-06, 1.0076853e-06),
+    ],
 )
 def test_the_energy_s_scale_can_be_read(energy):
     labels = [label for _, label in energy_curve(energy).lines]

@@ -185,6 +185,14 @@ def test_scans_and_pictures_are_drawn_where_they_are_and_found_by_name(tmp_path)
         ({"bits": 12}, "bits: .*12"),
         ({"depth_factor": 0}, "depth_factor: .*1 to"),
         ({"photographs": "many"}, "photographs: .*many"),
+        ({"photographs": 0}, "photographs: .*a whole number above 0"),
+        ({"photographs": 3.5}, "photographs: .*a whole number"),
+        ({"photographs": np.array([3, 4])}, "photographs: "),
+        ({"depth_maps": 0}, "depth_maps: "),
+        ({"distance_m": 0.0}, "distance_m: .*a number above 0"),
+        ({"near_spread": -5.0}, "near_spread: .*a number from 0"),
+        ({"lights": ["ring"]}, "lights: "),
+        ({"size": "a"}, "size a"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(options, seen):

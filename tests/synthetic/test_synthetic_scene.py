@@ -327,6 +327,7 @@ def test_the_seed_decides_and_its_streams_are_separate():
         {"lamp_distance_m": 0.0},
         {"ambient": -0.1},
         {"exposure": 0.0},
+        {"exposure": np.array([1.0, 2.0])},
         {"peak_quantile": 0.0},
         {"image_noise": float("nan")},
         {"depth_factor": 0},

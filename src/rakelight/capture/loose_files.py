@@ -225,6 +225,7 @@ def list_loose_files(folder: Path, photographs: Sequence[str] = ()) -> LooseFile
     of_depth = [name for name in others if role_of(name) == "depth" and name not in unread]
     meant = [name for name in others if name in unread or name in of_depth]
     meant = [*(file.name for file in named["disparity"]), *meant]
+    meant += [f"{file.name} (no array of height x width)" for file in tables]
     depth, unused = _depth_among(folder, named["depth"], rest, meant)
     if photographs:
         rest = _listed(folder, images, photographs)

@@ -104,18 +104,17 @@ def read_loose_photographs(
     turned, exposures = [first.turned], [first.exif.exposure]
     for i, one in enumerate(ones, start=1):
         progress(Progress("read", i, len(everything)))
-        pixels = one.pixels
-        if everything[i] is files.flat and (str(pixels.dtype), dtype) == ("uint8", "uint16"):
-            pixels = 257 * pixels.astype(np.uint16)  # white is smooth: 8 bits are enough of it
-        if pixels.shape != shape or str(pixels.dtype) != dtype:
+        if one.pixels.shape != shape or str(one.pixels.dtype) != dtype:
             raise CaptureError(
                 "photographs of different kinds",
                 source=everything[i].source,
-                seen=_kind(pixels),
+                seen=_kind(one.pixels),
                 needed=f"{_kind(first.pixels)}, as {everything[0].name}",
-                remedy="take all with the same settings, and leave out the odd ones",
+                remedy="take all with the same settings, and leave out the odd ones"
+                if i < count
+                else "save it as the photographs are, or move it away",
             )
-        stack[i] = pixels
+        stack[i] = one.pixels
         turned.append(one.turned)
         exposures.append(one.exif.exposure)
     changed = _changed(exposures[:count])

@@ -6,7 +6,7 @@ by its orientation and is hard to hold to one reading of contradictory tags.
 
 from __future__ import annotations
 
-from itertools import product
+from itertools import islice, product
 
 import numpy as np
 
@@ -47,7 +47,9 @@ def decode_tiff(data: bytes, header: Header, source: str) -> Array:
 
     pixels = np.empty((header.height, header.width, header.channels), header.dtype)
     row_bytes = columns * samples * stored.itemsize
-    if compression != "none" and sum(counts[:needed]) > len(data):
+    places = islice(zip(offsets, counts, strict=False), needed)
+    held = sum(min(count, max(len(data) - offset, 0)) for offset, count in places)
+    if compression != "none" and held > len(data):
         raise damaged(source, "strips or tiles lie in each other")
     for (plane, top, left), offset, count in zip(blocks, offsets, counts, strict=False):
         here = rows if tiled else min(rows, header.height - top)

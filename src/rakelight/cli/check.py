@@ -9,8 +9,8 @@ from typing import Any
 import click
 
 from rakelight.checkup.report import CheckReport
-from rakelight.cli.options import NamedPath, output_options, refuse_input_as_output, rounded
-from rakelight.errors import printable
+from rakelight.cli.options import NamedPath, output_options, refuse_input_as_output
+from rakelight.errors import printable, rounded
 
 # Characters; no line is as long, and what is no terminal breaks none.
 _ENDLESS = 100_000

@@ -86,15 +86,6 @@ def refuse_input_as_output(source: Path, output: Path, what: str = "capture") ->
     raise OutputExistsError(wrong, source=str(output), remedy="choose a folder beside it")
 
 
-def rounded(value: float) -> str:
-    """A number with two digits, or as a whole one, never as a power.
-
-    >>> rounded(0.123), rounded(12.3), rounded(123.4)
-    ('0.12', '12', '123')
-    """
-    return f"{value:.2g}" if abs(value) < 100 else f"{value:.0f}"
-
-
 def count_photographs(count: int) -> str:
     """So many, in words.
 

@@ -21,11 +21,10 @@ from rakelight.cli.options import (
     parse_scale,
     print_findings,
     refuse_input_as_output,
-    rounded,
 )
 from rakelight.cli.progress import shown_progress
 from rakelight.cli.view import view_command
-from rakelight.errors import printable
+from rakelight.errors import printable, rounded
 from rakelight.export.mesh_formats import DEFAULT_MESH, MESH_CHOICES, MESH_FORMATS
 from rakelight.methods import METHODS
 from rakelight.model import Result

@@ -56,8 +56,11 @@ def shown_depth(result: Result) -> tuple[Camera, int, Floats, Floats]:
     window = object_window(result.mask)
     camera = result.camera.cropped(*window)
     factor = display_factor(camera)
-    while factor > 1 and not (shown_at(1.0 * result.mask[window], factor) == 1).any():
-        factor -= 1  # an object so thin that it fills no block
+    # An object so thin that it fills no block is shown finer, up to twice along both sides.
+    for finer in range(factor, max(factor // 2, 1) - 1, -1):
+        if (shown_at(1.0 * result.mask[window], finer) == 1).any():
+            factor = finer
+            break
     camera = camera.cropped(*whole_blocks(camera, factor)).scaled(1 / factor)
     before_m = np.where(prepared_mask(result)[window], result.prepared_depth[window], np.nan)
     after_m = np.where(result.mask[window], result.depth[window], np.nan)

@@ -138,7 +138,8 @@ def energy_curve(energy: tuple[float, ...]) -> Curve | None:
 
 def _ticks(low: float, high: float) -> list[float]:
     """Round values between, two to six of them."""
-    rough = max((high - low) / 5, 1e-12)  # of the steps one is at most 2.5 times as large
+    # Of the steps one is at most 2.5 times as large.
+    rough = max((high - low) / 5, 1e-12 * max(abs(high), 1e-300))
     power = 10.0 ** np.floor(log10(rough))
     step = next(s * power for s in (1, 2, 5, 10) if s * power >= rough)
     first = int(np.ceil(low / step))
@@ -154,7 +155,12 @@ def _labels(ticks: list[float]) -> Callable[[float], str]:
 
 
 def _powers(low: float, high: float) -> list[float]:
-    return [10.0**k for k in range(int(np.ceil(log10(low))), int(np.floor(log10(high))) + 1)]
+    """Powers of ten between; where there are few of them, twice and five times these as well."""
+    powers = [10.0**k for k in range(int(np.floor(log10(low))), int(np.floor(log10(high))) + 1)]
+    ticks = [each for each in powers if each >= low]
+    if len(ticks) > 2:
+        return ticks
+    return [k * each for each in powers for k in (1, 2, 5) if low <= k * each <= high]
 
 
 def error_bars(errors: tuple[float, ...], names: tuple[str, ...]) -> list[dict[str, Any]]:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from rakelight.checkup.report import CheckReport
-from rakelight.errors import printable
+from rakelight.errors import printable, rounded
 from rakelight.model import Array, Capture, Encoding
 from rakelight.pictures.shown import object_window
 from rakelight.prepare.linear import srgb, to_linear
@@ -38,6 +38,7 @@ def check_html(report: CheckReport, capture: Capture) -> bytes:
         style=page_text("page.css") + page_text("check.css"),
         title=PurePath(printable(report.source)).name or printable(report.source) or "capture",
         report=report,
+        rounded=rounded,
         warnings=[finding for finding in report.findings if finding.severity == "warning"],
         notes=[finding for finding in report.findings if finding.severity != "warning"],
         photographs=_photographs(report, capture),

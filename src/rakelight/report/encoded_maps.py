@@ -78,7 +78,8 @@ def viewer_maps(result: Result) -> Maps:
 def pack(maps: Maps) -> tuple[list[EncodedMap], dict[str, Any]]:
     """The encoded maps, and the facts that the viewer needs to decode them."""
     depths = np.stack([maps.before_m, maps.after_m])
-    nearest, deepest = float(np.nanmin(depths)), float(np.nanmax(depths))
+    known = depths[np.isfinite(depths)]  # none of an object that is thinner than a block
+    nearest, deepest = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
     step = max((deepest - nearest) / (DEEPEST - 1), 1e-9)
     encoded = []
     for name, values in _values(maps, nearest, step):

@@ -155,5 +155,5 @@ def _holds(test: Callable[[Any], bool], value: object) -> bool:
     """Whether a value passes a test; one of another kind, as a text for a number, does not."""
     try:
         return test(value)
-    except (TypeError, AttributeError, IndexError):
+    except (TypeError, ValueError, AttributeError, IndexError):
         return False

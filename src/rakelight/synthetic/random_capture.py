@@ -11,7 +11,7 @@ per pixel, each with its exact normal, averaged in linear light; the truth is th
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from functools import lru_cache, partial
@@ -236,7 +236,7 @@ def draw(
     """
     table = distributions(Draw)
     _check_overrides(overrides, table)
-    if not (isinstance(seed, Integral) and seed >= 0 and 0.1 <= size <= 10):
+    if not (isinstance(seed, Integral) and seed >= 0 and finite_number(size) and 0.1 <= size <= 10):
         raise InputError(
             "not a possible capture",
             source="random_capture",
@@ -295,17 +295,26 @@ def _check_overrides(overrides: Mapping[str, Any], table: Mapping[str, Range | O
         _check_override(name, value, table.get(name))
 
 
+# Fields of `Draw` by which something is divided, or of which there is one at the least.
+_ABOVE_0 = ("object_px", "pixel_mm", "distance_m", "photographs", "depth_maps")
+
+
 def _check_override(name: str, value: Any, distribution: Range | OneOf | None) -> None:
     """Raise InputError for a value that no capture has; files are looked for by their own names."""
+    number = finite_number(value)
     if name == "depth_factor":
-        possible, needed = finite_number(value) and 1 <= value <= MOST_RATIO, f"1 to {MOST_RATIO}"
+        possible, needed = number and 1 <= value <= MOST_RATIO, f"1 to {MOST_RATIO}"
     elif isinstance(distribution, OneOf) and name not in ("shape", "paint"):
         others = get_args(Lighting) if name == "lighting" else ()  # that no draw has by itself
-        possible = value in others or distribution.holds(value)
+        possible = isinstance(value, Hashable) and (value in others or distribution.holds(value))
         needed = ", ".join(map(str, others or distribution.weights))
-    elif isinstance(distribution, Range) and value != distribution.none:
-        possible = finite_number(value) and (value > 0 or distribution.low <= 0)
-        needed = "a number above 0" if distribution.low > 0 else "a number"
+    elif isinstance(distribution, Range):
+        possible = number and (isinstance(value, Integral) or not distribution.whole)
+        needed = "a whole number" if distribution.whole else "a number"
+        if distribution.low >= 0:
+            least = 1e-9 if name in _ABOVE_0 else 0.0
+            possible = possible and value >= least
+            needed += " above 0" if least else " from 0"
     else:
         return
     if not possible:

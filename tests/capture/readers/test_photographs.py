@@ -413,17 +413,13 @@ def test_a_matrix_as_an_array(tmp_path, name):
     refusal(tmp_path, f"{name}: no intrinsics in it")
 
 
-def test_a_white_card_of_8_bits_beside_photographs_of_16(tmp_path):
+def test_a_white_card_of_another_kind_than_the_photographs_is_refused(tmp_path):
+    """Of 8 bits it counts as sRGB, of 16 as linear."""
     fill(tmp_path)
     for each in tmp_path.glob("img*.png"):
-        deep = 257 * decode_image(each.read_bytes()).astype(np.uint16)
-        each.write_bytes(encode_png(deep))
-    card = np.full((24, 32, 3), 200, np.uint8)
-    card[:, :16] = 100
-    (tmp_path / "flat.png").write_bytes(encode_png(card))
-    shallow = load_capture(tmp_path).photographs
-    (tmp_path / "flat.png").write_bytes(encode_png(257 * card.astype(np.uint16)))
-    assert np.array_equal(shallow, load_capture(tmp_path).photographs)
+        each.write_bytes(encode_png(257 * decode_image(each.read_bytes()).astype(np.uint16)))
+    (tmp_path / "flat.png").write_bytes(encode_png(np.full((24, 32, 3), 200, np.uint8)))
+    refusal(tmp_path, "flat.png: photographs of different kinds", "save it as the photographs are")
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="a system without them")
@@ -466,6 +462,12 @@ def test_arrays_that_are_no_images_are_left_out(tmp_path, name, depth):
     found = [f for f in capture.findings if f.code == "ignored-files"]
     assert all(f"{name}.npy" in f.message for f in found)
     assert ("warning" in [f.severity for f in found]) == (name == "light_directions")
+
+
+def test_an_array_that_was_meant_for_depth_is_named(tmp_path):
+    made = fill(tmp_path, depth=False)
+    np.save(tmp_path / "scan.npy", np.stack([made.depth_m[0]] * 3))
+    refusal(tmp_path, "no depth map in it", "scan.npy (no array of height x width)")
 
 
 def test_an_array_beside_named_depth_is_left_out(tmp_path):

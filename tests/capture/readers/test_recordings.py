@@ -278,6 +278,9 @@ def test_stray_video_of_another_name(tmp_path, name):
     assert find_reader(path).name == "stray-scanner"
     recording, _ = stray_scanner.recording(path)
     assert recording.names[0] == f"{name} frame 0"
+    (path / "IMG_1.jpg").write_bytes(b"")  # photographs, and a video of how they were made
+    assert not stray_scanner.sniff(path)
+    (path / "IMG_1.jpg").unlink()
     (path / "second.mp4").write_bytes((path / name).read_bytes())
     with pytest.raises(CaptureError, match=r"several videos .*needed rgb\.mp4"):
         stray_scanner.recording(path)

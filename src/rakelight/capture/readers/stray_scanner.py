@@ -55,17 +55,24 @@ class _Odometry:
 
 
 def sniff(path: Path) -> bool:
-    """Whether the folder holds the video and a file of its own."""
-    own = (path / MATRIX).is_file() or (path / ODOMETRY).is_file()
-    return own and ((path / VIDEO).is_file() or ((path / "depth").is_dir() and bool(_videos(path))))
+    """Whether the folder holds the video and a file of its own.
+
+    A video of another name beside photographs is not of a recording.
+    """
+    if (path / VIDEO).is_file():
+        return (path / MATRIX).is_file() or (path / ODOMETRY).is_file()
+    renamed = (path / ODOMETRY).is_file() and (path / "depth").is_dir() and bool(_videos(path))
+    return renamed and not any(
+        each.suffix.lower() in SUFFIXES and each.stem != "mask" for each in path.iterdir()
+    )
 
 
 def _videos(path: Path) -> list[str]:
     """Names of the videos in the folder, rgb.mp4 alone where it is there."""
     if (path / VIDEO).is_file():
         return [VIDEO]
-    names = sorted(each.name for each in path.iterdir() if each.suffix.lower() in _VIDEOS)
-    return [name for name in names if not name.startswith(".")]
+    files = (each for each in path.iterdir() if each.suffix.lower() in _VIDEOS and each.is_file())
+    return sorted(each.name for each in files if not each.name.startswith("."))
 
 
 def _video(path: Path) -> str:

@@ -234,7 +234,7 @@ class Viewer {
     this.set({ ...START, tool: this.state.tool });
   }
 
-  // The picture with the measured line, for paper.
+  // The picture, with the measured line where its length is shown, too: for paper.
   pictureWithLine() {
     const picture = document.createElement("canvas"), { canvas, view } = this;
     this.draw();
@@ -244,7 +244,8 @@ class Viewer {
     pen.scale(ratio, ratio);
     pen.strokeStyle = pen.fillStyle = getComputedStyle(root).getPropertyValue("--lamp");
     pen.lineWidth = 1.6;
-    const ends = this.ends.map((end) => view.project(this.surfacePoint(end)));
+    const measured = this.state.tool === "measure" && this.ends.length === 2;
+    const ends = (measured ? this.ends : []).map((end) => view.project(this.surfacePoint(end)));
     pen.beginPath();
     for (const [x, y] of ends) pen.lineTo(x, y);
     pen.setLineDash([6, 4]);
