@@ -9,6 +9,7 @@ from rakelight.errors import InputError
 from rakelight.metrics import (
     depth_error_map_mm,
     depth_errors,
+    evaluate_depth,
     evaluate_maps,
     normal_error_map_deg,
     normal_errors,
@@ -215,3 +216,14 @@ def test_what_cannot_be_scored(result, truth, words):
     with pytest.raises(InputError, match=words) as refused:
         rakelight.evaluate(result, truth)
     assert refused.value.needed
+
+
+def test_depth_beside_the_truth_does_not_count():
+    camera = Camera(6, 6, fx=100.0, fy=100.0, cx=2.5, cy=2.5)
+    depth = np.ones((6, 6))
+    depth[:, 3:] = 1.02
+    true_depth = np.where(np.arange(6) < 3, 1.0, np.nan) + np.zeros((6, 1))
+    inside = np.isfinite(true_depth)[..., None]
+    normals = np.where(inside, [0.0, 0.0, -1.0], np.nan)
+    truth = Truth(true_depth, normals, np.where(inside, np.ones((6, 6, 3)), 0))
+    assert evaluate_depth(depth, camera, truth).normals.mae_deg == 0.0

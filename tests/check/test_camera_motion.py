@@ -3,10 +3,12 @@
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from rakelight.capture import load_capture
+from rakelight.check import camera_motion as motion
 from rakelight.check.alignment import details
 from rakelight.check.camera_motion import (
     beside_most,
@@ -16,6 +18,7 @@ from rakelight.check.camera_motion import (
     views,
 )
 from rakelight.check.measured import Measured
+from rakelight.model import Camera, Capture
 from rakelight.prepare.detail import detail
 from tests.check.moved_captures import still_scene, with_photographs_moved
 from tests.check.tiled_scene import ball, cloth, tiled_scene
@@ -190,3 +193,19 @@ def test_of_few_photographs_of_a_bare_object_the_first_can_have_moved():
     shifts, moved = stood_still(with_photographs_moved(bare, [0], 8.0, -4.0))
     assert moved[0]
     np.testing.assert_allclose(shifts[0], (8.0, -4.0), atol=2.0)
+
+
+def test_shifts_are_in_the_photographs_pixels_however_large_they_are(monkeypatch):
+    texture = np.random.default_rng(0).random((400, 500)).astype(np.float32)
+    texture = cv2.GaussianBlur(texture, (0, 0), 4)
+    texture = (texture - texture.min()) / np.ptp(texture)
+    shown = [np.roll(texture, 6 * (i == 2), axis=1) * (0.5 + 0.05 * i) for i in range(6)]
+    values = np.rint(255 * np.stack(shown)).astype(np.uint8)[..., None].repeat(3, -1)
+    mask = np.zeros((400, 500), bool)
+    mask[150:250, 200:300] = True
+    camera = Camera(500, 400, fx=400.0, fy=400.0, cx=249.5, cy=199.5)
+    capture = Capture(values, np.ones((1, 400, 500), np.float32), mask, camera, "linear")
+    monkeypatch.setattr(motion, "SIDE_PX", 100)
+    shifts, moved = motion.stood_still(capture)
+    assert np.flatnonzero(moved).tolist() == [2]
+    np.testing.assert_allclose(shifts[2], [6, 0], atol=0.7)

@@ -121,3 +121,15 @@ def test_findings():
     assert found.message.startswith("all lights come from the right:")
     around = ring(np.arange(0, 360, 15))
     assert next_light_findings(around, next_lights(around, normals)) == ()
+
+
+def test_the_gain_is_of_the_error_not_its_square():
+    normals = np.array([[0.0, 0.0, -1.0]])
+    lights = np.array([[-0.6, 0.0, -0.8], [-0.5, 0.2, -0.8], [-0.5, -0.2, -0.8]])
+    lights /= np.linalg.norm(lights, axis=1, keepdims=True)
+    found = next_lights(lights, normals, 1)[0]
+    before, after = (
+        np.trace((across(normals) @ np.linalg.inv(information(each, normals)))[0])
+        for each in (lights, np.vstack([lights, found.direction]))
+    )
+    assert found.gain == pytest.approx(1 - np.sqrt(after / before))

@@ -2,6 +2,7 @@
 
 import json
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -152,3 +153,20 @@ def accessor(tree, buffer, number):
     dtype = {5126: "<f4", 5123: "<u2", 5125: "<u4"}[item["componentType"]]
     part = buffer[view["byteOffset"] : view["byteOffset"] + view["byteLength"]]
     return np.frombuffer(part, dtype).reshape(item["count"], -1)
+
+
+def test_colours_brighter_than_white_are_white(sphere, tmp_path):
+    write_result(replace(sphere, albedo=3 * sphere.albedo), tmp_path / "bright", mesh="glb")
+    tree, buffer = glb_parts((tmp_path / "bright" / "mesh.glb").read_bytes())
+    red, plain = accessor(tree, buffer, 2)[:, 0], 3 * sphere.albedo[..., 0][sphere.mask]
+    assert red.min() >= 0.95 * 65535 * min(1, plain.min())
+    assert (red == 65535).mean() > 0.5
+
+
+def test_the_bounds_are_those_of_all_strips(sphere, tmp_path, monkeypatch):
+    monkeypatch.setattr("rakelight.export.mesh.STRIP_ROWS", 7)
+    write_result(sphere, tmp_path / "strips", mesh="glb")
+    tree, buffer = glb_parts((tmp_path / "strips" / "mesh.glb").read_bytes())
+    positions, stated = accessor(tree, buffer, 0), tree["accessors"][0]
+    np.testing.assert_allclose(stated["min"], positions.min(axis=0))
+    np.testing.assert_allclose(stated["max"], positions.max(axis=0))

@@ -118,3 +118,10 @@ def test_terms_and_misfit_are_of_one_energy():
             step[tuple(place)] = 1e-3
             slope = (energy(there + step) - energy(there - step)) / 2e-3
             assert slope / 2 == pytest.approx(gradient[7 * k], abs=1e-4)
+
+
+def test_the_factor_is_that_of_the_narrower_side():
+    edges = np.array([0.0, 2.0, 4.0]), np.array([-0.5, 1.0, 2.5, 4.0])
+    averaging = Averaging.on(np.ones((4, 3), bool), *edges)
+    np.testing.assert_allclose(averaging.upsampled(np.ones((2, 3))), 1.0)
+    assert averaging.factor == 1.5

@@ -11,6 +11,9 @@ from rakelight.geometry.normals import (
     normal_derivatives,
     normals_from_depth,
     normals_from_gradient,
+    squared_normal_derivative,
+    surface_normals,
+    towards_camera,
 )
 from rakelight.model import Camera
 
@@ -174,3 +177,19 @@ def test_the_unnormalised_normal_is_linear_in_the_gradient(p_u, p_v):
     u, v = gradient_directions(CAMERA)
     m = p_u * u + p_v * v + np.array([0, 0, -1])
     np.testing.assert_allclose(n * length[..., None], m, atol=1e-12)
+
+
+def test_focal_lengths_that_differ():
+    camera = Camera(5, 4, fx=10.0, fy=20.0, cx=1.0, cy=3.0)
+    slopes = np.random.default_rng(0).normal(0, 0.05, (2, 4, 5))
+    normals, length = normals_from_gradient(*slopes, camera)
+    np.testing.assert_allclose(towards_camera(normals, camera), 1 / length)
+    pixel = Camera(1, 1, fx=10.0, fy=20.0, cx=0.0, cy=0.0)
+    assert squared_normal_derivative(np.array([1.0]), pixel).tolist() == [200.0]
+
+
+def test_a_strip_of_one_pixel_between_jumps_has_the_slope_to_its_neighbours():
+    depth = np.ones((5, 5))
+    depth[:, 2], depth[:, 3:] = 0.5, 1.02
+    camera = Camera(5, 5, fx=100.0, fy=100.0, cx=2.0, cy=2.0)
+    assert abs(surface_normals(depth, np.ones((5, 5), bool), camera)[2, 2, 0]) > 0.1

@@ -53,3 +53,34 @@ def test_nothing_outside_the_object_hides_a_lamp():
     points = back_project(step(), CAMERA)[10, 100:]
     way = np.broadcast_to([-80.0, 0.0, -60.0], points.shape)
     assert in_sight(depth, CAMERA, points, way).all()
+
+
+def dark_in_a_column(upside_down):
+    """(200,) pixels that a step of 10 mm shades, the light from the side of the first rows."""
+    camera = Camera(20, 200, fx=400.0, fy=300.0, cx=9.5, cy=99.5)
+    depth = np.where(np.arange(200) < 60, 0.49, 0.5)[:, None] + np.zeros((1, 20))
+    depth, down = (depth[::-1], -1) if upside_down else (depth, 1)
+    points = back_project(depth, camera)[:, 10]
+    way = 100 * np.array([0.0, -down * np.sin(np.pi / 4), -np.cos(np.pi / 4)])
+    return ~in_sight(depth, camera, points, np.broadcast_to(way, points.shape))[::down]
+
+
+@pytest.mark.parametrize("upside_down", [False, True])
+def test_a_shadow_along_a_column_is_as_long_as_it_should_be(upside_down):
+    dark = dark_in_a_column(upside_down)
+    length = (0.01 - CLEARANCE_PX * 0.5 / 400) * 300 / 0.5
+    assert not dark[:60].any()
+    assert dark[60 : 60 + int(length)].all()
+    assert np.count_nonzero(dark) == pytest.approx(length, abs=1.5)
+
+
+def test_shadows_up_and_down_are_alike():
+    assert np.count_nonzero(dark_in_a_column(False)) == np.count_nonzero(dark_in_a_column(True))
+
+
+def test_rays_that_leave_at_the_top_are_free():
+    camera = Camera(20, 200, fx=400.0, fy=400.0, cx=9.5, cy=99.5)
+    depth = np.where(np.arange(200) < 100, 0.5, 0.49)[:, None] + np.zeros((1, 20))
+    points = back_project(depth, camera)[:50].reshape(-1, 3)
+    way = np.broadcast_to([0.0, -80.0, -60.0], points.shape)
+    assert in_sight(depth, camera, points, way).all()

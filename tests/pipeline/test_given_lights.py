@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rakelight import GivenLights, MultiLight, check_capture, refine
-from rakelight.pipeline.given_lights import CODE, REMEDY, wrong_lights
+from rakelight.pipeline.given_lights import CODE, MENDED, REMEDY, wrong_lights
 from rakelight.prepare import prepare
 from tests.check.wrong_captures import sound
 
@@ -71,3 +71,9 @@ def test_no_photograph_is_blamed_for_wrong_lights(fixed):
     report = check_capture(capture)
     assert CODE in {each.code for each in report.findings}
     assert not any("does not fit" in mark for each in report.photographs for mark in each.marks)
+
+
+def test_lights_in_reverse_order_are_turned_round_as_a_list():
+    vectors = np.arange(9.0).reshape(3, 3)
+    reverse = MENDED["they fit in reverse order"]
+    np.testing.assert_array_equal(reverse(vectors), vectors[::-1])

@@ -5,11 +5,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rakelight.geometry.normals import surface_normals
+from rakelight.geometry.camera import back_project
+from rakelight.geometry.normals import normals_from_gradient, surface_normals
+from rakelight.model import Camera
+from rakelight.photometry.forward import shadings
+from rakelight.pipeline import held_back
 from rakelight.pipeline.held_back import (
     FEWEST,
     NO_BETTER,
     Sample,
+    _gradient,
     _left_out,
     kept,
     predict,
@@ -18,6 +23,7 @@ from rakelight.pipeline.held_back import (
 from rakelight.prepare import prepare
 from rakelight.solve.robust import NOTABLE
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
+from tests.check.wrong_captures import sound
 
 
 def sample(images, good=None):
@@ -137,3 +143,38 @@ def test_the_kept_depth_is_the_prepared_one(noisy):
     # As bright as the photographs: albedo and lights belong together.
     true = truth.albedo[prepared.rows, prepared.columns][prepared.mask]
     assert np.corrcoef(inside[:, 0], true[:, 0])[0, 1] > 0.8
+
+
+def test_the_gradient_of_normals_where_focal_lengths_differ():
+    camera = Camera(5, 4, fx=10.0, fy=20.0, cx=1.0, cy=3.0)
+    slopes = np.random.default_rng(0).normal(0, 0.05, (2, 4, 5))
+    normals, _ = normals_from_gradient(*slopes, camera)
+    sample = Sample(np.zeros((1, 20, 3)), np.ones((1, 20, 3), bool), np.arange(20))
+    np.testing.assert_allclose(_gradient(normals, camera, sample), slopes.reshape(2, -1).T)
+
+
+def test_the_change_leads_to_the_prepared_depth_and_shadows_say_nothing_of_it(monkeypatch):
+    capture, truth = sound("head")
+    prepared, calls, plain = prepare(capture), [], held_back._left_out
+    monkeypatch.setattr(held_back, "_left_out", lambda *given: calls.append(given) or plain(*given))
+    before = surface_normals(prepared.depth_m, prepared.mask, prepared.camera)
+    normals = before + np.array([0.3, 0.0, 0.0])  # a slope along u that is too large
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    held_back.predict(prepared, prepared.depth_m, normals, truth.lights)
+    _, shading, slopes, change, _ = calls[0]
+    assert (change[:, 0] < 0).mean() > 0.95
+    shadow = shading <= truth.lights.ambient[:, None] + 1e-12
+    assert shadow.any()
+    assert not slopes[shadow[..., 0]].any()
+
+
+def test_lights_of_a_kept_depth_are_scaled_whole():
+    prepared = prepare(sound("head")[0])
+    prepared = replace(prepared, photographs=prepared.photographs // 3 + 3000)
+    found, lights = kept(prepared, NO_BETTER), prepared_lights(prepared)
+    normals = surface_normals(prepared.depth_m, prepared.mask, prepared.camera)[prepared.mask]
+    points = back_project(prepared.depth_m, prepared.camera)[prepared.mask]
+    assert lights.ambient.max() > 0.01
+    shading, before = (shadings(normals, points, each) for each in (found.lights, lights))
+    ratio = shading / np.maximum(before, 1e-9)
+    np.testing.assert_allclose(ratio, np.median(ratio), rtol=1e-6)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from rakelight.errors import InputError, MachineError
 from rakelight.geometry.grid import bounding_window
 from rakelight.methods import load_method
 from rakelight.methods.multi_light import METHOD, MultiLight
+from rakelight.methods.multi_light.tiles import Whole, agreement, carried
 from rakelight.metrics import evaluate_maps
 from rakelight.model import GivenLights, RigidTransform
 from rakelight.pipeline import lower_resolution, refine, tiles
@@ -185,3 +187,30 @@ def test_shares_of_tiles_add_up_to_one():
             total[each.refined] += each.share()
             assert each.refined.start % shrink == 0
         np.testing.assert_allclose(total[window], 1)
+
+
+def whole_of(shape):
+    """The lower resolution, a quarter, of a window that begins at its row 3 and column 5."""
+    names = ("depth_sigma_m", "stated", "lights", "middle_m", "outliers", "bas_relief", "log_depth")
+    nothing = dict.fromkeys(names)
+    return Whole(shrink=4, row=3, column=5, mask=np.ones(shape, bool), **nothing)
+
+
+def test_an_image_is_carried_to_its_place():
+    i, j = np.mgrid[:10, :12]
+    image = 100.0 * (4 * (3 + i) + 1.5) + (4 * (5 + j) + 1.5)
+    rows, columns = slice(20, 37), slice(32, 51)
+    tile = SimpleNamespace(rows=rows, columns=columns, mask=np.ones((17, 19), bool))
+    row, column = np.mgrid[rows, columns]
+    np.testing.assert_allclose(carried(image, tile, whole_of((10, 12))), 100.0 * row + column)
+
+
+def test_outside_the_window_there_is_no_object():
+    part = whole_of((4, 4)).mask_part(slice(2, 8), slice(4, 10))
+    np.testing.assert_array_equal(part, np.pad(np.ones((4, 4), bool), 1))
+
+
+def test_corrections_fade_over_pixels_of_the_lower_resolution():
+    linearization = SimpleNamespace(typical_information=lambda per: 3.0)
+    fit = SimpleNamespace(noise=0.01, linearization=linearization)
+    assert agreement(fit, 4) == pytest.approx(agreement(fit, 1) / 16)

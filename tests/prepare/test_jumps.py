@@ -149,3 +149,20 @@ def test_without_measurements_nothing_is_cut():
     right, down = cut(np.full(ROW.shape, np.nan))
     assert not right.any()
     assert not down.any()
+
+
+def test_the_steps_of_a_coarse_sensor_are_no_jumps():
+    right, down = cut(0.01 * np.round((1 + 0.0008 * COLUMN) / 0.01))
+    assert not right.any()
+    assert not down.any()
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_jump_that_grows_lower_is_cut_to_its_end(turned):
+    column = np.mgrid[:50, :50][1]
+    camera = Camera(50, 50, fx=500.0, fy=500.0, cx=24.5, cy=24.5)
+    depth = 1 + np.linspace(8, 2.5, 50)[:, None] * (column > 25) / 500
+    depth += 1e-5 * np.random.default_rng(0).standard_normal((50, 50))
+    depth = depth.T if turned else depth
+    links = without_measured_jumps(Links.of(np.ones((50, 50), bool)), depth, camera)
+    assert not (links.down[25] if turned else links.right[:, 25]).any()

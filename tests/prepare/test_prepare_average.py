@@ -233,3 +233,18 @@ def test_noise_that_counts_is_that_of_the_object():
     on_object = np.arange(80) < 35
     sigma = noise_sigma(depth, on_object=np.broadcast_to(on_object, depth.shape))
     np.testing.assert_allclose(sigma[:, :35], SensorNoise().at(depth[:, :35]), rtol=1e-12)
+
+
+def test_the_noise_of_the_surroundings_is_not_the_objects():
+    depth, on_object = np.ones((40, 40)), np.zeros((40, 40), bool)
+    on_object[:, :12] = True
+    depth[~on_object] += 0.05 * np.random.default_rng(0).standard_normal((~on_object).sum())
+    found = noise_sigma(depth, on_object=on_object)[on_object]
+    np.testing.assert_allclose(found, SensorNoise().at(depth)[on_object])
+
+
+def test_pixels_where_all_maps_agree_are_not_free_of_noise():
+    flat = np.ones((40, 60))
+    noise = 0.01 * np.random.default_rng(0).standard_normal((6, 40, 60))
+    sigma = noise_sigma(flat, maps_m=flat + noise * (np.arange(60) >= 20))
+    assert sigma[:, :10].min() > 0.3 * np.median(sigma[:, 30:])

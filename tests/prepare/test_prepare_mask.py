@@ -12,7 +12,7 @@ from rakelight.errors import CaptureError
 from rakelight.geometry.camera import pixel_rays
 from rakelight.model import Camera, Capture, RigidTransform, SensorNoise
 from rakelight.prepare import prepare
-from rakelight.prepare.mask import cut_out, nearest_object
+from rakelight.prepare.mask import _frame, behind_planes, cut_out, nearest_object
 from rakelight.synthetic.implicit import Solid, seen_from, trace
 
 REAL = Path(__file__).parents[3] / "shared" / "captures"
@@ -289,3 +289,23 @@ def test_masks_that_people_drew(name, least):
     assert overlap(mask, capture.mask) > least
     assert (mask & capture.mask).sum() > 0.97 * capture.mask.sum()
     assert finding.severity == "note"
+
+
+WIDE = Camera(60, 50, fx=60.0, fy=60.0, cx=29.5, cy=24.5)
+
+
+@pytest.mark.parametrize("at_m", [0.3, 3.0])
+def test_planes_are_found_near_and_far(at_m):
+    v, u = np.mgrid[:50, :60]
+    depth = at_m + 0.002 * np.sin(u) * np.cos(v)
+    depth[20:30, 20:35] -= 0.03
+    plane = np.ones(depth.shape, bool)
+    plane[20:30, 20:35] = False
+    found = behind_planes(depth, np.full(depth.shape, 1e-4), WIDE, _frame(depth.shape))
+    np.testing.assert_array_equal(found, plane)
+
+
+def test_what_is_seen_through_a_wall_is_behind_it():
+    depth = np.ones((50, 60))
+    depth[20:30, 20:35] = 1.5
+    assert behind_planes(depth, np.full(depth.shape, 1e-3), WIDE, _frame(depth.shape)).all()

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rakelight.model import RigidTransform
+from rakelight.model import Camera, Capture, RigidTransform
 from rakelight.prepare import prepare
 from rakelight.prepare.reduced import joined, reduced
 from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
@@ -65,3 +65,14 @@ def test_blocks_at_a_jump_keep_the_nearer_surface():
     depth = np.full((1, 4, 4), 1.0)
     depth[:, :, 1:] = 2.0
     np.testing.assert_allclose(joined(depth, 2)[0], [[1.0, 2.0]] * 2)
+
+
+def test_a_reduced_mask_is_the_object_alone():
+    mask = np.zeros((40, 40), bool)
+    mask[9:31, 9:31] = True
+    camera = Camera(40, 40, fx=50.0, fy=50.0, cx=19.5, cy=19.5)
+    depth_m = np.ones((1, 40, 40), np.float32)
+    small = reduced(Capture(np.full((3, 40, 40, 3), 9, np.uint8), depth_m, mask, camera), 60)
+    side = round(50 / small.camera.fx)
+    assert side > 1
+    assert small.mask.sum() * side**2 <= mask.sum()

@@ -150,3 +150,9 @@ def test_the_grid_has_the_sensors_pixels_and_the_colour_cameras_view(colour, sha
         there = grid.width * (corner + 0.5) - 0.5
         ray = (at - colour.cx) / colour.fx
         assert (there - grid.cx) / grid.fx == pytest.approx(ray, abs=1e-12)
+
+
+def test_the_grid_of_a_sensor_whose_focal_lengths_differ():
+    colour = Camera(1280, 720, fx=920.0, fy=920.0, cx=639.5, cy=359.5)
+    depth = Camera(640, 240, fx=525.0, fy=262.5, cx=319.5, cy=119.5)
+    assert sensor_grid(colour, depth).shape == (205, 730)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -9,7 +10,7 @@ from rakelight.errors import CaptureError, InputError
 from rakelight.geometry.grid import area_mean
 from rakelight.model import Camera, Capture, RigidTransform, SensorNoise
 from rakelight.prepare import prepare
-from rakelight.prepare.sensor import SensorDepth, SensorGrid, overlaps
+from rakelight.prepare.sensor import SensorDepth, SensorGrid, _lookup, overlaps, sensed
 from tests.prepare.ray_traced import COLOUR, POSE, depth_of
 
 HERE = RigidTransform(np.eye(3), np.zeros(3))
@@ -237,3 +238,24 @@ def test_flying_pixels_of_the_object_are_not_measured():
 def test_cameras_of_no_depth_map():
     with pytest.raises(CaptureError, match="depth_m and depth camera are of different size"):
         prepare(make_capture(depth_camera=Camera(9, 7, 10.0, 10.0, 4.0, 3.0)))
+
+
+def test_points_beside_a_picture_are_not_in_it():
+    points = np.array([[[1.6, 0.0, 1.0], [-1.0, 0.0, 1.0], [2.0, -1.0, 1.0], [np.nan] * 3]])
+    mask = np.array([[False, False, True]])
+    assert _lookup(mask, points).tolist() == [[True, False, False, False]]
+
+
+@pytest.mark.parametrize("own", [False, True], ids=["aligned", "a camera of its own"])
+def test_ramps_into_holes_are_no_measurements(own):
+    depth = np.full((40, 40), 0.8)
+    depth[18:22, 18:22] = 0
+    depth = cv2.resize(depth, (160, 160))  # as a hole that was interpolated
+    depth_m = np.where(depth > 0, depth, np.nan)[None].astype(np.float32)
+    camera, mask = Camera(160, 160, 200.0, 200.0, 79.5, 79.5), np.ones((160, 160), bool)
+    capture = Capture(
+        np.full((3, 160, 160, 3), 90, np.uint8), depth_m, mask, camera,
+        depth_camera=camera if own else None,
+        depth_to_color=RigidTransform(np.eye(3), np.zeros(3)) if own else None,
+    )  # fmt: skip
+    assert np.nanmin(sensed(capture, mask)[0]) > 0.795

@@ -140,3 +140,25 @@ def test_a_window_is_a_part_of_the_whole(shape):
     window = slice(3, 28), slice(20, 39)
     part = upsample_to(step, shape, links, window)
     np.testing.assert_array_equal(part, upsample_to(step, shape, links)[window])
+
+
+TURNS = {
+    "left to right": lambda image: image[:, ::-1],
+    "top to bottom": lambda image: image[::-1],
+    "transposed": lambda image: image.T,
+}
+
+
+@pytest.mark.parametrize("name", TURNS)
+def test_no_side_is_preferred_beside_a_jump(name):
+    v, u = np.mgrid[:32, :32].astype(float)
+    depth = np.exp(0.02 * np.sin(u / 4 + 1) * np.cos(v / 5))
+    depth[(u > 15) & (v < 20)] *= 1.3
+    depth[12:14, 14:] *= 0.7
+    camera = Camera(32, 32, fx=50.0, fy=50.0, cx=15.5, cy=15.5)
+
+    def finer(depth):
+        return upsample(depth, 4, surface_links(depth, np.ones((32, 32), bool), camera))
+
+    turned = finer(np.ascontiguousarray(TURNS[name](depth)))
+    np.testing.assert_allclose(turned, TURNS[name](finer(depth)), rtol=1e-6)

@@ -8,9 +8,10 @@ import pytest
 from rakelight.errors import CaptureError, InputError
 from rakelight.model import BLACK, SATURATED, Camera, Capture, Distortion
 from rakelight.prepare import prepare
+from rakelight.prepare._kernels import resample
 from rakelight.prepare.linear import to_linear
 from rakelight.prepare.sensor import sensed
-from rakelight.prepare.undistort import shown_by_lens, undistorted
+from rakelight.prepare.undistort import _lanczos, shown_by_lens, undistorted
 
 BARREL = Distortion("brown-conrady", [-0.25, 0.05, 0.002, -0.001, 0.0])
 PINCUSHION = Distortion("brown-conrady", [0.25, 0.0, 0.0, 0.0, 0.0])
@@ -223,3 +224,34 @@ def test_a_depth_camera_of_its_own_with_distortion():
         off.append(np.abs(found_m - plane_m)[inner].max())
     assert off[0] < 1e-6
     assert off[1] > 1e-3
+
+
+SIDES = {
+    "left": (slice(30, 60), slice(0, 30)), "right": (slice(30, 60), slice(90, 120)),
+    "bottom": (slice(60, 90), slice(45, 75)), "top": (slice(0, 30), slice(45, 75)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_the_image_grows_on_the_side_of_the_object(side):
+    mask = np.zeros((HEIGHT, WIDTH), bool)
+    mask[SIDES[side]] = True
+    lens = Distortion("brown-conrady", [-0.25, 0.05, 0.0, 0.0, 0.0])
+    capture = capture_with(lens, through(lens), mask)
+    ideal = undistorted(capture)
+    assert ideal.camera.shape != capture.camera.shape
+    found = to_linear(ideal.photographs[0, ..., 0], "linear")
+    assert np.abs(found - pattern(*rays(ideal.camera)))[ideal.mask].max() < 0.03
+    shown = shown_by_lens(ideal.mask, ideal.camera, capture.camera)
+    assert (shown & mask).sum() > 0.95 * mask.sum()
+
+
+@pytest.mark.parametrize(("u", "v"), [(4.4, 5.0), (5.6, 5.0), (5.0, 4.4), (5.0, 5.6)])
+def test_a_saturated_neighbour_is_not_mixed_in(u, v):
+    values = np.full((11, 11, 1), 0.5, np.float32)
+    values[5, 5] = 1.0
+    out = np.empty((1, 1, 1), np.float32)
+    place, jacobian = np.array([[[u, v]]]), np.broadcast_to(np.eye(2), (1, 1, 2, 2))
+    limits = np.float32(0.99), np.float32(0.0)
+    resample(0, 1, values, place, jacobian, *limits, _lanczos(), np.empty(1), out)
+    assert out[0, 0, 0] == 1.0

@@ -1,6 +1,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
@@ -150,3 +151,12 @@ def test_rounding_leaves_no_variance_below_zero():
     moment = 1e12 * np.outer(g, g)
     assert derivative @ moment @ derivative < 0
     assert quadratic_form(derivative[None, None, None], moment).tolist() == [[0.0]]
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_the_moment_is_that_of_the_transform_of_the_lights(axis):
+    level, _, lights = true_level(NOISE)
+    g = 0.2 * np.eye(3)[axis]
+    transform = np.linalg.inv(np.eye(3) + np.outer(level.middle_m, g))
+    moment = lights_moment(level, replace(lights, vector=lights.vector @ transform.T))
+    assert moment @ g / 0.2 == pytest.approx(0.2 * g, abs=0.4 * 0.04)

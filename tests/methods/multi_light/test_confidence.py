@@ -22,6 +22,7 @@ from rakelight.methods.multi_light.energy import first_fit
 from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.prepare import prepare
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
+from tests.methods.multi_light.test_sensor_blur import known
 from tests.methods.remembered import remembered
 
 HEAD = remembered(make_shape("head"))
@@ -156,3 +157,23 @@ def test_a_worse_sensor_makes_the_depth_less_certain():
     assert (times > 0.8).all()
     assert (times < 2).all()
     assert sigmas[1] > 2.5 * sigmas[0]
+
+
+def test_the_error_of_the_whole_shape_is_in_metres():
+    prepared, level, fit = make_fit()
+    still, moment = np.zeros(level.mask.shape), np.zeros((4, 4))
+    least = depth_sigma(level, fit, prepared, still, moment, fit.log_depth)
+    moment[0, 0] = 0.01**2  # of a in 1/z' = a/z, by which z' changes by z da
+    more = depth_sigma(level, fit, prepared, still, moment, fit.log_depth)
+    expected = (0.01 * np.exp(fit.log_depth)) ** 2
+    np.testing.assert_allclose(more**2 - least**2, expected, rtol=1e-6)
+
+
+def test_means_over_blocks_are_of_the_sensors_pixels():
+    prepared, _, fit = known(0.0, 2)
+    sensor = prepared.sensor
+    error = 0.001 * np.random.default_rng(0).normal(size=sensor.depth_m.shape)
+    depth_m = np.exp(sensor.averaging(prepared.mask).down(fit.log_depth) + error)
+    noisy = replace(sensor, depth_m=np.where(sensor.measured, depth_m, np.nan))
+    found = mean_error_variance(replace(prepared, sensor=noisy), fit.log_depth, 9.0)
+    assert found == pytest.approx(1e-6 / 16, rel=0.3)  # 4 x 4 of the sensor's pixels

@@ -11,6 +11,7 @@ from rakelight.methods.multi_light import outliers
 from rakelight.methods.multi_light.outliers import (
     LitSurface,
     all_shadows,
+    are_dark,
     in_shadow,
     remove_outliers,
 )
@@ -157,3 +158,16 @@ def test_shadows_looked_up_for_some_pixels_lie_where_they_are(monkeypatch):
     # Cells that stood at their pixel's corner would be a pixel and a half off.
     assert max(range(-3, 4), key=agreement) == 0
     assert agreement(0) > 0.55 * exact.sum()
+
+
+@pytest.mark.parametrize("room", [0.1, 1.0])
+def test_light_of_the_room_hides_no_shadow(room):
+    normals = np.tile([0.0, 0.0, -1.0], (50, 1))
+    lights = Lights(np.tile([0.0, 0.0, -1.0], (4, 1, 1)), np.full((4, 1), room))
+    incident = np.broadcast_to(lights.vector[:, None], (4, 50, 1, 3))
+    hidden = np.zeros((4, 50, 1), bool)
+    hidden[0] = True
+    dark = np.broadcast_to(0.3 * (np.where(hidden, 0.0, 1.0) + room), (4, 50, 3)).copy()
+    assert are_dark(dark, hidden, normals, incident, lights)
+    bright = np.full((4, 50, 3), 0.3 * (1 + room))
+    assert not are_dark(bright, hidden, normals, incident, lights)

@@ -10,6 +10,7 @@ from rakelight import refine
 from rakelight.geometry.averaging import Averaging
 from rakelight.geometry.blur import blurred
 from rakelight.geometry.grid import area_mean
+from rakelight.methods.base import scatter
 from rakelight.methods.levels import finest_level, sensor_error
 from rakelight.methods.multi_light import MultiLight, sensor_blur
 from rakelight.methods.multi_light.bas_relief import nearest_bas_relief
@@ -17,6 +18,7 @@ from rakelight.methods.multi_light.energy import first_fit
 from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.methods.multi_light.light_model import FREE
 from rakelight.methods.multi_light.sensor_blur import (
+    blurred_sensor,
     find_blur,
     lost_detail,
     sharpened,
@@ -161,3 +163,13 @@ def test_smoothed_depth_does_not_flatten_the_surface(monkeypatch):
     said = [{each.code: each.message for each in result.findings} for result in results]
     assert "a Gaussian of" in said[0]["depth-smoothed"]
     assert "depth-smoothed" not in said[1]
+
+
+def test_where_a_level_s_pixels_are_wider_the_blur_is_in_theirs():
+    _, level, fit = known(0.0, 1)
+    assert level.halved().sensor_pixel == level.sensor_pixel / 2
+    coarse = replace(level, averaging=None, sensor_pixel=0.5)
+    seen = scatter(fit.log_depth[level.seen], level.seen)
+    expected = blurred(seen, 1.0, coarse.measured)[coarse.measured]
+    found = scatter(blurred_sensor(coarse, fit.log_depth[level.seen], 2.0), level.seen)
+    np.testing.assert_allclose(found[coarse.measured], expected)
