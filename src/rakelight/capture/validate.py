@@ -157,7 +157,7 @@ def check_distortion(
     >>> check_distortion(Camera(400, 300, 200, 200, 199.5, 149.5, lens), "camera", "distortion")
     Traceback (most recent call last):
     rakelight.errors.CaptureError: camera: distortion folds inside the image (seen 109 pixels from
-    the principal point, needed beyond the corners, 251 pixels from it). Fix: ...
+    the principal point, needed beyond the corners, 250 pixels from it). Fix: ...
     """
     remedy = (
         "calibrate with fewer coefficients, or with points as far as the corners; look for "
