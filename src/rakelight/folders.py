@@ -401,30 +401,34 @@ def _lock_taken(target: Path, shown: str) -> Iterator[bool]:
         yield False
         return
     lock = target.with_name(f".{target.name}.rakelight.lock")
-    while True:
-        descriptor = os.open(lock, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o666)
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            os.close(descriptor)
-            raise MachineError(
-                "another run is writing this folder",
-                source=shown,
-                remedy="wait for it, or choose another name",
-            ) from error
-        except OSError:  # a file system without locks
-            os.close(descriptor)
-            lock.unlink(missing_ok=True)
-            yield False
-            return
-        if _is_still(lock, descriptor):
-            break
-        os.close(descriptor)  # the run before removed the file between our open and our lock
+    descriptor = -1
     try:
+        while True:
+            descriptor = os.open(lock, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o666)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                raise MachineError(
+                    "another run is writing this folder",
+                    source=shown,
+                    remedy="wait for it, or choose another name",
+                ) from error
+            except OSError:  # a file system without locks
+                lock.unlink(missing_ok=True)
+                yield False
+                return
+            if _is_still(lock, descriptor):
+                break
+            os.close(descriptor)  # the run before removed the file between our open and our lock
+            descriptor = -1
         yield True
-    finally:
-        lock.unlink(missing_ok=True)
-        os.close(descriptor)
+    finally:  # after an interrupt at any moment, too
+        if descriptor >= 0:
+            with suppress(OSError):  # another run's
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if _is_still(lock, descriptor):
+                    lock.unlink(missing_ok=True)
+            os.close(descriptor)
 
 
 def _is_still(path: Path, descriptor: int) -> bool:

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -540,6 +541,23 @@ def test_read_bytes(tmp_path):
         read_bytes(tmp_path / "b")
     with pytest.raises(InputError, match="seen a folder, needed a file"):
         read_bytes(tmp_path)
+
+
+@pytest.mark.parametrize("moment", ["fcntl.flock", "rakelight.folders._is_still"])
+def test_an_interrupt_while_the_lock_is_taken_leaves_none(tmp_path, monkeypatch, moment):
+    pytest.importorskip("fcntl")
+    calls, plain = [], import_module(moment.rpartition(".")[0]).__dict__[moment.rpartition(".")[2]]
+
+    def once(*given):
+        calls.append(given)
+        if len(calls) == 1:
+            raise KeyboardInterrupt
+        return plain(*given)
+
+    monkeypatch.setattr(moment, once)
+    with pytest.raises(KeyboardInterrupt), only_writer(tmp_path / "out"):
+        pass
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_only_writer_stages_the_folder_and_nobody_else(tmp_path):
