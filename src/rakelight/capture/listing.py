@@ -42,6 +42,28 @@ def numbered(index: int, suffix: str = ".png") -> str:
     return f"{index:03d}{suffix}"
 
 
+def inside(root: Path, name: str) -> Path:
+    """The path of the file `name` in the folder `root`.
+
+    Raises CaptureError for one that lies elsewhere: by "..", an absolute path, or a link.
+
+    >>> inside(Path("recording"), "../secret")
+    Traceback (most recent call last):
+    rakelight.errors.CaptureError: recording/../secret: a file outside the folder ...
+    """
+    path, source = root / name, f"{root}/{name}"
+    with clear_errors(source, "cannot be read"):
+        within = "\0" not in name and path.resolve().is_relative_to(root.resolve())
+    if not within:
+        raise CaptureError(
+            "a file outside the folder",
+            source=source,
+            needed="files of the recording",
+            remedy="copy the file into it",
+        )
+    return path
+
+
 @dataclass(frozen=True)
 class Root:
     """The capture folder, and how messages name the files in it."""

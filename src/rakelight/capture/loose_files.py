@@ -245,8 +245,10 @@ def list_loose_files(folder: Path, photographs: Sequence[str] = ()) -> LooseFile
         scales[0] if scales else None,
         (
             *(name for name in of_depth if Path(name).suffix.lower() not in TEXT_SUFFIXES),
-            *(file.name for file in (*unused, *named["disparity"], *paired, *arrays, *more)),
-            *(file.name for file in tables),
+            *(
+                file.name
+                for file in (*unused, *named["disparity"], *paired, *arrays, *more, *tables)
+            ),
         ),
         tuple(named["confidence"]),
         tuple(unread),

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rakelight.capture.listing import Root, meant_otherwise, read_mask
+from rakelight.capture.listing import Root, inside, meant_otherwise, read_mask
 from rakelight.capture.readers.base import Reading, Wanted
 from rakelight.errors import CaptureError
 from rakelight.model import (
@@ -129,11 +129,7 @@ def _mask(recording: Recording) -> tuple[Mask | None, tuple[Finding, ...]]:
     path = folder / "mask.png"
     if not recording.source or not os.path.lexists(path):
         return None, ()
-    if path.is_symlink() and not path.resolve().is_relative_to(folder.resolve()):
-        raise CaptureError(
-            "a file outside the folder", source=str(path), remedy="copy the mask into the folder"
-        )
-    return read_mask(path, str(path), recording.color.shape, ("PNG",))
+    return read_mask(inside(folder, path.name), str(path), recording.color.shape, ("PNG",))
 
 
 def nearest(times_s: Floats, moments_s: Floats) -> Array:

@@ -8,8 +8,9 @@ import numpy as np
 
 from rakelight.capture.intrinsics import MAX_BYTES
 from rakelight.capture.intrinsics.names import TEXT_SUFFIXES
+from rakelight.capture.listing import inside
 from rakelight.capture.loose_depth import SCALE, depth_scale, stated_scale
-from rakelight.capture.readers.image_files import depth_values, inside, read_within
+from rakelight.capture.readers.image_files import depth_values, read_within
 from rakelight.files import clear_errors
 from rakelight.model import Finding
 

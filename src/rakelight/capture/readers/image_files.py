@@ -11,7 +11,7 @@ import numpy as np
 from rakelight.capture.defaults import chosen_encoding
 from rakelight.capture.headers import Header, read_header
 from rakelight.capture.images import as_rgb, decode_image
-from rakelight.capture.listing import SUFFIXES
+from rakelight.capture.listing import SUFFIXES, inside
 from rakelight.capture.npy import decode_npy
 from rakelight.capture.recording import Stream
 from rakelight.capture.tone_curve import read_photograph_header, stated_encoding
@@ -29,28 +29,6 @@ JPEG_FINDING = Finding("note", "compressed", "frames are JPEG; its compression l
 def read_within(root: Path, name: str, max_bytes: int = MAX_BYTES) -> bytes:
     """The file `name` of the folder `root`, by the rules of `inside`."""
     return read_bytes(inside(root, name), source=f"{root}/{name}", max_bytes=max_bytes)
-
-
-def inside(root: Path, name: str) -> Path:
-    """The path of the file `name` in the folder `root`.
-
-    Raises CaptureError for one that lies elsewhere: by "..", an absolute path, or a link.
-
-    >>> inside(Path("recording"), "../secret")
-    Traceback (most recent call last):
-    rakelight.errors.CaptureError: recording/../secret: a file outside the folder ...
-    """
-    path, source = root / name, f"{root}/{name}"
-    with clear_errors(source, "cannot be read"):
-        within = "\0" not in name and path.resolve().is_relative_to(root.resolve())
-    if not within:
-        raise CaptureError(
-            "a file outside the folder",
-            source=source,
-            needed="files of the recording",
-            remedy="copy the file into it",
-        )
-    return path
 
 
 def numbered_files(

@@ -19,10 +19,10 @@ from rakelight.capture.lights import (
     parse_lp,
     unit,
 )
+from rakelight.capture.listing import inside
 from rakelight.capture.loose_files import list_loose_files
 from rakelight.capture.readers import photographs
 from rakelight.capture.readers.base import Reader, Reading, Wanted
-from rakelight.capture.readers.image_files import inside
 from rakelight.errors import CaptureError, printable
 from rakelight.files import clear_errors, read_bytes
 from rakelight.model import GivenLights

@@ -14,13 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from rakelight.capture.listing import SUFFIXES
+from rakelight.capture.listing import SUFFIXES, inside
 from rakelight.capture.readers.base import Reader
 from rakelight.capture.readers.depth_place import recording_of_one_view
 from rakelight.capture.readers.image_files import (
     NPY,
     depth_stream,
-    inside,
     numbered_files,
     read_within,
 )
