@@ -133,8 +133,9 @@ def _best(fits: list[Fit]) -> Fit | None:
 def _on_mask(capture: Capture, depth_m: Floats, fit: Fit) -> bool:
     """Whether the outline of the turned depth lies on the mask's."""
     turned_m = np.nan_to_num(TURNS[fit.turn](depth_m))[None]
-    height, width = turned_m.shape[1:]  # already on the photographs' view
-    own = capture.depth_camera and capture.camera.resized(width, height)
+    height, width = turned_m.shape[1:]
+    # The depth is on the photographs' view already: a camera of its own is now theirs, resized.
+    own = None if capture.depth_camera is None else capture.camera.resized(width, height)
     there = replace(capture, depth_m=turned_m, depth_camera=own, depth_to_color=None)
     found = outline_shift(there)[0]
     return found is not None and found.length < LEAST_PX

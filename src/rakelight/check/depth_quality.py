@@ -18,10 +18,11 @@ MOST_MAPS = 6
 # random draws 1 is worse by a tenth with patches of 6 pixels missing from 10 %, 2 from 30 %
 # (ablation.md).
 MANY_HOLES = 0.10
-# Distances, metres, at which depth cameras for objects measure; widths of an object that they can
-# resolve and see whole.  Beyond, the unit of the depth is the likelier mistake.  Taken from data
-# sheets; of 51 random draws none is doubted as it is, all with depth 10 times too small or 25.4
-# times too large, 28 with 10 times too large: the others are within 6 m then (ablation.md).
+# Distances, metres, at which depth cameras for objects measure; metres of an object's longer side
+# that they can resolve and see whole.  Beyond, the unit of the depth is the likelier mistake.
+# Taken from data sheets; of 51 random draws none is doubted as it is, all with depth 10 times too
+# small or 25.4 times too large, 28 with 10 times too large: the others are within 6 m then
+# (ablation.md).
 LIKELY_M, LIKELY_WIDTH_M = (0.12, 6.0), (0.008, 4.0)
 
 

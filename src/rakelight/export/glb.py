@@ -34,7 +34,7 @@ def glb_parts(surface: Surface) -> Iterator[bytes]:
     if size >= 1 << 32:
         raise InputError(
             "the mesh is too large for glb", source="mesh", seen=f"{size / 1e9:.1f} GB",
-            needed="at most 4.3 GB", remedy="--mesh ply, or mesh=\"ply\"",
+            needed="at most 4.3 GB", remedy="--mesh ply, or mesh='ply'",
         )  # fmt: skip
     yield struct.pack("<4sII", b"glTF", 2, size)
     yield struct.pack("<I4s", len(tree), b"JSON") + tree

@@ -312,7 +312,7 @@ def _check_override(name: str, value: Any, distribution: Range | OneOf | None) -
         possible = number and (isinstance(value, Integral) or not distribution.whole)
         needed = "a whole number" if distribution.whole else "a number"
         if distribution.low >= 0:
-            least = 1e-9 if name in _ABOVE_0 else 0.0
+            least = 1e-9 if name in _ABOVE_0 else 0.0  # smaller ones are as good as 0
             possible = possible and value >= least
             needed += " above 0" if least else " from 0"
     else:
