@@ -28,6 +28,15 @@ def pixel_rays(camera: Camera, rows: slice = ALL) -> tuple[Floats, Floats]:
     return x, y
 
 
+def focal_px(camera: Camera) -> float:
+    """The focal length of a square pixel of the same area, pixels: z over it is a pixel's side.
+
+    >>> focal_px(Camera(3, 2, fx=200.0, fy=800.0, cx=1.0, cy=0.5))
+    400.0
+    """
+    return float(np.sqrt(camera.fx * camera.fy))
+
+
 def back_project(depth_m: Floats, camera: Camera, rows: slice = ALL) -> Floats:
     """Points (H, W, 3), metres in the camera frame, of a depth map (H, W) in metres.
 

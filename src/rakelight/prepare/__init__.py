@@ -16,6 +16,7 @@ import numpy as np
 
 from rakelight.errors import CaptureError, InputError
 from rakelight.files import in_threads
+from rakelight.geometry.camera import focal_px
 from rakelight.geometry.grid import Links, area_mean, bounding_window, row_strips, surface_links
 from rakelight.model import (
     SATURATED,
@@ -242,7 +243,7 @@ def shrunk_view(capture: Capture, shrink: int) -> PreparedView:
     typical_m, typical_sigma_m = (
         float(np.median(image[use])) for image, use in ((filled, carried), (sigma, measured))
     )
-    smooth = bilateral(filled, carried, typical_sigma_m, typical_m * grid.factor / camera.fx)
+    smooth = bilateral(filled, carried, typical_sigma_m, typical_m * grid.factor / focal_px(camera))
     return PreparedView(
         photographs=photographs,
         encoding=capture.encoding,

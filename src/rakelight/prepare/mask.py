@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from rakelight.geometry.camera import pixel_rays
+from rakelight.geometry.camera import focal_px, pixel_rays
 from rakelight.geometry.grid import bounding_window
 from rakelight.geometry.masks import dilate
 from rakelight.model import Array, Camera, Capture, Finding, Floats, Mask
@@ -208,7 +208,7 @@ def _with_its_parts(
 ) -> Array:
     """The numbers of the surfaces that make up the object: beside it, at about its depth."""
     chosen, mask = [best], components == best
-    width_m = np.sqrt(area[best]) * float(np.median(depth_m[mask])) / camera.fx
+    width_m = np.sqrt(area[best]) * float(np.median(depth_m[mask])) / focal_px(camera)
     while True:
         around = dilate(mask, GAP_PX) & ~mask & (components >= 0)
         fresh = []

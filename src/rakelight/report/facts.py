@@ -11,6 +11,7 @@ import numpy as np
 from rakelight.errors import printable
 from rakelight.export.plain import plain
 from rakelight.export.summary import STAGES
+from rakelight.geometry.camera import focal_px
 from rakelight.model import Result
 from rakelight.pictures.shown import prepared_mask
 
@@ -45,7 +46,7 @@ def capture_rows(result: Result) -> Rows:
     pixels = int(result.mask.sum())
     rows += [
         ("Object", f"{pixels:,} pixels at a median depth of {1000 * z:,.0f} mm"),
-        ("One pixel covers", f"{1000 * z / result.camera.fx:.3g} mm of the object"),
+        ("One pixel covers", f"{1000 * z / focal_px(result.camera):.3g} mm of the object"),
         ("Result", _size([result.camera.width, result.camera.height])),
     ]
     if result.source:

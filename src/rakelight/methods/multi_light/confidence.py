@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from rakelight.geometry.camera import focal_px
 from rakelight.geometry.grid import Grid, differences, neighbours
 from rakelight.methods.base import UNDETERMINED_RAD, photometric_confidence
 from rakelight.methods.levels import Level, sensor_error
@@ -98,7 +99,7 @@ def depth_sigma(
     whole = depth_m**4 * quadratic_form(derivatives[..., None, :], moment)
 
     length_px = sensor_length(level, fit)
-    pixel_m = depth_m / level.camera.fx
+    pixel_m = depth_m / focal_px(level.camera)
     walk = local * length_px * pixel_m**2
     shared = depth_m**2 * mean_error_variance(prepared, start, length_px)
     return np.asarray(np.sqrt(whole + shared + walk))

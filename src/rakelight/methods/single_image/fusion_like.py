@@ -29,6 +29,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rakelight.geometry.camera import focal_px
 from rakelight.methods.base import (
     AMBIGUOUS,
     Estimate,
@@ -122,7 +123,7 @@ def depth_energy(
     if smoothness:
         normals, _ = view.level.normals(view.level.prior)
         height, explained = occlusion_height(view.contrast(), light, normals, view.mask)
-        expected = -height / view.level.camera.fx
+        expected = -height / focal_px(view.level.camera)
         target = target - explained * rho * shading(view, light)
     return Depth(
         view, light, rho, target, options.lambda_z1, smoothness, shading_weight, accuracy, expected
@@ -180,7 +181,7 @@ def finished(
     shade = shading(view, light, fit.log_depth)
     color = albedo(view, shade, edges, smoothness, accuracy, coloured=True) * view.exposure
     gain = brightest(color[view.mask])
-    moved = view.level.camera.fx * np.abs(fit.log_depth - view.level.prior)
+    moved = focal_px(view.level.camera) * np.abs(fit.log_depth - view.level.prior)
     confidence = depth.shading_weight * (1 - np.exp(-moved)) / 2
     return Estimate(
         log_depth=fit.log_depth,
