@@ -89,7 +89,7 @@ def test_errors_are_those_of_the_right_pose(shifted, right):
     _, capture, truth, result = shifted
     wrong = refine(replace(unaware(capture), register=False), BRIEFLY)
     assert (errors(result, truth) < 1.1 * errors(right, truth)).all()
-    assert (errors(wrong, truth) > 1.5 * errors(right, truth)).all()
+    assert (errors(wrong, truth) > np.array([1.3, 3.0]) * errors(right, truth)).all()
 
 
 def test_the_result_says_so(shifted):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from rakelight.geometry.averaging import Averaging
+from rakelight.methods.ldr_ps import Factors
 from rakelight.methods.levels import finest_level, pyramid
 from rakelight.methods.multi_light.factored_start import (
     Problem,
@@ -33,13 +34,23 @@ def level(seed=5, **settings):
 def problem():
     """Directions at random near the viewing direction, on a level's pixels."""
     base, _ = level()
+    active = base.photographs.active
     rng = np.random.default_rng(0)
-    normals = np.array([0.0, 0.0, -1.0]) + 0.3 * rng.normal(size=(*base.mask.shape, 3))
-    return Problem.of(base, normals, base.photographs.active)
+    normals = np.array([0.0, 0.0, -1.0]) + 0.3 * rng.normal(size=(np.count_nonzero(active), 3))
+    return Problem.of(base, Factors(lamps(), normals), active)
 
 
-def test_the_costs_derivative_is_its_slope():
-    given = problem()
+def lamps(log_sigma=0.05):
+    """(9, 3) lights at random around the viewing direction, of about the same intensity."""
+    rng = np.random.default_rng(2)
+    toward = np.array([0.0, 0.0, -1.0]) + 0.5 * rng.normal(size=(9, 3))
+    intensity = np.exp(log_sigma * rng.normal(size=(9, 1)))
+    return intensity * toward / np.linalg.norm(toward, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize("exposures", [None, np.linspace(1, 2, 9)], ids=["alike", "known"])
+def test_the_costs_derivative_is_its_slope(exposures):
+    given = replace(problem(), exposures=exposures)
     rng = np.random.default_rng(1)
     A = np.eye(3) + 0.1 * rng.normal(size=(3, 3))
     first = replace(given, slope_weight=given.determined / 0.01, sensor_weight=0.1)
@@ -60,9 +71,21 @@ def test_a_matrix_and_its_multiples_cost_the_same():
     assert other == pytest.approx(one, rel=1e-9)
 
 
+@pytest.mark.parametrize("exposures", [None, np.linspace(1, 2, 9)], ids=["alike", "known"])
+def test_lamps_of_equal_intensity_cost_least_but_for_a_rotation(exposures):
+    lights = lamps(0.0) if exposures is None else exposures[:, None] * lamps(0.0)
+    given = replace(problem(), lights=lights, exposures=exposures)
+    turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+    right, turned, sheared = (
+        given.intensity_cost(A)[0] for A in (np.eye(3), turn, np.diag([1.0, 1.0, 1.5]))
+    )
+    assert turned == pytest.approx(right)
+    assert sheared > right + 10
+
+
 def test_a_flatter_surface_does_not_fit_better_by_being_flat():
-    """Without the change of variables it would, where the sensor says nothing."""
-    given = problem()
+    """Without the change of variables it would, where neither sensor nor lights say anything."""
+    given = replace(problem(), lights=lamps()[:4])
     A = np.eye(3)
     flat = np.diag([0.3, 0.3, 1.0])
     costs = [best_surface(given, [each])[0] for each in (A, flat)]
@@ -71,7 +94,8 @@ def test_a_flatter_surface_does_not_fit_better_by_being_flat():
 
 def test_begins_that_come_to_the_same_minimum_go_on_as_one():
     base, _ = level()
-    given = Problem.of(base, base.normals(base.prior)[0], base.photographs.active)
+    active = base.photographs.active
+    given = Problem.of(base, Factors(lamps(), base.normals(base.prior)[0][active]), active)
     A = np.eye(3)
     near = A + 0.05 * np.random.default_rng(1).normal(size=(3, 3))
     fits = [descended(given, each / np.cbrt(np.linalg.det(each))) for each in (A, near)]

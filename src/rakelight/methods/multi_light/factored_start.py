@@ -7,13 +7,15 @@ with normals along m = A b.  Of all A the one is taken whose normals are those o
 also fits the sensor's depth z:
 
     N_g log sum w f^2 |G p - g|^2  +  N_s log(M + sum (K p - z)^2 / sigma^2)
-                                   -  (N_g / P) sum log(|det A| / c^3),     c = -m . ray,
+        -  (N_g / P) sum log(|det A| / c^3)  +  (N - 4) log(variance of log |s_i|),
 
-g = (m_1 / f_x, m_2 / f_y) / c being the gradient of log depth, w weights of a Cauchy loss.  The
-last sum is the change of variables from b to slopes: without it a flatter surface would always fit
-better.  For given A and weights p is a linear least-squares solution, its matrix factored once; A
-has eight degrees of freedom and is found by L-BFGS from several starts, each also mirrored: convex
-and concave fit the photographs alike, and only the sensor distinguishes them.
+c = -m . ray, g = (m_1 / f_x, m_2 / f_y) / c being the gradient of log depth, w weights of a Cauchy
+loss.  The third term is the change of variables from b to slopes: without it a flatter surface
+would always fit better.  The last is that of the lights s_i = A^-T l_i, l_i being the factors:
+of equal intensities all of A but a rotation follows (Hayakawa 1994).  For given A and weights p is
+a linear least-squares solution, its matrix factored once; A is found by L-BFGS from several starts,
+each also mirrored: convex and concave fit the photographs alike, and only the sensor distinguishes
+them.
 """
 
 from __future__ import annotations
@@ -31,6 +33,7 @@ from rakelight.geometry.grid import Links, has_gradient
 from rakelight.methods.base import scatter
 from rakelight.methods.ldr_ps import Factors, LdrPs, factorise, integrable_basis
 from rakelight.methods.levels import CORRELATION_PX, Level
+from rakelight.methods.multi_light.equal_intensity import equal_intensity_slope
 from rakelight.methods.multi_light.initial_lights import bas_relief_of_slopes
 from rakelight.model import Floats, Mask
 from rakelight.photometry.images import LightParameters
@@ -49,6 +52,7 @@ class Problem:
     directions (P, 3) of b, unit length; determined (P,) where b is; rays (P, 3) at depth 1
     gradient : sparse (2 P, P), u and v in turn; focal (2,) pixels; sensor : sparse (M, P) K
     target, precision : (M,) log depth z of the sensor, and 1 / variance of it
+    lights : (N, 3) the factors l; exposures : (N,) of the photographs, None where they are alike
     slope_weight : (P,) of f^2 |G p - g|^2; sensor_weight : of (K p - z)^2 / sigma^2.  Under given
         weights the surface is a linear function of slopes
     """
@@ -61,13 +65,16 @@ class Problem:
     sensor: Any
     target: Floats
     precision: Floats
+    lights: Floats
+    exposures: Floats | None
     slope_weight: Floats
     sensor_weight: float
 
     @classmethod
-    def of(cls, level: Level, normals: Floats, determined: Mask) -> Problem:
-        """Of scaled normals (h, w, 3) on a level; determined : (h, w) where there is one."""
+    def of(cls, level: Level, factors: Factors, determined: Mask) -> Problem:
+        """Of a level's factors; determined : (h, w) where there is a scaled normal."""
         mask, camera = level.mask, level.camera
+        normals = scatter(factors.normals, level.photographs.active)
         length = np.linalg.norm(normals, axis=-1, keepdims=True)
         unit = normals / np.maximum(length, np.finfo(float).tiny)
         sensor = eye_array(np.count_nonzero(mask)).tocsr()
@@ -76,7 +83,8 @@ class Problem:
         problem = cls(
             unit[mask], determined[mask], level.rays[mask],
             Links.of(level.grid).gradient.tocsr(), np.array([camera.fx, camera.fy]), sensor,
-            sensor @ level.unbiased_prior[mask], level.sensor_weight, np.ones(len(unit[mask])), 1.0,
+            sensor @ level.unbiased_prior[mask], level.sensor_weight, factors.lights,
+            level.photographs.exposures, np.ones(len(unit[mask])), 1.0,
         )  # fmt: skip
         slopes = 2 * np.count_nonzero(determined[mask])
         return problem.weighted(
@@ -141,8 +149,15 @@ class Problem:
         log_depth = self._factor.solve(by_slopes @ slopes.ravel() + sensed)
         return log_depth, (self.gradient @ log_depth).reshape(-1, 2) - slopes
 
+    def intensity_cost(self, A: Floats) -> tuple[float, Floats]:
+        """`equal_intensity_energy` of the lights under A, and its derivatives with A (3, 3)."""
+        inverse = np.linalg.inv(A)
+        lights = self.lights @ inverse
+        energy, slope = equal_intensity_slope(lights[:, None], self.exposures)
+        return energy, -lights.T @ slope @ inverse.T
+
     def cost(self, flat: Floats) -> tuple[float, Floats]:
-        """The sums under these weights for A, flat (9,), and their derivatives (9,).
+        """The terms under these weights for A, flat (9,), and their derivatives (9,).
 
         p minimises the sums for every A, so its derivative drops out (envelope theorem).
         """
@@ -158,7 +173,8 @@ class Problem:
         by_normals = -by_toward[:, None] * self.rays
         by_normals[:, :2] += by_slopes / self.focal / toward[:, None]
         derivative = by_normals.T @ self.directions - share.sum() * np.linalg.inv(A).T
-        return value - float(share @ volume), derivative.ravel()
+        intensities, by_lights = self.intensity_cost(A)
+        return value - float(share @ volume) + intensities, (derivative + by_lights).ravel()
 
 
 def factored_start(level: Level) -> tuple[Floats, LightParameters] | None:
@@ -175,7 +191,7 @@ def factored_start(level: Level) -> tuple[Floats, LightParameters] | None:
         return None
     try:
         factors = factorise(values, usable, LdrPs())
-        problem = Problem.of(level, scatter(factors.normals, mask), determined)
+        problem = Problem.of(level, factors, determined)
         _, A, log_depth_inside = best_surface(problem, matrices(level, factors, determined))
         vector = factors.lights @ np.linalg.inv(A)
     except (np.linalg.LinAlgError, RuntimeError, ValueError):  # singular
@@ -283,4 +299,5 @@ def comparable_cost(problem: Problem, A: Floats, log_depth: Floats, residual: Fl
     volume = np.linalg.slogdet(A)[1] - 3 * float(np.mean(np.log(toward[determined])))
     slopes, sensor = problem.counts
     sum_of_squares = np.log1p(problem.sum_of_squares(log_depth) / len(problem.target))
-    return float(slopes * (tails - volume) + sensor * sum_of_squares)
+    intensities = problem.intensity_cost(A)[0]
+    return float(slopes * (tails - volume) + sensor * sum_of_squares + intensities)
