@@ -39,10 +39,10 @@ def problem():
     active = base.photographs.active
     rng = np.random.default_rng(0)
     normals = np.array([0.0, 0.0, -1.0]) + 0.3 * rng.normal(size=(np.count_nonzero(active), 3))
-    return Problem.of(base, Factors(lamps(), normals), active)
+    return Problem.of(base, Factors(similar_lights(), normals), active)
 
 
-def lamps(log_sigma=0.05):
+def similar_lights(log_sigma=0.05):
     """(9, 3) lights at random around the viewing direction, of about the same intensity."""
     rng = np.random.default_rng(2)
     toward = np.array([0.0, 0.0, -1.0]) + 0.5 * rng.normal(size=(9, 3))
@@ -74,8 +74,8 @@ def test_a_matrix_and_its_multiples_cost_the_same():
 
 
 @pytest.mark.parametrize("exposures", [None, np.linspace(1, 2, 9)], ids=["alike", "known"])
-def test_lamps_of_equal_intensity_cost_least_but_for_a_rotation(exposures):
-    lights = lamps(0.0) if exposures is None else exposures[:, None] * lamps(0.0)
+def test_lights_of_equal_intensity_cost_least_but_for_a_rotation(exposures):
+    lights = similar_lights(0.0) if exposures is None else exposures[:, None] * similar_lights(0.0)
     given = replace(problem(), lights=lights, exposures=exposures)
     turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
     right, turned, sheared = (
@@ -90,7 +90,7 @@ def test_matrices_are_compared_by_the_intensities_too():
     log_depth, residual = given.surface(given.slopes(A)[0])
     equal, few = (
         comparable_cost(replace(given, lights=lights), A, log_depth, residual)
-        for lights in (lamps(0.0) @ A, lamps(0.0)[:4])
+        for lights in (similar_lights(0.0) @ A, similar_lights(0.0)[:4])
     )
     # Four lights say nothing; nine, equal under A, are as likely as their variance can be.
     assert equal - few == pytest.approx((9 - 4) * np.log(LEAST_LOG_SIGMA**2))
@@ -98,7 +98,7 @@ def test_matrices_are_compared_by_the_intensities_too():
 
 def test_a_flatter_surface_does_not_fit_better_by_being_flat():
     """Without the change of variables it would, where neither sensor nor lights say anything."""
-    given = replace(problem(), lights=lamps()[:4])
+    given = replace(problem(), lights=similar_lights()[:4])
     A = np.eye(3)
     flat = np.diag([0.3, 0.3, 1.0])
     costs = [best_surface(given, [each])[0] for each in (A, flat)]
@@ -108,7 +108,7 @@ def test_a_flatter_surface_does_not_fit_better_by_being_flat():
 def test_begins_that_come_to_the_same_minimum_go_on_as_one():
     base, _ = level()
     active = base.photographs.active
-    given = Problem.of(base, Factors(lamps(), base.normals(base.prior)[0][active]), active)
+    given = Problem.of(base, Factors(similar_lights(), base.normals(base.prior)[0][active]), active)
     A = np.eye(3)
     near = A + 0.05 * np.random.default_rng(1).normal(size=(3, 3))
     fits = [descended(given, each / np.cbrt(np.linalg.det(each))) for each in (A, near)]

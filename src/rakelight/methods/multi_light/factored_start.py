@@ -11,11 +11,11 @@ also fits the sensor's depth z:
 
 c = -m . ray, g = (m_1 / f_x, m_2 / f_y) / c being the gradient of log depth, w weights of a Cauchy
 loss.  The third term is the change of variables from b to slopes: without it a flatter surface
-would always fit better.  The last is that of the lights s_i = A^-T l_i, l_i being the factors:
-of equal intensities all of A but a rotation follows (Hayakawa 1994).  For given A and weights p is
-a linear least-squares solution, its matrix factored once; A is found by L-BFGS from several starts,
-each also mirrored: convex and concave fit the photographs alike, and only the sensor distinguishes
-them.
+would always fit better.  The last is the equal-intensity term of the lights s_i = A^-T l_i,
+l_i being the factors: equal intensities determine A but for a rotation (Hayakawa 1994).  For given
+A and weights p is a linear least-squares solution, its matrix factored once; A is found by L-BFGS
+from several starts, each also mirrored: convex and concave fit the photographs alike, and only the
+sensor distinguishes them.
 """
 
 from __future__ import annotations
