@@ -24,7 +24,7 @@ class HalfWritten:
 
 def full_at(monkeypatch, is_full):
     """Make the disk full for what is written at paths of which `is_full` is true."""
-    opened = Path.open  # by Path.write_bytes, too
+    opened = Path.open
 
     def half_opened(path, mode="r", *rest, **named):
         file = opened(path, mode, *rest, **named)

@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from io import FileIO
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 from rakelight.errors import InputError, MachineError
 
@@ -113,17 +113,17 @@ def _open_at_once(path: str, flags: int) -> int:
 def write_bytes(path: Path, data: bytes, source: str = "") -> None:
     """Write `data` to `path`; a file that could not be written whole is removed.
 
+    A file that could not be opened for writing stays as it is.
+
     source : its name in messages; the path when empty
 
     Raises MachineError with the system's words and the bytes needed when the disk is full or may
     not be written to, InputError when the path cannot be one.
     """
-    with clear_errors(source or str(path), "cannot be written", needed=bytes_needed(len(data))):
-        try:
-            path.write_bytes(data)
-        except OSError:
-            _remove(path)
-            raise
+    needed = bytes_needed(len(data))
+    source = source or str(path)
+    with clear_errors(source, "cannot be written", needed=needed), _emptied(path) as file:
+        file.write(data)
 
 
 def bytes_needed(size: int, words: str = "") -> str:
@@ -185,15 +185,26 @@ def write_parts(path: Path, parts: Iterable[bytes]) -> None:
     """Write a file part by part, as `write_bytes` writes one."""
     size = 0
     try:
-        with path.open("wb") as file:
+        with _emptied(path) as file:
             for part in parts:
                 size += len(part)
                 file.write(part)
     except OSError:
         needed = bytes_needed(size, "more than ")
         with clear_errors(str(path), "cannot be written", needed=needed):
-            _remove(path)
             raise
+
+
+@contextmanager
+def _emptied(path: Path) -> Iterator[BinaryIO]:
+    """The file, empty and open for writing; removed where writing fails, not where opening does."""
+    file = path.open("wb")
+    try:
+        with file:
+            yield file
+    except OSError:
+        _remove(path)
+        raise
 
 
 @contextmanager

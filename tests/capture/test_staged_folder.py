@@ -578,7 +578,7 @@ def test_the_only_writer_stages_the_folder_and_nobody_else(tmp_path):
     [(write_bytes, b"123", "3 bytes"), (write_bytes, b"", ""), (write_parts, [b"123"], "")],
 )
 def test_a_disk_that_takes_no_byte(tmp_path, monkeypatch, write, content, needed):
-    monkeypatch.setattr(Path, "open", refusing(errno.ENOSPC))  # by Path.write_bytes, too
+    monkeypatch.setattr(Path, "open", refusing(errno.ENOSPC))
     with pytest.raises(MachineError, match="No space left") as caught:
         write(tmp_path / "page", content)
     assert caught.value.needed == needed

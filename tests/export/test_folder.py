@@ -469,10 +469,14 @@ def test_a_full_disk_leaves_no_stump_and_the_older_result(
 
 
 def test_an_interrupt_leaves_no_stump(sphere, tmp_path, monkeypatch):
-    def interrupt(path, data):
+    opened = Path.open
+
+    def interrupt(path, mode="r", *rest, **named):
+        if "w" not in mode:
+            return opened(path, mode, *rest, **named)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Path, "write_bytes", interrupt)
+    monkeypatch.setattr(Path, "open", interrupt)
     with pytest.raises(KeyboardInterrupt):
         write_result(sphere, tmp_path / "out")
     assert leftovers(tmp_path) == set()

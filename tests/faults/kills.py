@@ -89,6 +89,25 @@ def content(folder):
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
 
 
+class InHalves:
+    """A file that is written to in halves, with a call between them."""
+
+    def __init__(self, file, between):
+        self.file, self.between = file, between
+
+    def write(self, data):
+        self.file.write(data[: len(data) // 2])
+        self.file.flush()
+        self.between()
+        self.file.write(data[len(data) // 2 :])
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.file.close()
+
+
 def watch(killed_at, exchanges):
     """From now on count the calls that change the disk, and die in number `killed_at`.
 
@@ -112,16 +131,15 @@ def watch(killed_at, exchanges):
     for name in ("mkdir", "open", "rename", "unlink", "rmdir", "fsync"):
         setattr(os, name, watched(getattr(os, name), name))
 
-    def write_bytes(path, data):
-        call("write: nothing yet")
-        with path.open("wb") as file:
-            file.write(data[: len(data) // 2])
-            file.flush()
-            call("write: half of it")
-            file.write(data[len(data) // 2 :])
-        return len(data)
+    opened = Path.open
 
-    Path.write_bytes = write_bytes
+    def watched_open(path, mode="r", *rest, **named):
+        if "w" not in mode:
+            return opened(path, mode, *rest, **named)
+        call("write: nothing yet")
+        return InHalves(opened(path, mode, *rest, **named), lambda: call("write: half of it"))
+
+    Path.open = watched_open
     exchange = folders._exchange if exchanges else lambda *_: False
     folders._exchange = watched(exchange, "exchange")
     return calls
