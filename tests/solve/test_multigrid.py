@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from rakelight.errors import InputError
+from rakelight.geometry.grid import mean_gradient
 from rakelight.jit import limited_threads
 from rakelight.solve import _kernels as kernels
-from rakelight.solve import build_hierarchy, multigrid, solve
+from rakelight.solve import assemble, build_hierarchy, multigrid, solve
 from rakelight.solve.multigrid import laplacian_surrogate
 from rakelight.solve.sparse import stencil_matrix
 from tests.solve.exact import laplacian_matrix, solution
@@ -289,6 +290,26 @@ def test_status_tells_the_truth():
         solve(system, tolerance=0.0)
     with pytest.raises(InputError, match="start"):
         solve(system, start=np.full((60, 60), np.nan))
+
+
+def test_a_small_change_is_solved_to_a_share_of_itself():
+    mask, column = np.ones((40, 40), bool), np.arange(40.0)
+    plane = np.full(mask.shape, 3.0)  # log depth: of the whole, relief is a share of 1e-4
+    relief = np.broadcast_to(3e-4 * np.sin(column / 5), mask.shape)
+    slope = np.stack(mean_gradient(relief, mask), axis=-1)
+    tensor, weight = np.broadcast_to([1.0, 0.0, 1.0], (*mask.shape, 3)), np.full(mask.shape, 0.03)
+    system = assemble(mask, tensor, slope, weight, plane)
+    exact = solution(system) - plane
+    assert np.abs(exact).max() > 1e-4
+
+    kept = solve(system, start=plane, tolerance=1e-3)
+    assert (kept.status, kept.iterations) == ("converged", 0)
+    found = solve(system, start=plane, origin=plane, tolerance=1e-3)
+    assert found.status == "converged"
+    assert found.relative_residual <= 1e-3
+    assert np.linalg.norm(found.value - plane - exact) < 1e-2 * np.linalg.norm(exact)
+    with pytest.raises(InputError, match="origin"):
+        solve(system, origin=plane[1:])
 
 
 def test_smallest_systems():

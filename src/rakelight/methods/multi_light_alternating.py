@@ -155,7 +155,7 @@ def depth(level: Level, fit: Fit) -> Solution:
         rhs / fit.noise**2,
         **level.sensor_terms(np.zeros(level.mask.shape)),
     )
-    return solve(system, start=fit.log_depth, tolerance=1e-4)
+    return solve(system, start=fit.log_depth, origin=level.prior, tolerance=1e-4)
 
 
 def finished(level: Level, fit: Fit, energies: list[float], converged: bool) -> Estimate:

@@ -13,6 +13,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -38,38 +39,52 @@ def solve(
     system: DepthSystem,
     *,
     start: Floats | None = None,
+    origin: Floats | None = None,
     tolerance: float = 1e-6,
     max_iterations: int = 100,
     hierarchy: Hierarchy | None = None,
 ) -> Solution:
-    """Solve `system` by multigrid until |rhs - A value| <= tolerance |rhs|.
+    """Solve `system` by multigrid until |rhs - A value| <= tolerance |rhs - A origin|.
 
     start : (H, W), the target unless given
+    origin : (H, W), 0 unless given.  What is sought is the change from there: a depth of a metre
+        that changes by a millimetre is within a tolerance of 1e-3 of 0 from the beginning.
     hierarchy : from `build_hierarchy`, of this or a close system on the same mask; built anew
         unless given.  It changes the time, not the answer.
 
     A solve that does not converge raises nothing: `Solution.status` says how it ended, and
     every caller has to read it; `Solution.required` is the value, and raises if it is no solution.
-    Raises InputError for a start or a hierarchy that does not fit, or a limit out of range.
+    Raises InputError for a start, an origin or a hierarchy that does not fit, or a limit out of
+    range.
     """
     began = perf_counter()
     if not 0 < tolerance < 1:
         raise InputError("bad tolerance", source="tolerance", seen=str(tolerance), needed="(0, 1)")
     if max_iterations < 1:
         raise InputError("too few", source="max_iterations", seen=str(max_iterations), needed="1")
-    first = np.asarray(system.target if start is None else start, dtype=np.float64)
-    if first.shape != system.mask.shape or not np.isfinite(first[system.mask]).all():
-        raise InputError("not a start", source="start", needed="(H, W), finite inside the mask")
-
-    value, iterations = iterate(system, first, tolerance, max_iterations, hierarchy)
-    relative = relative_residual(system, value)
+    first = _finite(system, system.target if start is None else start, "start")
+    zero = np.zeros(system.mask.shape)
+    change = system
+    if origin is not None:
+        zero = np.where(system.mask, _finite(system, origin, "origin"), 0.0)
+        change = replace(system, rhs=system.rhs - system.apply(zero))
+    value, iterations = iterate(change, first - zero, tolerance, max_iterations, hierarchy)
+    relative = relative_residual(change, value)
     status: Status = "stalled"
     if relative <= tolerance:
         status = "converged"
     elif iterations >= max_iterations:
         status = "iteration limit"
-    value = np.where(system.mask, value, system.target)
+    value = np.where(system.mask, zero + value, system.target)
     return Solution(value, status, iterations, relative, perf_counter() - began)
+
+
+def _finite(system: DepthSystem, image: Floats, name: str) -> Floats:
+    """A depth (H, W) as float64; raises InputError where it does not fit the unknowns."""
+    image = np.asarray(image, dtype=np.float64)
+    if image.shape != system.mask.shape or not np.isfinite(image[system.mask]).all():
+        raise InputError("not a depth", source=name, needed="(H, W), finite inside the mask")
+    return image
 
 
 def relative_residual(system: DepthSystem, value: Floats) -> float:

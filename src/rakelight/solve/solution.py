@@ -19,7 +19,8 @@ class Solution:
     status : "converged" to the tolerance asked for; "iteration limit"; or "stalled" short of
         it: rounding left nothing to gain, or the matrix is not positive definite.  `value` is
         the last iterate in every case, and its energy is never above the start's.
-    relative_residual : |rhs - A value| / |rhs| over the unknowns, computed anew at the end
+    relative_residual : |rhs - A value| over |rhs|, or over |rhs - A origin| where a change from
+        there was sought; over the unknowns, computed anew at the end
     """
 
     value: Floats

@@ -344,7 +344,7 @@ def depth_step(
     system = assemble(
         mask, tensor, rhs, pair_weights=level.links.pairs, laplacian_weight=smooth, **sensor
     )
-    return solve(system, start=log_depth, tolerance=1e-3), ratios
+    return solve(system, start=log_depth, origin=level.prior, tolerance=1e-3), ratios
 
 
 def depth_weight_from_change(level: Level, log_depth: Floats, depth_weight: float) -> float:

@@ -11,7 +11,7 @@ With |m| fixed, S is linear in the gradient of p, and a step is one linear solve
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -169,9 +169,7 @@ class Depth:
             laplacian_target=laplacian(prior + self.expected, links.mask),
         )
         # In terms of the change, which is small, a rough accuracy will do.
-        change = replace(system, rhs=system.rhs - system.apply(prior), target=np.zeros(prior.shape))
-        solution = solve(change, start=log_depth - prior, tolerance=self.accuracy)
-        return replace(solution, value=prior + solution.value)
+        return solve(system, start=log_depth, origin=prior, tolerance=self.accuracy)
 
     def energy(self, log_depth: Floats) -> float:
         """The energy, photometry being the mean over the one-sided differences (see `solve`)."""
