@@ -9,14 +9,14 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar, copy_context
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Event, Lock, Thread
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar, cast
 
 from rakelight.memory import require_addresses, require_threads
 
@@ -76,7 +76,8 @@ def kernel(function: Function, *, any_order: bool = False) -> Kernel:
         wide instructions; the place where a loop is split must not change them
 
     The machine code is cached beside the source, else in the user's cache folder (or where
-    NUMBA_CACHE_DIR says).  Where none of them can be written it is compiled once per process.
+    NUMBA_CACHE_DIR says).  Where none of them can be written it is compiled once per process; what
+    is damaged there is compiled and written anew.
     """
     _kernels.append(Kernel(_compiled_lazily(function, any_order=any_order)))
     return _kernels[-1]
@@ -322,6 +323,35 @@ def _numba() -> Any:
     return numba
 
 
+class _Cache:
+    """numba's cache of a function on disk; no damaged file and no full disk lets a call fail."""
+
+    def __init__(self, cache: Any) -> None:
+        self._cache = cache
+        self.cache_path: str = cache.cache_path
+        self.flush: Callable[[], None] = cache.flush
+
+    def load_overload(self, *key: Any) -> Any:
+        """What was compiled before; None where nothing is there that can be read."""
+        try:
+            return self._cache.load_overload(*key)
+        except Exception:  # unpickling what is damaged raises anything
+            self._begin_anew()
+            return None
+
+    def save_overload(self, *compiled: Any) -> None:
+        """Save it for other processes, where the system lets us."""
+        with suppress(OSError):
+            self._cache.save_overload(*compiled)
+
+    def _begin_anew(self) -> None:
+        """Empty the index; where it must stay, damaged, nothing is saved, either."""
+        try:
+            self._cache.flush()
+        except OSError:
+            self._cache.disable()
+
+
 def _compiled_lazily(function: Function, *, any_order: bool, inline: bool = False) -> Function:
     njit = _numba().njit
     # No more of fastmath than that: the same numbers however the work is split.
@@ -330,18 +360,18 @@ def _compiled_lazily(function: Function, *, any_order: bool, inline: bool = Fals
         "fastmath": {"reassoc", "contract", "nsz"} if any_order else False,
         "inline": "always" if inline else "never",
     }  # fmt: skip
-    dispatcher: Function
-    try:
-        dispatcher = njit(cache=True, **options)(function)
-    except RuntimeError:  # numba found no folder to cache in
-        dispatcher = njit(**options)(function)
-    return dispatcher
+    dispatcher: Any = njit(**options)(function)
+    with suppress(RuntimeError):  # numba found no folder to cache in
+        dispatcher.enable_caching()
+        dispatcher._cache = _Cache(dispatcher._cache)
+    return cast("Function", dispatcher)
 
 
 def _on_disk(dispatcher: Any) -> bool:
     folder = dispatcher.stats.cache_path
     stem = Path(dispatcher.py_func.__code__.co_filename).stem
-    pattern = f"{stem}.{dispatcher.py_func.__qualname__}-*.nbi"
+    # The code, not the index to it: numba writes that first, and may find no room for more.
+    pattern = f"{stem}.{dispatcher.py_func.__qualname__}-*.nbc"
     return folder is not None and any(Path(folder).glob(pattern))
 
 

@@ -1,0 +1,79 @@
+"""Kernels are compiled whatever became of their cache."""
+
+import importlib.util
+import pickle
+from pathlib import Path
+
+import pytest
+
+from rakelight import jit
+
+MODULE = "def twice(number):\n    return 2 * number\n"
+
+
+@pytest.fixture
+def function(tmp_path):
+    """A function in a file of its own, whose cache nobody else has."""
+    path = tmp_path / "doubling.py"
+    path.write_text(MODULE)
+    spec = importlib.util.spec_from_file_location("doubling", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.twice
+
+
+def as_by_another_process(function):
+    """The function as a process compiles it that knows of the cache alone."""
+    compiled = jit.helper(function)
+    assert compiled(3.0) == 6.0
+    return compiled
+
+
+def cached(compiled, end):
+    (path,) = Path(compiled.stats.cache_path).glob(f"doubling.*{end}")
+    return path
+
+
+def folder_instead(path):
+    path.unlink()
+    path.mkdir()
+
+
+DAMAGES = {
+    "empty": lambda path: path.write_bytes(b""),
+    "cut": lambda path: path.write_bytes(path.read_bytes()[:-20]),
+    "noise": lambda path: path.write_bytes(b"\x80\x05B\xff\xff\xff\x7f noise"),
+    "another's": lambda path: path.write_bytes(pickle.dumps(5)),
+}
+
+
+@pytest.mark.parametrize("end", [".nbi", ".nbc"])
+@pytest.mark.parametrize("damage", DAMAGES.values(), ids=DAMAGES)
+def test_a_damaged_cache_is_made_anew(function, damage, end):
+    damage(cached(as_by_another_process(function), end))
+    assert not as_by_another_process(function).stats.cache_hits
+    assert as_by_another_process(function).stats.cache_hits
+
+
+@pytest.mark.parametrize("end", [".nbi", ".nbc"])
+def test_a_folder_in_place_of_a_cached_file_is_no_matter(function, end):
+    folder_instead(cached(as_by_another_process(function), end))
+    assert not as_by_another_process(function).stats.cache_hits
+    as_by_another_process(function)
+
+
+def test_a_disk_that_takes_nothing_more_is_no_matter(function):
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    path = Path(as_by_another_process(function).stats.cache_path)
+    for each in path.glob("doubling.*"):
+        each.unlink()
+    resource.setrlimit(resource.RLIMIT_FSIZE, (300, before[1]))
+    try:
+        compiled = as_by_another_process(function)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not list(path.glob("doubling.*.nbc*"))
+    assert not jit._on_disk(compiled)
+    as_by_another_process(function)
+    assert as_by_another_process(function).stats.cache_hits
