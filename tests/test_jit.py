@@ -1,4 +1,4 @@
-"""Kernels are compiled whatever became of their cache."""
+"""Kernels are compiled whatever became of their cache; what numba cannot work with is told."""
 
 import importlib.util
 import pickle
@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from rakelight import jit
+from rakelight.errors import InputError
 
 MODULE = "def twice(number):\n    return 2 * number\n"
 
@@ -77,3 +78,25 @@ def test_a_disk_that_takes_nothing_more_is_no_matter(function):
     assert not jit._on_disk(compiled)
     as_by_another_process(function)
     assert as_by_another_process(function).stats.cache_hits
+
+
+@pytest.mark.parametrize("text", ["0", "x", "", "-1", "1.5", "00"])
+def test_a_number_of_threads_that_is_none_is_told(monkeypatch, text):
+    monkeypatch.setenv("NUMBA_NUM_THREADS", text)
+    jit._numba.cache_clear()
+    with pytest.raises(InputError, match="NUMBA_NUM_THREADS: no number of threads") as caught:
+        jit.cores()
+    assert f"(seen '{text}', needed 1 or more). Fix: " in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["1", " 2", "010"])
+def test_a_number_of_threads_is_taken(monkeypatch, text):
+    monkeypatch.setenv("NUMBA_NUM_THREADS", text)
+    jit._require_number_of_threads()
+
+
+def test_kernels_that_are_not_to_be_compiled_are_told_of(monkeypatch):
+    monkeypatch.setattr("numba.config.DISABLE_JIT", 1)
+    jit._numba.cache_clear()
+    with pytest.raises(InputError, match=r"NUMBA_DISABLE_JIT: set, .*Fix: `unset NUMBA_DISABLE_J"):
+        jit.helper(len)

@@ -6,6 +6,7 @@ This module is light.  Modules with kernels import numba; load those on use only
 from __future__ import annotations
 
 import os
+import re
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -18,6 +19,7 @@ from queue import SimpleQueue
 from threading import Event, Lock, Thread
 from typing import Any, TypeAlias, TypeVar, cast
 
+from rakelight.errors import InputError
 from rakelight.memory import require_addresses, require_threads
 
 # Below this many pixels the cores wait for each other longer than they work.
@@ -78,6 +80,9 @@ def kernel(function: Function, *, any_order: bool = False) -> Kernel:
     The machine code is cached beside the source, else in the user's cache folder (or where
     NUMBA_CACHE_DIR says).  Where none of them can be written it is compiled once per process; what
     is damaged there is compiled and written anew.
+
+    Raises InputError where a variable of numba's environment is one that nothing can be compiled
+    with, MachineError where the system gives too little for it.
     """
     _kernels.append(Kernel(_compiled_lazily(function, any_order=any_order)))
     return _kernels[-1]
@@ -307,13 +312,20 @@ def compiler_addresses() -> float:
 
 @cache
 def _numba() -> Any:
-    """numba; MachineError where the system gives too little for it to end well."""
+    """numba; InputError for an environment and MachineError for a system that it cannot work in."""
     source = "compiling the kernels"
+    _require_number_of_threads()
     require_addresses(compiler_addresses(), source=source)
     # numba imports scipy.linalg.cython_blas with its first kernel.  Where another thread imports
     # scipy.linalg at that moment, each waits for the other, and Python ends one with an error.
     import_module("scipy.linalg")
     numba = import_module("numba")
+    if numba.config.DISABLE_JIT:
+        raise InputError(
+            "set, so that no kernel is compiled; uncompiled they would take hours",
+            source="NUMBA_DISABLE_JIT",
+            remedy="`unset NUMBA_DISABLE_JIT`",
+        )
     threads: int = numba.config.NUMBA_NUM_THREADS
     require_threads(
         threads,
@@ -321,6 +333,20 @@ def _numba() -> Any:
         remedy="raise the limit on processes (`ulimit -u`), or set NUMBA_NUM_THREADS=1",
     )
     return numba
+
+
+def _require_number_of_threads() -> None:
+    """Raise InputError for a NUMBA_NUM_THREADS with which numba fails, or prints a traceback."""
+    name = "NUMBA_NUM_THREADS"
+    text = os.environ.get(name, "1")
+    if not re.fullmatch(r"\s*0*[1-9][0-9]*\s*", text):
+        raise InputError(
+            "no number of threads",
+            source=name,
+            seen=repr(text),
+            needed="1 or more",
+            remedy=f"set it to such a number, or `unset {name}`",
+        )
 
 
 class _Cache:
