@@ -353,6 +353,15 @@ def test_a_bug_is_code_1_and_leaves_nothing(run, capture, tmp_path, monkeypatch)
     assert contents(tmp_path) == before
 
 
+def test_a_file_that_ends_early_is_no_interrupt(run, capture, tmp_path, monkeypatch):
+    monkeypatch.setattr(WHILE_WRITING, failing(EOFError("Ran out of input")))
+    before = contents(tmp_path)
+    ran = run("refine", capture, "-o", tmp_path / "out", *QUICK)
+    assert (ran.code, ran.out) == (1, "")
+    assert ran.err.strip().startswith("error: a bug in rakelight: EOFError: Ran out of input. Fix")
+    assert contents(tmp_path) == before
+
+
 def test_a_reader_that_has_gone_is_no_failure(capture, tmp_path):
     reading, writing = os.pipe()
     os.close(reading)

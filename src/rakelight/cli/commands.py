@@ -115,7 +115,10 @@ def _run(arguments: list[str], interrupted: Callable[[], bool]) -> int:
     except click.ClickException as error:
         message = " ".join(error.format_message().split()).rstrip(".")
         return _fail(message + _where_to_look(error), 2, debug)
-    except (KeyboardInterrupt, click.Abort):
+    except (KeyboardInterrupt, click.Abort) as error:
+        cause = error.__cause__  # click makes an Abort of any EOFError
+        if isinstance(cause, EOFError) and not interrupted():
+            return _unexpected(cause, debug)
         return _interrupted(debug)
     except SystemExit:  # click's answer when the reader of our output has gone, as after `| head`
         return 0
