@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from rakelight.errors import MachineError
+from rakelight.errors import InputError, MachineError
 from rakelight.files import write_bytes, write_parts
 from tests.full_disk import full_at
 
@@ -51,3 +51,23 @@ def test_a_file_written_in_part_is_removed(tmp_path, monkeypatch, write):
 def test_a_written_file_holds_all(tmp_path, write):
     write(tmp_path / "note.txt")
     assert (tmp_path / "note.txt").read_bytes() == b"12"
+
+
+@each_writer
+def test_a_limit_on_the_size_of_files_is_told_with_its_remedy(tmp_path, write):
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1, before[1]))
+    try:
+        with pytest.raises(MachineError, match=r"File too large.* Fix: raise .*`ulimit -f`"):
+            write(tmp_path / "note.txt")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not (tmp_path / "note.txt").exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="it says another thing there")
+@each_writer
+def test_a_folder_in_the_place_of_a_file_is_told_with_its_remedy(tmp_path, write):
+    with pytest.raises(InputError, match="Fix: choose another name: a folder stands there"):
+        write(tmp_path)

@@ -43,11 +43,14 @@ _REMEDIES: dict[tuple[str, int | None], str] = {
     ("cannot be read", errno.EPERM): "allow yourself to read it, or copy it to where you may",
     ("cannot be written", errno.ENOSPC): "free some space, or choose another disk",
     ("cannot be written", errno.EDQUOT): "free some space, or choose another disk",
+    ("cannot be written", errno.EFBIG): "raise the limit on the size of files (`ulimit -f`), or "
+    "choose a disk with another file system",
     ("cannot be written", errno.EACCES): "choose a folder that you may write to",
     ("cannot be written", errno.EPERM): "choose a folder that you may write to",
     ("cannot be written", errno.EROFS): "choose a folder that you may write to",
     ("cannot be written", errno.ENOENT): "make its folder, or look for a mistyped name",
     ("cannot be written", errno.ENOTDIR): "choose another place: one of its folders is a file",
+    ("cannot be written", errno.EISDIR): "choose another name: a folder stands there",
     ("cannot be written", errno.ENAMETOOLONG): "choose a shorter name",
 }
 
