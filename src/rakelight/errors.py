@@ -224,6 +224,15 @@ def rounded(value: float) -> str:
     return f"{value:.2g}" if abs(value) < 9.95 else f"{value:.0f}"
 
 
+def counted(count: int, what: str) -> str:
+    """So many of them, in words.
+
+    >>> counted(1, "photograph"), counted(12, "photograph")
+    ('1 photograph', '12 photographs')
+    """
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
 def cut(text: str, longest: int = _LONGEST) -> str:
     """`text`, its middle left out when it is long.
 

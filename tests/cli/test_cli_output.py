@@ -70,6 +70,13 @@ def test_what_refine_says(run, capture, tmp_path):
     assert "note: median depth 0.7" in ran.err
 
 
+def test_one_iteration_is_no_iterations(run, capture, tmp_path):
+    command = ("refine", capture, "-o", tmp_path / "out", "--method", "fusion-like")
+    ran = run(*command, "--set", "max_iterations=1")
+    assert ran.out.splitlines()[0].endswith("pixels, stopped after 1 iteration")
+    assert "warning: not converged after 1 iteration. Fix: " in ran.err
+
+
 def test_what_refine_says_in_json(run, capture, tmp_path):
     out = tmp_path / "out"
     said = json.loads(run("refine", capture, "-o", out, "--json").out)

@@ -9,7 +9,6 @@ import click
 
 from rakelight.cli.options import (
     NamedPath,
-    count_photographs,
     findings_as_json,
     output_folder,
     output_options,
@@ -17,7 +16,7 @@ from rakelight.cli.options import (
     refuse_input_as_output,
 )
 from rakelight.cli.progress import shown_progress
-from rakelight.errors import printable
+from rakelight.errors import counted, printable
 from rakelight.model import Progress
 
 
@@ -93,5 +92,5 @@ def command(
         print_findings(findings)
         click.echo(
             f"capture: {printable(str(output))}  "
-            f"({reader.name}, {count_photographs(len(capture.photographs))})"
+            f"({reader.name}, {counted(len(capture.photographs), 'photograph')})"
         )

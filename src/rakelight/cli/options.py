@@ -86,15 +86,6 @@ def refuse_input_as_output(source: Path, output: Path, what: str = "capture") ->
     raise OutputExistsError(wrong, source=str(output), remedy="choose a folder beside it")
 
 
-def count_photographs(count: int) -> str:
-    """So many, in words.
-
-    >>> count_photographs(1), count_photographs(12)
-    ('1 photograph', '12 photographs')
-    """
-    return "1 photograph" if count == 1 else f"{count} photographs"
-
-
 def parse_scale(text: str) -> Scale:
     """`auto` or a whole number.
 

@@ -12,7 +12,6 @@ import click
 from rakelight.cli.options import (
     F,
     NamedPath,
-    count_photographs,
     findings_as_json,
     output_folder,
     output_options,
@@ -24,7 +23,7 @@ from rakelight.cli.options import (
 )
 from rakelight.cli.progress import shown_progress
 from rakelight.cli.view import view_command
-from rakelight.errors import printable, rounded
+from rakelight.errors import counted, printable, rounded
 from rakelight.export.mesh_formats import DEFAULT_MESH, MESH_CHOICES, MESH_FORMATS
 from rakelight.methods import METHODS
 from rakelight.model import Result
@@ -181,8 +180,8 @@ def report_result(result: Result, folder: Path, as_json: bool) -> None:
     height, width = result.depth.shape
     ended = "converged" if result.converged else "stopped"
     click.echo(
-        f"{result.method}: {count_photographs(facts['photographs'])}, {width} x {height}, "
-        f"{facts['pixels']} pixels, {ended} after {result.iterations} iterations"
+        f"{result.method}: {counted(facts['photographs'], 'photograph')}, {width} x {height}, "
+        f"{facts['pixels']} pixels, {ended} after {counted(result.iterations, 'iteration')}"
     )
     if (expected := facts["expected_errors"]) is not None:
         click.echo(

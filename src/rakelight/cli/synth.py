@@ -15,13 +15,12 @@ from click.core import ParameterSource
 from rakelight.cli.options import (
     F,
     NamedPath,
-    count_photographs,
     output_options,
     print_findings,
     refuse_input_as_output,
 )
 from rakelight.cli.progress import shown_progress
-from rakelight.errors import InputError, printable
+from rakelight.errors import InputError, counted, printable
 
 
 def scene_options(command: F) -> F:
@@ -209,4 +208,4 @@ def command(
             )
         )
     elif not quiet:
-        click.echo(f"capture: {printable(str(output))}  ({count_photographs(options.count)})")
+        click.echo(f"capture: {printable(str(output))}  ({counted(options.count, 'photograph')})")

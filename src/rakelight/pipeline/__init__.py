@@ -15,7 +15,7 @@ from rakelight.capture.arrays import checked_capture
 from rakelight.check.depth_orientation import depth_orientation
 from rakelight.check.findings import Stage, checks
 from rakelight.check.measured import Measured
-from rakelight.errors import CaptureError, InputError, MethodError, RakelightError
+from rakelight.errors import CaptureError, InputError, MethodError, RakelightError, counted
 from rakelight.geometry.finite import only_finite
 from rakelight.jit import one_blas_thread
 from rakelight.memory import available_memory, limited_memory, require_memory
@@ -340,7 +340,7 @@ def _figures(capture: Capture, depth_to_color: RigidTransform | None) -> dict[st
 def _convergence(estimate: Estimate) -> tuple[Finding, ...]:
     if estimate.converged:
         return ()
-    message = f"not converged after {estimate.iterations} iterations"
+    message = f"not converged after {counted(estimate.iterations, 'iteration')}"
     return (Finding("warning", "not-converged", message, "look at the result before you use it"),)
 
 
