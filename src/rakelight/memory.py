@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -211,6 +212,28 @@ def require_threads(count: int, *, source: str, remedy: str) -> None:
         end.set()
         for thread in started:
             thread.join()
+
+
+def require_files(count: int, *, source: str, remedy: str) -> None:
+    """Raise MachineError where the system does not let this process open `count` more files.
+
+    >>> require_files(2, source="the workers", remedy="raise `ulimit -n`")
+    """
+    opened = list[int]()
+    try:
+        for _ in range(count):
+            opened.append(os.open(os.devnull, os.O_RDONLY))
+    except OSError as error:
+        raise MachineError(
+            "the system opens no more files",
+            source=source,
+            seen=str(len(opened)),
+            needed=str(count),
+            remedy=remedy,
+        ) from error
+    finally:
+        for descriptor in opened:
+            os.close(descriptor)
 
 
 def _table(path: Path) -> dict[str, int]:

@@ -16,7 +16,7 @@ from rakelight.capture import write_capture
 from rakelight.cli import main
 from rakelight.methods import METHODS
 from tests.cli.cli_helpers import contents, small_scene
-from tests.cli.cli_process import run_process, start
+from tests.cli.cli_process import PROGRAM, run_process, start
 
 psutil = pytest.importorskip("psutil", reason="comes with Dask")
 
@@ -207,6 +207,27 @@ def test_without_dask_the_extra_is_named(captures, refused_batch, tmp_path, monk
     arguments = (captures / "good0", "-o", tmp_path / "out")
     about = "rakelight batch: a library that it needs is not installed (needed distributed). Fix"
     refused_batch(*arguments, about=about, words=['pip install "rakelight[batch]"'], code=3)
+
+
+FEW_FILES = "import resource; resource.setrlimit(resource.RLIMIT_NOFILE, (25, 25))\n"
+UNCHECKED = "import rakelight.batch.cluster as c; c.require_files = lambda *_, **__: None\n"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such limit")
+@pytest.mark.parametrize(
+    ("begin", "line"),
+    [
+        (FEW_FILES, "1 worker: the system opens no more files (seen "),
+        (FEW_FILES + UNCHECKED, "no worker processes can be started (seen Too many open files)"),
+    ],
+    ids=["foreseen", "not foreseen"],
+)
+def test_too_few_open_files(captures, tmp_path, begin, line):
+    command = ("batch", captures / "good0", "-o", tmp_path / "out", "--workers", "1")
+    code, out, err = run_process(*command, program=begin + PROGRAM)
+    assert (code, out, err.count(b"\n")) == (3, b"", 1), err
+    assert err.startswith(b"error: " + line.encode()), err
+    assert b"(`ulimit -" in err
 
 
 def test_the_same_folder_twice_at_once(captures, refused_batch, tmp_path):

@@ -13,15 +13,19 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from rakelight.errors import InputError, MachineError
+from rakelight.errors import InputError, MachineError, causes, counted
 from rakelight.extras import needs
-from rakelight.memory import free_memory, require_memory
+from rakelight.memory import free_memory, require_files, require_memory
 
 # Bytes that a worker needs for the smallest capture: its libraries alone take 0.3e9.
 LEAST_BYTES = 0.6e9
 # Bytes that a worker should have where their number is ours to choose: a capture of 1.2 megapixels
 # takes 0.7e9 to 2.0e9 (benchmarks/README.md).
 USUAL_BYTES = 2e9
+# Files and connections that Dask opens here: 17 and 10 for each worker (distributed 2026, Linux),
+# and a margin.  With fewer it hangs, or prints tracebacks.
+OPEN_FILES = 20
+OPEN_FILES_PER_WORKER = 10
 # Seconds in which a scheduler has to answer, and its first worker to be there.
 ANSWER_S = 10.0
 # Seconds that ending the workers may take; after five the program ends in any case.
@@ -62,10 +66,14 @@ def worker_count(asked: int | None, jobs: int) -> int:
     count = count if asked is None else min(asked, jobs)
     require_memory(
         count * LEAST_BYTES,
-        source=f"{count} worker{'s' if count > 1 else ''}",
-        remedy="close other programs" + (", or --workers 1" if count > 1 else ""),
+        source=counted(count, "worker"),
+        remedy="close other programs" + _or_one(count),
     )
     return count
+
+
+def _or_one(workers: int) -> str:
+    return ", or --workers 1" if workers > 1 else ""
 
 
 @contextmanager
@@ -80,6 +88,11 @@ def local_client(workers: int, deaths: Deaths) -> Iterator[Any]:
     """
     require_dask()
     _require_working_directory()
+    require_files(
+        OPEN_FILES + OPEN_FILES_PER_WORKER * workers,
+        source=counted(workers, "worker"),
+        remedy="raise the limit on open files (`ulimit -n`)" + _or_one(workers),
+    )
     import dask
     from distributed import Client
 
@@ -91,11 +104,12 @@ def local_client(workers: int, deaths: Deaths) -> Iterator[Any]:
         cluster = client = None
         levels = _silenced()
         try:
-            cluster = _local_cluster(workers, scratch, deaths)
-            client = Client(cluster, set_as_default=False)
+            try:
+                cluster = _local_cluster(workers, scratch, deaths)
+                client = Client(cluster, set_as_default=False)
+            except (OSError, RuntimeError) as error:
+                raise _no_workers(error) from error
             yield client
-        except OSError as error:
-            raise _no_workers(error) from error
         except BaseException:
             if cluster is not None:
                 _kill_workers(cluster)
@@ -244,9 +258,14 @@ def _require_workers(client: Any, address: str) -> None:
         )
 
 
-def _no_workers(error: OSError) -> MachineError:
+def _no_workers(error: OSError | RuntimeError) -> MachineError:
+    """Dask's failure to start them, with what the system said last, where it said anything."""
+    told = [cause.strerror for cause in causes(error) if isinstance(cause, OSError)]
     return MachineError(
-        "no worker processes can be started", seen=str(error), remedy="use fewer --workers"
+        "no worker processes can be started",
+        seen=[str(error), *filter(None, told)][-1],
+        remedy="use fewer --workers, or raise the limits on processes and open files "
+        "(`ulimit -u`, `ulimit -n`)",
     )
 
 
