@@ -3,6 +3,7 @@
 A module says which: `make_scene()` gives a capture and its truth, `run(capture)` the result.
 """
 
+import sys
 from contextlib import ExitStack
 
 import pytest
@@ -22,6 +23,16 @@ def pytest_configure(config):
         stack = ExitStack()
         stack.enter_context(limited_threads(1))
         config.add_cleanup(stack.close)
+
+
+@pytest.fixture
+def deleted_working_directory(tmp_path, monkeypatch):
+    """Be in a folder that was deleted."""
+    if sys.platform == "win32":
+        pytest.skip("nobody can delete it there")
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
 
 
 @pytest.fixture(scope="module")

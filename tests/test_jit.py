@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rakelight import jit
-from rakelight.errors import InputError
+from rakelight.errors import InputError, MachineError
 
 MODULE = "def twice(number):\n    return 2 * number\n"
 
@@ -61,6 +61,15 @@ def test_a_folder_in_place_of_a_cached_file_is_no_matter(function, end):
     folder_instead(cached(as_by_another_process(function), end))
     assert not as_by_another_process(function).stats.cache_hits
     as_by_another_process(function)
+
+
+def test_what_is_cached_needs_no_working_directory(function, request):
+    compiled = as_by_another_process(function)
+    request.getfixturevalue("deleted_working_directory")
+    as_by_another_process(function)
+    cached(compiled, ".nbc").unlink()
+    with pytest.raises(MachineError, match=r"working directory is not there .* numba can comp"):
+        as_by_another_process(function)
 
 
 def test_a_disk_that_takes_nothing_more_is_no_matter(function):

@@ -33,6 +33,7 @@ import msgspec
 
 from rakelight.errors import InputError, MachineError, OutputExistsError, printable
 from rakelight.files import clear_errors, write_bytes
+from rakelight.memory import require_working_directory
 from rakelight.model import Finding
 
 FILE_LIST = "rakelight-files.json"
@@ -198,7 +199,7 @@ def put_back(folder: Path) -> Path:
             if locked:
                 _put_back(target)
         return folder if target.exists() else moved_aside
-    except (OSError, InputError):
+    except (OSError, InputError, MachineError):
         return folder
 
 
@@ -259,6 +260,7 @@ def _parents(target: Path) -> Iterator[None]:
 
 def _resolved(target: Path) -> Path:
     """`target` through symbolic links: the link stays and the folder behind it is replaced."""
+    require_working_directory(target, needed="one that this path begins at")
     try:
         return Path(target).resolve()
     except (OSError, ValueError, RuntimeError) as error:
@@ -304,8 +306,10 @@ def _refuse_occupied(target: Path, shown: str, overwrite: bool, manifest: Manife
 
 def _somebody_lives_in(folder: Path) -> bool:
     """Whether the home or the working directory is the folder or lies in it."""
-    home = Path(os.path.expanduser("~"))  # noqa: PTH111 - Path.home() raises where there is none
-    return any(place.is_relative_to(folder) for place in (Path.cwd(), home))
+    places = [Path(os.path.expanduser("~"))]  # noqa: PTH111 - Path.home() raises without one
+    with suppress(OSError):  # the working directory was deleted
+        places.append(Path.cwd())
+    return any(place.is_relative_to(folder) for place in places)
 
 
 def _owned(folder: Path, manifest: Manifest) -> Set[str]:

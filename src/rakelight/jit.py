@@ -20,7 +20,7 @@ from threading import Event, Lock, Thread
 from typing import Any, TypeAlias, TypeVar, cast
 
 from rakelight.errors import InputError
-from rakelight.memory import require_addresses, require_threads
+from rakelight.memory import require_addresses, require_threads, require_working_directory
 
 # Below this many pixels the cores wait for each other longer than they work.
 WORTH_SHARING = 1 << 14
@@ -358,12 +358,15 @@ class _Cache:
         self.flush: Callable[[], None] = cache.flush
 
     def load_overload(self, *key: Any) -> Any:
-        """What was compiled before; None where nothing is there that can be read."""
+        """What was compiled before; None, so that it is compiled now, where none can be read."""
         try:
-            return self._cache.load_overload(*key)
+            loaded = self._cache.load_overload(*key)
         except Exception:  # unpickling what is damaged raises anything
             self._begin_anew()
-            return None
+            loaded = None
+        if loaded is None:
+            require_working_directory(needed="one in which numba can compile")
+        return loaded
 
     def save_overload(self, *compiled: Any) -> None:
         """Save it for other processes, where the system lets us."""

@@ -236,6 +236,27 @@ def require_files(count: int, *, source: str, remedy: str) -> None:
             os.close(descriptor)
 
 
+def require_working_directory(path: Path | str = "", *, needed: str) -> None:
+    """Raise MachineError where the working directory was deleted, unless `path` is absolute.
+
+    path : what is looked for from there, for the message; needed : what the directory is for
+
+    >>> require_working_directory("captures/mitten", needed="one that the path begins at")
+    """
+    if Path(path).is_absolute():
+        return
+    try:
+        Path.cwd()
+    except OSError as error:
+        raise MachineError(
+            "the working directory is not there any more",
+            source=str(path),
+            seen=error.strerror or str(error),
+            needed=needed,
+            remedy="change to another one with `cd`",
+        ) from error
+
+
 def _table(path: Path) -> dict[str, int]:
     lines = (line.split() for line in path.read_text().splitlines())
     return {name: int(value) for name, value, *_ in lines}

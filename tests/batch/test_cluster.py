@@ -3,7 +3,6 @@
 import io
 import logging
 import socket
-import sys
 from contextlib import suppress
 from typing import ClassVar
 
@@ -75,11 +74,8 @@ def test_another_cluster_on_this_machine_is_no_matter(tmp_path, recwarn):
     assert address == "127.0.0.1"
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="nobody can delete it there")
-def test_a_working_directory_that_is_gone_is_told_of(tmp_path, monkeypatch):
-    (tmp_path / "gone").mkdir()
-    monkeypatch.chdir(tmp_path / "gone")
-    (tmp_path / "gone").rmdir()
+@pytest.mark.usefixtures("deleted_working_directory")
+def test_a_working_directory_that_is_gone_is_told_of():
     with (
         pytest.raises(MachineError, match="the working directory is not there any more"),
         cluster.local_client(1, {}),

@@ -351,6 +351,16 @@ def test_home_and_working_directory_are_never_replaced(tmp_path, monkeypatch):
     assert (tmp_path / "out" / "top").read_bytes() == b"old"
 
 
+@pytest.mark.usefixtures("deleted_working_directory")
+def test_from_a_deleted_working_directory_absolute_paths_work(tmp_path):
+    write(tmp_path / "out", b"old")
+    write(tmp_path / "out", overwrite=True)
+    assert (tmp_path / "out" / "top").read_bytes() == b"new"
+    with pytest.raises(MachineError, match=r"^out: the working directory is not there any more"):
+        write(Path("out"))
+    assert put_back(Path("out")) == Path("out")
+
+
 def test_a_link_stays_a_link(tmp_path):
     write(tmp_path / "real", b"old")
     (tmp_path / "link").symlink_to(tmp_path / "real")

@@ -119,6 +119,30 @@ def test_23_impossible_captures(refused, tmp_path, name):
     refused("refine", source, "-o", tmp_path / "out", about=source)
 
 
+@pytest.mark.usefixtures("deleted_working_directory", "capture")
+@pytest.mark.parametrize(
+    ("about", "command"),
+    [
+        ("x", "refine {here}/capture -o x"),
+        (".", "refine . -o {here}/out"),
+        (".", "import . -o {here}/out"),
+        ("x.html", "check {here}/capture --html x.html"),
+        ("out/demo", "demo"),
+        ("x*", "batch x* -o {here}/out"),
+    ],
+)
+def test_23_paths_that_begin_at_a_deleted_folder(refused, tmp_path, about, command):
+    words = ("the working directory is not there any more", "Fix: change to another one with `cd`")
+    arguments = (word.format(here=tmp_path) for word in command.split())
+    refused(*arguments, about=about, words=words, code=3)
+
+
+@pytest.mark.usefixtures("deleted_working_directory")
+def test_23_absolute_paths_from_a_deleted_folder(run, capture, old_result):
+    assert run("refine", capture, "-o", old_result, "--overwrite", "--quiet", *QUICK).code == 0
+    assert not (old_result / "mesh.glb").exists()
+
+
 # --- 24: outputs ---
 
 

@@ -9,13 +9,17 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from math import isfinite
-from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from rakelight.errors import InputError, MachineError, causes, counted
 from rakelight.extras import needs
-from rakelight.memory import free_memory, require_files, require_memory
+from rakelight.memory import (
+    free_memory,
+    require_files,
+    require_memory,
+    require_working_directory,
+)
 
 # Bytes that a worker needs for the smallest capture: its libraries alone take 0.3e9.
 LEAST_BYTES = 0.6e9
@@ -87,7 +91,7 @@ def local_client(workers: int, deaths: Deaths) -> Iterator[Any]:
     Raises MachineError where none can be started.
     """
     require_dask()
-    _require_working_directory()
+    require_working_directory(needed="one in which worker processes can start")
     require_files(
         OPEN_FILES + OPEN_FILES_PER_WORKER * workers,
         source=counted(workers, "worker"),
@@ -119,19 +123,6 @@ def local_client(workers: int, deaths: Deaths) -> Iterator[Any]:
             if all(ended):  # else its threads go on, and tell of connections that are gone
                 for handler, level in levels.items():
                     handler.setLevel(level)
-
-
-def _require_working_directory() -> None:
-    """Raise MachineError where the working directory is gone: no process starts there."""
-    try:
-        Path.cwd()
-    except OSError as error:
-        raise MachineError(
-            "the working directory is not there any more",
-            seen=error.strerror or str(error),
-            needed="one in which worker processes can start",
-            remedy="change to another one with `cd`",
-        ) from error
 
 
 def _silenced() -> dict[logging.Handler, int]:

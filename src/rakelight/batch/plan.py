@@ -17,6 +17,7 @@ from rakelight.batch.remote import is_url, last_part, matching_urls
 from rakelight.capture.text_tables import text_of
 from rakelight.errors import InputError, named_in, printable
 from rakelight.files import MAX_TEXT_BYTES, read_bytes
+from rakelight.memory import require_working_directory
 
 LIST_SUFFIX = ".txt"
 """A file of this kind is a list of captures; no capture is one."""
@@ -150,6 +151,7 @@ def _sources(text: str) -> Iterator[_Source]:
 
 
 def _paths(text: str, folder: str) -> Iterator[_Source]:
+    require_working_directory(folder or text, needed="one that this path begins at")
     found = _found(text, folder)
     if not found:
         raise InputError(

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import click
 
 from rakelight.errors import InputError, OutputExistsError, printable
+from rakelight.memory import require_working_directory
 from rakelight.model import Finding
 from rakelight.prepare import Scale
 
@@ -19,16 +20,21 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 class NamedPath(click.Path):
-    """A path, which may not be empty: that would be the working directory."""
+    """A path, which may not be empty: that would be the working directory.
+
+    Nor may it begin at a working directory that was deleted.
+    """
 
     def __init__(self) -> None:
         super().__init__(path_type=Path)
 
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        """The path; fails for an empty one."""
+        """The path; fails for an empty one, raises MachineError where it leads from nowhere."""
         if value == "":
             self.fail("the name is empty", param, ctx)
-        return super().convert(value, param, ctx)
+        path: Any = super().convert(value, param, ctx)
+        require_working_directory(path, needed="one that this path begins at")
+        return path
 
 
 def output_options(command: F) -> F:
