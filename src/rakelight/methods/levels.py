@@ -323,7 +323,10 @@ def finest_level(prepared: Prepared, *, cut: bool = False, unbiased: bool = Fals
 
 
 def relative_noise_variance(prepared: Prepared) -> float:
-    """Variance of the sensor's pixel-to-pixel noise over that of `prepared.sigma_m`, at most 1."""
+    """Variance of the sensor's pixel-to-pixel noise over the one it is taken to have, at most 1.
+
+    That is of `prepared.sensor.sigma_m`, its median where the sensor measured.
+    """
     sensor = prepared.sensor
     if not sensor.measured.any():
         return 1.0

@@ -36,7 +36,7 @@ def lowered(
 
     damping : a multiple of the diagonal of the step's matrix
     propose : the state after a step of some damping
-    least : damping of the next step
+    least : least damping of the next step; the largest is 1 / LEAST, whatever this is
 
     >>> from dataclasses import dataclass
     >>> @dataclass(frozen=True)

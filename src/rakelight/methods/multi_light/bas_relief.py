@@ -20,9 +20,10 @@ def nearest_bas_relief(
 ) -> tuple[Floats, Floats]:
     """(h, w) log depth after the bas-relief transform nearest to the sensor's, and (3, 3) lights'.
 
-    Planes stay planes where  1/z' = a/z + g . (x, y, 1):  normals become (a + g X^T) n at a point
-    X, and lights (a + X g^T)^-1 s, with an albedo to match, leave the photographs nearly the same
-    (Belhumeur, Kriegman and Yuille 1999).
+    Planes stay planes where  1/z' = a/z + g . r,  r = ((u - cx) / fx, (v - cy) / fy, 1)  being the
+    viewing ray and g three numbers, 1/metre:  normals become (a + g X^T) n at a point X, and lights
+    (a + X g^T)^-1 s, with an albedo to match, leave the photographs nearly the same (Belhumeur,
+    Kriegman and Yuille 1999).
 
     equal_intensity_weight : W, of `equal_intensity_energy`
     """

@@ -1,9 +1,9 @@
 """The uncertainty of the whole surface's shape: of its bas-relief transform.
 
-Photographs under distant lights leave open the g of  1/z' = a/z + g . (x, y, 1).  Two things
-determine it: the sensor's depth, and the lights' intensities where they are equal.  Each may err,
-and they may contradict each other; both add to the variance of every normal, though no pixel's own
-values show it.
+Photographs under distant lights leave open the g of  1/z' = a/z + g . r,  r being a viewing ray at
+depth 1 metre.  Two things determine it: the sensor's depth, and the lights' intensities where they
+are equal.  Each may err, and they may contradict each other; both add to the variance of every
+normal, though no pixel's own values show it.
 """
 
 from __future__ import annotations
@@ -135,9 +135,10 @@ def lights_moment(level: Level, lights: LightParameters) -> Floats:
 
 
 def _clustered(scores: Floats, where: Mask) -> Iterator[Floats]:
-    """(K, 4) sums of scores (h, w, 4) over blocks of growing size, as of a covariance without bias.
+    """(K, C) sums of scores (h, w, C) over the K blocks of each size, times root of n / (n - 4).
 
-    Of the K blocks, those that have pixels `where` give as many values; four numbers are fitted.
+    n blocks have pixels `where`.  Their sums, of which four numbers are fitted, give a covariance
+    without bias so; where only the scale is (C = 1) it is a little too large.
     """
     side = 1
     while (count := np.count_nonzero(cell_sums(where.astype(float), side))) >= FEWEST_BLOCKS:

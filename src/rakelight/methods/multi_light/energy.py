@@ -45,8 +45,8 @@ FOURTH_DIFFERENCE = (0.125, -0.5, 0.75, -0.5, 0.125)
 # flatter surface does not gain by it (ablation.md: off 1.02, halved 1.02, doubled 0.96).
 FOURTH_DIFFERENCE_WEIGHT = 0.003
 # Largest sigma, the standard deviation of a value (white is 1), by which priors are weighted before
-# the last descent, so that rough residuals do not give the surface to the sensor (ablation.md:
-# halved 0.89, on 30 other draws 1.03; without it 7 of 32 coins are lost, not 1).
+# the last two descents, so that rough residuals do not give the surface to the sensor
+# (ablation.md: halved 0.89, on 30 other draws 1.03; without it 7 of 32 coins are lost, not 1).
 LARGEST_NOISE = 0.01
 
 

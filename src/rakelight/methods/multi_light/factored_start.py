@@ -3,19 +3,19 @@
 Where noise hides the object's relief from the sensor, lights fitted to the sensor's normals are far
 off, and the descent ends in a wrong local minimum.  Under distant lights the photographs have rank
 three: they are products of lights and scaled normals b (ldr_ps.py), known up to a 3 x 3 matrix A,
-with normals along m = A b.  Of all A the one is taken whose normals are those of one surface p that
-also fits the sensor's depth z:
+with normals along m = A b.  Of all A the one is taken whose normals are those of one surface that
+also fits the sensor's depth, p being log depth and p_0 that of the sensor term:
 
-    N_g log sum w f^2 |G p - g|^2  +  N_s log(M + sum (K p - z)^2 / sigma^2)
-        -  (N_g / P) sum log(|det A| / c^3)  +  (N - 4) log(variance of log |s_i|),
+    N_g log sum w f^2 |G p - g|^2  +  N_s log(M + sum (K (p - p_0))^2 / sigma^2)
+        -  (N_g / P_g) sum log(|det A| / c^3)  +  (N - 4) log(variance of log |s_i|),
 
 c = -m . ray, g = (m_1 / f_x, m_2 / f_y) / c being the gradient of log depth, w weights of a Cauchy
-loss.  The third term is the change of variables from b to slopes: without it a flatter surface
-would always fit better.  The last is the equal-intensity term of the lights s_i = A^-T l_i,
-l_i being the factors: equal intensities determine A but for a rotation (Hayakawa 1994).  For given
-A and weights p is a linear least-squares solution, its matrix factored once; A is found by L-BFGS
-from several starts, each also mirrored: convex and concave fit the photographs alike, and only the
-sensor distinguishes them.
+loss, P_g the number of pixels that have a b, M that of the sensor's pixels.  The third term is the
+change of variables from b to slopes: without it a flatter surface would always fit better.  The
+last is the equal-intensity term of the lights s_i = A^-T l_i, l_i being the factors: equal
+intensities determine A but for a rotation (Hayakawa 1994).  For given A and weights p is a linear
+least-squares solution, its matrix factored once; A is found by L-BFGS from several starts, each
+also mirrored: convex and concave fit the photographs alike, and only the sensor distinguishes them.
 """
 
 from __future__ import annotations
@@ -51,10 +51,10 @@ class Problem:
 
     directions (P, 3) of b, unit length; determined (P,) where b is; rays (P, 3) at depth 1
     gradient : sparse (2 P, P), u and v in turn; focal (2,) pixels; sensor : sparse (M, P) K
-    target, precision : (M,) log depth z of the sensor, and 1 / variance of it
+    target, precision : (M,) K p_0, and 1 / variance of it
     lights : (N, 3) the factors l; exposures : (N,) of the photographs, None where they are alike
-    slope_weight : (P,) of f^2 |G p - g|^2; sensor_weight : of (K p - z)^2 / sigma^2.  Under given
-        weights the surface is a linear function of slopes
+    slope_weight : (P,) of f^2 |G p - g|^2; sensor_weight : of (K (p - p_0))^2 / sigma^2.  Under
+        given weights the surface is a linear function of slopes
     """
 
     directions: Floats
@@ -107,7 +107,7 @@ class Problem:
         return slopes / CORRELATION_PX**2, depths / CORRELATION_PX**2
 
     def sum_of_squares(self, log_depth: Floats) -> float:
-        """sum (K p - z)^2 / sigma^2 of log depth (P,)."""
+        """sum (K (p - p_0))^2 / sigma^2 of log depth (P,)."""
         return float(self.precision @ (self.sensor @ log_depth - self.target) ** 2)
 
     def slope_errors(self, residual: Floats) -> tuple[Floats, float]:
@@ -223,6 +223,7 @@ def matrices(level: Level, factors: Factors, determined: Mask) -> Iterator[Float
             continue
         m = unit @ A.T
         facing = A if np.median(m[:, 2]) < 0 else -A
+        # Mirrored: the slopes m_1 / m_3 and m_2 / m_3 become twice their mean less themselves.
         mean = (unit @ facing.T).mean(axis=0)
         u, v = 2 * mean[:2] / mean[2]
         yield facing

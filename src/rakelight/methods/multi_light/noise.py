@@ -158,13 +158,14 @@ def variances_by_scale(error: Floats, seen: Mask) -> list[tuple[int, int, float]
 
 
 def block_variances(error: Floats, seen: Mask) -> list[tuple[int, float]]:
-    """Sides 1, 2, 4 ... of square blocks, and the (sum of a block)^2 / pixels over all of them.
+    """Sides 1, 2, 4 ... of square blocks, and their (sum of a block)^2, added up, over all pixels.
 
-    error : (h, w) of the sensor or of a photograph, of which the median is taken off
+    error : (h, w) of the sensor or of a photograph, of which the median is taken off; beyond
+        `BY_CHANCE` deviations it counts as these
     seen : (h, w) where it counts
 
-    Of single pixels the variance comes from the median; larger blocks need to be `FEWEST_BLOCKS`.
-    0 where nothing is seen.
+    Of single pixels the variance comes from the median; larger blocks are taken as long as the
+    pixels would fill `FEWEST_BLOCKS`.  0 where nothing is seen.
 
     >>> [side for side, _ in block_variances(np.ones((8, 8)), np.ones((8, 8), bool))]
     [1, 2]

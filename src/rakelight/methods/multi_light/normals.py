@@ -35,8 +35,8 @@ TINY = 1e-30
 def fine_normals(level: Level, fit: Fit) -> tuple[Floats, Linearization]:
     """(h, w, 3) unit normals, NaN where photographs have no information, and their linearization.
 
-    A pixel whose residuals the step would enlarge, since it is too long for a linear model, keeps
-    the depth map's normal.
+    A pixel whose residuals the step without damping (h = 0) would enlarge, since it is too long for
+    a linear model, keeps the depth map's normal.
     """
     photographs, gradient = level.photographs, fit.surface.gradient
 

@@ -22,8 +22,8 @@ class MultiLight:
     distance : "distant" for parallel light, "near" for lights at a place, "auto"
     beam : "narrow" for lamps whose light falls off to the sides of where they are aimed, "wide" for
         others, "auto"
-    max_iterations : most Gauss-Newton steps of a descent at the coarsest level, and of the last one
-        at the finest; those between take at most three
+    max_iterations : most Gauss-Newton steps of a descent at the coarsest level, and of each of the
+        last two at the finest; those between take at most three
     tolerance : a level ends when a step lowers the energy by less than this fraction of the
         photographs' term
     coarse_pixels : size of the coarsest level, where lights and depth move together exactly

@@ -2,12 +2,14 @@
 
 Cameras and their software smooth depth: matching windows, spatial filters, learned depth.  Relief
 comes out lower than it is, and lights and surface that are held to that with it.  The photographs
-show the relief's form, if not its height, so that the blur is seen: B K p is nearest to the sensor,
-B the Gaussian means over it.  What it takes away is then given back to the measurements,
+show the relief's form, if not its height, so that the blur is seen: B K p' is nearest to the
+sensor, B the Gaussian means over its pixels, p' a bas-relief transform of the surface p.  What the
+blur takes away is then given back to log depth,
 
-    p_0 + K p - B K p,
+    p_0 + U (K p' - B K p'),
 
-p being the surface where a descent begins.
+U being the upsampling to the level's pixels; above the coarsest level p' is the surface with which
+the level begins.
 """
 
 from __future__ import annotations

@@ -124,12 +124,11 @@ def project_bas_relief(level: Level, fit: Fit) -> Fit:
 
 
 def try_bas_relief(level: Level, fit: Fit, options: MultiLight) -> Fit:
-    """The state after up to three steps of the lights, one of the depth and one of both.
+    """Under near lights the lower of two states; under others the state as it is.
 
-    Under near lights; under others as it is.
-
-    They start from the sensor's bas-relief transform as well, and the lower state is returned.
-    The fall-off of near lights determines the transform, but on a flat object so little that steps
+    One begins at this state, the other at it after the bas-relief transform nearest to the
+    sensor's.  Each takes up to three steps of the lights, one of the depth and one of both.  The
+    fall-off of near lights determines the transform, but on a flat object so little that steps
     along it are short.  Compared by least squares: losses that have adapted to one surface do not
     judge another.
     """

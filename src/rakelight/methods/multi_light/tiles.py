@@ -3,13 +3,13 @@
 The lower resolution, `shrink` times, has determined the lights, the highlights and shadows, and the
 surface but for its finest detail.  So the log depth p of a tile minimises
 
-    E = sum loss(rho_c (max(0, s_i . n) + phi_i) - I_ic)     the photographs' energy
-        + sum of fourth differences                          (both as in energy.py)
-        + sigma^2 sum w (K (p - p_c))^2                      agreement with the lower resolution
+    E = sum loss(rho_c (max(0, s_i . n) + phi_i) + H_i - I_ic)   the photographs' energy
+        + sum of fourth differences                              (both as in energy.py)
+        + sigma^2 sum w (K (p - p_c))^2                          agreement with the lower resolution
 
-with the lights s_i fixed, p_c the lower resolution's log depth, and K the means over its pixels.
-The weight w is such that a correction of the mean fades within `LENGTH` of those pixels, so that
-tiles with a margin of some of them agree where they overlap.
+with the lights s_i and the gloss of the highlights H_i fixed, p_c the lower resolution's log depth,
+and K the means over its pixels.  The weight w is such that a correction of the mean fades within
+`LENGTH` of those pixels, so that tiles with a margin of some of them agree where they overlap.
 """
 
 from __future__ import annotations
