@@ -32,6 +32,7 @@ from rakelight.methods import METHODS, load_method
 from rakelight.model import Camera, Capture, Lights, Result
 from rakelight.report import save_result
 from rakelight.synthetic import SceneOptions, make_albedo, make_shape, render_scene
+from tests.test_layers import SOURCES
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -163,6 +164,22 @@ def test_the_page_about_check_lists_the_codes_of_the_findings():
     rows = table(text_of("docs/reference/check.md"), "code")
     listed = re.findall(r"`([a-z0-9-]+)`", " ".join(row[0] for row in rows))
     assert sorted(listed) == sorted(code for row in FINDINGS for code in row.codes)
+
+
+def codes_of_findings():
+    """The codes that the sources give to a `Finding` by a word of their own."""
+    for path in SOURCES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) == "Finding":
+                stated = [*node.args[1:2], *(k.value for k in node.keywords if k.arg == "code")]
+                yield from (each.value for each in stated if isinstance(each, ast.Constant))
+
+
+def test_every_code_of_a_finding_is_on_a_page():
+    of_check = {code for row in FINDINGS for code in row.codes}
+    rows = table(text_of("docs/reference/files.md"), "code of `refine`")
+    of_refine = [row[0].strip("`") for row in rows]
+    assert sorted(of_refine) == sorted(set(codes_of_findings()) - of_check)
 
 
 @pytest.mark.parametrize("page", ["README.md", "docs/reference/python.md"])
