@@ -264,7 +264,7 @@ rakelight paper all -o out/paper
 
 The paper's object, paints, lights and noise are not published. Ours are a bust on a pedestal in
 three paints, SIZE pixels, 12 lights, 1 % noise in the photographs; the depth noise is chosen so
-that the input row is close to the paper's at 640 x 480 pixels; nothing else is fitted to its numbers.
+that the input row is near the paper's at 640 x 480 pixels; nothing else is fitted to its numbers.
 Numbers in brackets are the paper's. Two runs on one machine give the same numbers (the first, which
 compiles, differs in the last bits), except those below "Timings", in `table2.*` and in files that
 end in `_seconds`.
