@@ -16,7 +16,7 @@ from rakelight.export import load_result
 from rakelight.methods import METHODS, Method, choose_method, load_method, method_of
 from rakelight.methods.base import Estimate, photometric_confidence, scatter
 from rakelight.methods.multi_light_alternating import MultiLightAlternating
-from rakelight.model import Camera, Lights, Progress
+from rakelight.model import Camera, Finding, Lights, Progress
 from rakelight.pipeline import coming_through, refine
 from rakelight.report import save_result
 from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
@@ -449,6 +449,8 @@ WRONG = {
     "findings": (lambda estimate: [], "list", "a tuple of Finding"),
     "energy": (lambda estimate: None, "NoneType", "a tuple of numbers"),
     "timings_s": (lambda estimate: None, "NoneType", "a dict, name -> seconds"),
+    "converged": (lambda estimate: "no", "str", "True or False"),
+    "steps": (lambda estimate: "x", "str", "a whole number"),
     "lights": (of_two_photographs, r"float64 of shape \(2, 1\)", r"numbers of shape \(5, 1\)"),
 }
 
@@ -466,6 +468,15 @@ def test_what_a_method_gives_back_has_to_be_an_estimate(capture, field, from_dep
     words = rf"wrong {field}.* from the method wrong .seen {seen}.*, needed {needed}"
     with pytest.raises(MethodError, match=words):
         refine(capture, Method("wrong", wrong, Kept, starts_from_depth=from_depth))
+
+
+def test_a_methods_findings_are_notes_and_warnings(capture):
+    def wrong(prepared, options, progress):
+        return replace(kept_depth(prepared), findings=(Finding("error", "x", "y"),))
+
+    words = "wrong findings from the method wrong .seen 'error', needed the severity 'note' or"
+    with pytest.raises(MethodError, match=words):
+        refine(capture, Method("wrong", wrong, Kept))
 
 
 @dataclass(frozen=True)

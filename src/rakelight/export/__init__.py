@@ -16,6 +16,7 @@ import numpy as np
 
 from rakelight.errors import InputError
 from rakelight.export.albedo import albedo_png
+from rakelight.export.checked import checked_maps
 from rakelight.export.confidence import confidence_png
 from rakelight.export.depth import choose_values_per_metre, depth_png, float32_tiff
 from rakelight.export.lights import lights_json
@@ -35,18 +36,18 @@ from rakelight.export.summary import (
     Conventions,
     Summary,
     parse_summary,
+    stored_fields,
     summarise,
     summary_json,
+    told,
 )
 from rakelight.files import as_path, in_threads, write_bytes, write_parts
 from rakelight.folders import Manifest, staged_folder
-from rakelight.geometry.finite import only_finite
+from rakelight.geometry.finite import SIGMAS, only_finite
 from rakelight.model import Finding, Result
 from rakelight.pictures.colors import AXES, NormalMap
 
 __all__ = ["RESULT", "Summary", "load_result", "read_summary", "write_result"]
-
-SIGMAS = ("depth_sigma", "normal_sigma")
 
 
 def _listed(data: bytes) -> Mapping[str, None]:
@@ -87,7 +88,8 @@ def write_result(
     Raises
     ------
     InputError
-        an option that does not exist, arrays of different sizes, nothing finite to write
+        an option that does not exist, arrays of different sizes, nothing finite to write, a field
+        that could not be read again
     OutputExistsError
         something stands at `folder` and may not be replaced
     MachineError
@@ -110,7 +112,7 @@ def write_result(
     """
     _check_option("mesh", mesh, MESH_CHOICES)
     _check_option("normal_map", normal_map, tuple(AXES))
-    result = only_finite(result)
+    result = checked_maps(only_finite(replace(result, **told(stored_fields(result)))))
     with staged_folder(as_path(folder, "folder"), manifest=RESULT, overwrite=overwrite) as staging:
         _write(result, staging.path, mesh, normal_map, extra_files or {})
     return staging.findings

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from rakelight.capture.headers import read_header
 from rakelight.capture.images import decode_image
 from rakelight.errors import InputError
 from rakelight.export.lights import parse_lights
-from rakelight.export.summary import MARKER, Summary, parse_summary
+from rakelight.export.summary import MARKER, Summary, parse_summary, told
 from rakelight.files import MAX_TEXT_BYTES, as_path, clear_errors, read_bytes
 from rakelight.folders import put_back
 from rakelight.model import Array, Floats, Lights, Result
@@ -56,19 +57,9 @@ def load_result(folder: str | PathLike[str]) -> Result:
         lights=_lights(files, summary.photographs),
         camera=camera,
         prepared_depth=files.image("prepared_depth.tiff", shape, FLOAT32),
-        method=summary.method,
-        options=summary.options,
-        iterations=summary.iterations,
-        energy=_numbers(summary.energy),
-        converged=summary.converged,
-        timings_s=_named_numbers(summary.timings_s),
-        findings=tuple(summary.findings),
-        source=summary.source,
-        photograph_names=tuple(summary.photographs),
-        capture=summary.capture,
-        prediction_errors=_numbers(summary.prediction_errors),
         depth_sigma=_expected(files, summary, "depth_sigma.tiff"),
         normal_sigma=_expected(files, summary, "normal_sigma.tiff"),
+        **told(msgspec.structs.asdict(summary)),
     )
 
 
@@ -156,12 +147,3 @@ def _lights(files: _Files, photographs: Sequence[str]) -> Lights:
                 needed=f"{len(photographs)}, as {MARKER} says",
             )
     return lights
-
-
-def _numbers(values: Sequence[float | None]) -> tuple[float, ...]:
-    """null was a number that is not finite."""
-    return tuple(np.nan if value is None else value for value in values)
-
-
-def _named_numbers(values: Mapping[str, float | None]) -> dict[str, float]:
-    return dict(zip(values, _numbers(list(values.values())), strict=True))

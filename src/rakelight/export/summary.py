@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from collections.abc import Iterable, Mapping
+from math import nan
+from typing import Annotated, Any, Literal, get_type_hints
 
 import msgspec
 
 from rakelight.errors import InputError, parsing
-from rakelight.export.plain import json_bytes, plain
+from rakelight.export.plain import json_bytes
 from rakelight.model import Camera, Finding, Result
 from rakelight.pictures.colors import NormalMap
 
@@ -17,6 +19,10 @@ STAGES = ("read", "undistort", "register", "prepare", "refine")
 
 MARKER = "result.json"
 """By which a result folder is known."""
+
+Side = Annotated[int, msgspec.Meta(ge=1)]
+# Pixels.  Of a shorter one a pixel would see a thousand times its distance: no lens does.
+FocalLength = Annotated[float, msgspec.Meta(ge=1e-3)]
 
 
 class Units(msgspec.Struct, frozen=True, kw_only=True):
@@ -56,17 +62,12 @@ class Conventions(msgspec.Struct, frozen=True, kw_only=True):
 class Intrinsics(msgspec.Struct, frozen=True):
     """Of the camera of every image in the folder, which has no lens distortion: pixels."""
 
-    width: int
-    height: int
-    fx: float
-    fy: float
+    width: Side
+    height: Side
+    fx: FocalLength
+    fy: FocalLength
     cx: float
     cy: float
-
-    @classmethod
-    def of(cls, camera: Camera) -> Intrinsics:
-        """Those of a camera without distortion."""
-        return cls(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)
 
     def as_camera(self) -> Camera:
         """The same as a Camera."""
@@ -85,7 +86,7 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     capture: dict[str, Any] = {}
     camera: Intrinsics
     pixels: int
-    iterations: int
+    iterations: Annotated[int, msgspec.Meta(ge=0)]
     converged: bool
     energy: list[float | None]
     prediction_errors: list[float | None] = []
@@ -96,26 +97,94 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     files: list[str]
 
 
+class _Read(msgspec.Struct):
+    """What `capture` holds where it is not empty, as far as the report shows it."""
+
+    photographs: int
+    photograph_size: tuple[int, int]
+    bits: int
+    encoding: str
+    lighting: str
+    depth_maps: int
+    depth_size: tuple[int, int]
+
+
+# Fields of a Result that result.json holds: what each has to be.
+_NEEDED = {
+    "method": "a str",
+    "options": "a dict, name -> value",
+    "iterations": "a whole number, 0 or more",
+    "energy": "a tuple of numbers",
+    "converged": "True or False",
+    "timings_s": "a dict, name -> seconds",
+    "findings": "a tuple of rakelight.Finding, each a note or a warning",
+    "source": "a str",
+    "photograph_names": "a tuple of str",
+    "capture": "a dict of what was read, or an empty one",
+    "prediction_errors": "a tuple of numbers",
+    "camera": "a rakelight.Camera: whole sides, focal lengths above 0, finite numbers",
+}
+_KEYS = {"photograph_names": "photographs"}
+"""The keys in result.json of those that have another name there."""
+
+
+def stored_fields(result: Result) -> dict[str, Any]:
+    """What result.json says of a result, by its keys, as it is read back.
+
+    Each field is read by what reads the file, before anything is written.  Raises InputError for
+    the first that could not be read.
+    """
+    hints = get_type_hints(Summary, include_extras=True)
+    stored = {}
+    for name, needed in _NEEDED.items():
+        key = _KEYS.get(name, name)
+        try:
+            data = json_bytes(getattr(result, name))
+            stored[key] = msgspec.json.decode(data, type=hints[key])
+            if key == "capture" and stored[key]:
+                msgspec.json.decode(data, type=_Read)
+        except (msgspec.MsgspecError, ValueError, OverflowError, RecursionError) as error:
+            raise InputError(
+                f"{MARKER} cannot hold this",
+                source=name,
+                seen=str(error),
+                needed=needed,
+            ) from error
+    return stored
+
+
 def summarise(result: Result, conventions: Conventions, files: list[str]) -> Summary:
     """The summary of a result that is written as `files`."""
     return Summary(
         rakelight=program_version(),
-        method=result.method,
-        options=plain(result.options),
-        source=plain(result.source),
-        photographs=plain(result.photograph_names),
-        capture=plain(result.capture),
-        camera=Intrinsics.of(result.camera),
         pixels=int(result.mask.sum()),
-        iterations=int(result.iterations),
-        converged=bool(result.converged),
-        energy=plain(result.energy),
-        prediction_errors=plain(result.prediction_errors),
-        timings_s=plain(result.timings_s),
-        findings=list(result.findings),
         conventions=conventions,
         files=sorted(files),
+        **stored_fields(result),
     )
+
+
+def told(stored: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a Result, but for its camera, that result.json holds by these keys."""
+    seconds = stored["timings_s"]
+    return {
+        "method": stored["method"],
+        "options": stored["options"],
+        "iterations": stored["iterations"],
+        "energy": _numbers(stored["energy"]),
+        "converged": stored["converged"],
+        "timings_s": dict(zip(seconds, _numbers(seconds.values()), strict=True)),
+        "findings": tuple(stored["findings"]),
+        "source": stored["source"],
+        "photograph_names": tuple(stored["photographs"]),
+        "capture": stored["capture"],
+        "prediction_errors": _numbers(stored["prediction_errors"]),
+    }
+
+
+def _numbers(values: Iterable[float | None]) -> tuple[float, ...]:
+    """null was a number that is not finite."""
+    return tuple(nan if value is None else value for value in values)
 
 
 def summary_json(summary: Summary) -> bytes:

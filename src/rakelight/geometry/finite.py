@@ -3,26 +3,37 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from rakelight.errors import InputError
+from rakelight.errors import InputError, check_is
 from rakelight.geometry.camera import require_ideal
 from rakelight.geometry.grid import all_finite, row_strips
-from rakelight.model import Finding, Floats, Mask, Result
+from rakelight.model import Camera, Finding, Floats, Lights, Mask, Result
+
+SIGMAS = ("depth_sigma", "normal_sigma")
+"""The expected errors of a result, which not every method gives."""
+
+MAPS = ("depth", "normals", "albedo", "confidence", "prepared_depth", *SIGMAS)
+"""The images of a result."""
 
 
 def only_finite(result: Result, mask: Mask | None = None) -> Result:
     """`result` with NaN depth and normals and zero albedo and confidence outside the object.
+
+    Its maps are float32, as they are written: what that cannot hold is not finite.
 
     mask : (H, W) the object as it was refined; None for the pixels whose depth is not NaN
 
     A pixel whose depth or normal cannot be used leaves the object, an albedo or confidence that
     is not finite becomes 0; both are counted in a finding, and the result is then not converged.
 
-    Raises InputError when the arrays differ in size or nothing usable is left.
+    Raises InputError when something is no array of numbers, the arrays differ in size, or nothing
+    usable is left.
     """
     _check_sizes(result)
+    result = _single_precision(result)
     if _is_clean(result, mask):
         return result
     with np.errstate(invalid="ignore"):
@@ -54,6 +65,16 @@ def only_finite(result: Result, mask: Mask | None = None) -> Result:
         findings=findings,
         converged=converged,
     )
+
+
+def _single_precision(result: Result) -> Result:
+    """The maps as float32; those that are so already are not copied."""
+    maps: dict[str, Any] = {name: getattr(result, name) for name in MAPS}
+    with np.errstate(over="ignore"):
+        for name, given in maps.items():
+            if given is not None:
+                maps[name] = given.astype(np.float32, copy=False)
+    return replace(result, **maps)
 
 
 def _object(depth: Floats, mask: Mask | None) -> Mask:
@@ -119,35 +140,55 @@ def require_numbers(name: str, *arrays: Floats) -> None:
             raise InputError(
                 f"{name} is no array of numbers",
                 source=name,
-                seen=f"{type(array).__name__} {getattr(array, 'dtype', '')}",
+                seen=f"{type(array).__name__} {getattr(array, 'dtype', '')}".strip(),
                 needed="a numpy.ndarray of floats",
+            )
+
+
+def require_lights(lights: Lights, source: str) -> None:
+    """Raise InputError unless the arrays of lights are numbers of N lights, 1 or more."""
+    check_is(lights, Lights, source)
+    given = np.shape(lights.ambient)
+    each = (max(given[0], 1) if given else 1, 3 if given[1:] == (3,) else 1)
+    sizes: dict[str, tuple[int, ...]] = {
+        "ambient": each,
+        "vector": (*each, 3),
+        "position_m": (*each, 3),
+        "middle_m": (3,),
+        "beam": (*each, 3),
+    }
+    for name, size in sizes.items():
+        array = getattr(lights, name)
+        if array is None and name not in ("ambient", "vector"):
+            continue
+        require_numbers(f"{source}.{name}", array)
+        if array.shape != size:
+            raise InputError(
+                "not the numbers of N lights with 1 or 3 channels each",
+                source=f"{source}.{name}",
+                seen=str(array.shape),
+                needed=str(size),
             )
 
 
 def _check_sizes(result: Result) -> None:
     """Raise InputError unless every map has the camera's size, and every light its name or none."""
+    check_is(result.camera, Camera, "camera")
     require_ideal(result.camera, "result.camera")
+    require_lights(result.lights, "lights")
     shape = result.camera.shape
-    needed = {
-        "depth": shape,
-        "normals": (*shape, 3),
-        "albedo": (*shape, 3),
-        "confidence": shape,
-        "prepared_depth": shape,
-        "depth_sigma": shape,
-        "normal_sigma": shape,
-    }
-    for name, size in needed.items():
-        if (given := getattr(result, name)) is None:
+    for name in MAPS:
+        given = getattr(result, name)
+        if given is None and name in SIGMAS:
             continue
+        needed = (*shape, 3) if name in ("normals", "albedo") else shape
         require_numbers(name, given)
-        seen = given.shape
-        if seen != size:
+        if given.shape != needed:
             raise InputError(
                 "an array of the result has another size than its camera",
                 source=name,
-                seen=str(seen),
-                needed=str(size),
+                seen=str(given.shape),
+                needed=str(needed),
             )
     names, lights = result.photograph_names, result.lights
     if names and len(names) != len(lights):

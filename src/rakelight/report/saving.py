@@ -10,6 +10,7 @@ from pathlib import Path
 from rakelight.errors import InputError, check_is
 from rakelight.export import write_result
 from rakelight.export.mesh_formats import DEFAULT_MESH
+from rakelight.geometry.finite import require_numbers
 from rakelight.model import Finding, Result, Truth
 from rakelight.pictures.colors import NormalMap
 from rakelight.report.page import report_html
@@ -48,7 +49,8 @@ def save_result(
     ------
     InputError
         no Result, an option that does not exist, arrays of different sizes, nothing finite to
-        write, extra files with names of the result's own or in other folders
+        write, a field that `load_result` could not read again, extra files with names of the
+        result's own or in other folders
     OutputExistsError
         something stands at `folder` and may not be replaced
     MachineError
@@ -59,7 +61,8 @@ def save_result(
     >>> from tempfile import TemporaryDirectory
     >>> import numpy as np, rakelight
     >>> flat, facing = np.ones((4, 4)), np.tile([0.0, 0.0, -1.0], (4, 4, 1))
-    >>> result = Result(flat, facing, np.ones((4, 4, 3)), flat, rakelight.Lights(facing, flat),
+    >>> lights = rakelight.Lights(np.array([[[0.0, 0.0, -1.0]]]), np.zeros((1, 1)))
+    >>> result = Result(flat, facing, np.ones((4, 4, 3)), flat, lights,
     ...                 rakelight.Camera(4, 4, 100.0, 100.0, 1.5, 1.5), flat, "none")
     >>> with TemporaryDirectory() as scratch:
     ...     findings = rakelight.save_result(result, f"{scratch}/out")
@@ -67,6 +70,10 @@ def save_result(
     (4, 4)
     """
     check_is(result, Result, "result", "give what rakelight.refine returned")
+    if truth is not None:
+        check_is(truth, Truth, "truth", "give what rakelight.load_truth returned")
+        for name in ("depth", "normals", "albedo"):
+            require_numbers(f"truth.{name}", getattr(truth, name))
     if truth is not None and truth.depth.shape != result.depth.shape:
         truth = None
     more = {name: partial(_as_is, data) for name, data in _own_files(extra_files).items()}
