@@ -9,7 +9,7 @@ import pytest
 
 from rakelight.capture import load_capture, load_truth, write_capture
 from rakelight.errors import CaptureError, InputError, MachineError, OutputExistsError
-from rakelight.model import Camera, Capture, RigidTransform, SensorNoise
+from rakelight.model import Camera, Capture, Lights, RigidTransform, SensorNoise
 from tests.capture.capture_builder import (
     HEIGHT,
     WIDTH,
@@ -117,6 +117,23 @@ def test_integer_depth_is_rounded_to_its_scale_once(tmp_path):
 def test_depth_that_does_not_fit_16_bit_is_not_written(tmp_path, depth_scale):
     with pytest.raises(CaptureError, match="does not fit 16 bit"):
         write_capture(small_capture(), tmp_path / "c", depth_scale=depth_scale)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("field", "lights"),
+    [
+        ("truth.lights", 3),
+        ("truth.lights.vector", Lights(None, np.ones((4, 1)))),
+        ("truth.lights.ambient", Lights(np.ones((4, 2, 3)), np.ones((4, 2)))),
+        ("truth.lights.ambient", Lights(np.ones((4, 1, 3)), np.full((4, 1), np.nan))),
+    ],
+)
+def test_wrong_true_lights_are_named_and_nothing_is_written(tmp_path, field, lights):
+    truth = replace(small_truth(), lights=lights)
+    with pytest.raises(InputError) as caught:
+        write_capture(small_capture(), tmp_path / "c", truth=truth)
+    assert caught.value.source == field
     assert list(tmp_path.iterdir()) == []
 
 

@@ -15,6 +15,7 @@ from rakelight.capture.lights import checked_lights
 from rakelight.capture.no_distance import has_no_distances, mark_no_distances
 from rakelight.errors import CaptureError, check_is
 from rakelight.geometry.distortion import STEEPEST_RAY
+from rakelight.geometry.finite import require_lights
 from rakelight.model import (
     Array,
     Camera,
@@ -173,7 +174,10 @@ def check_object(
 
 
 def checked_truth(truth: Truth, shape: tuple[int, int]) -> None:
-    """Raise CaptureError unless the maps of a truth are numbers of an image (height, width)."""
+    """Raise CaptureError unless the maps of a truth are numbers of an image (height, width).
+
+    An InputError where it is no Truth, or its lights are none.
+    """
     check_is(truth, Truth, "truth")
     for name, channels in (("depth", ()), ("normals", (3,)), ("albedo", (3,))):
         source, needed = f"truth.{name}", (*shape, *channels)
@@ -186,6 +190,15 @@ def checked_truth(truth: Truth, shape: tuple[int, int]) -> None:
                 needed=f"{needed} float32",
                 remedy="give the maps of this capture's photographs",
             )
+    if truth.lights is not None:
+        require_lights(truth.lights, "truth.lights")
+        for name in ("vector", "ambient", "position_m", "middle_m"):
+            numbers = getattr(truth.lights, name)
+            if numbers is not None and not np.isfinite(numbers).all():
+                raise CaptureError(
+                    "the lights are not finite", source=f"truth.lights.{name}",
+                    needed="finite numbers", remedy="leave the lights out: lights=None",
+                )  # fmt: skip
 
 
 def require_plain(array: Any, name: str, fill: str, make: str) -> None:
