@@ -120,6 +120,37 @@ def test_depth_that_does_not_fit_16_bit_is_not_written(tmp_path, depth_scale):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("depth_scale", [True, "1000", 10**400, float("nan"), 1j])
+def test_a_depth_scale_that_is_no_number_is_named(tmp_path, depth_scale):
+    with pytest.raises(InputError, match=r"depth_scale: this is no finite number"):
+        write_capture(small_capture(), tmp_path / "c", depth_scale=depth_scale)
+    assert list(tmp_path.iterdir()) == []
+
+
+# At 0.6 m the unknown sensor's noise is 0.51 mm, that of rounding to steps of 1.77 mm.
+@pytest.mark.parametrize(
+    ("depth_scale", "noise", "needed"),
+    [
+        (1, None, "565 or more"),
+        (563, None, "565 or more"),
+        (999, SensorNoise(1e-5), "1000 or more"),
+        (28, SensorNoise(0.01, 0.6), "29 or more"),
+    ],
+)
+def test_depth_is_not_rounded_more_coarsely_than_it_was_measured(
+    tmp_path, depth_scale, noise, needed
+):
+    capture = small_capture(depth_noise=noise)
+    capture = replace(capture, depth_m=np.maximum(capture.depth_m, np.float32(0.51)))
+    with pytest.raises(CaptureError, match=f"steps of .* at a median depth of 0.599 m.*{needed}"):
+        write_capture(capture, tmp_path / "c", depth_scale=depth_scale)
+    assert list(tmp_path.iterdir()) == []
+    finer = int(needed.split()[0])
+    write_capture(capture, tmp_path / "c", depth_scale=finer)
+    error_m = np.nanmax(np.abs(load_capture(tmp_path / "c").depth_m - capture.depth_m))
+    assert error_m < 0.501 / finer
+
+
 @pytest.mark.parametrize(
     ("field", "lights"),
     [

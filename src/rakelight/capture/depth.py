@@ -16,7 +16,11 @@ from rakelight.capture.listing import Images, Root, allocate
 from rakelight.capture.no_distance import mark_no_distances
 from rakelight.errors import CaptureError
 from rakelight.files import in_threads
-from rakelight.model import Array, Camera, Floats, RigidTransform
+from rakelight.model import Array, Camera, Floats, RigidTransform, SensorNoise
+
+UNKNOWN_SENSOR = SensorNoise()
+MILLIMETRE = 1e-3
+ROUNDED = 1e-6  # of a scale whose reciprocal is no whole number
 
 
 def check_depth_kind(depth: Images, table: CaptureTable, root: Root) -> None:
@@ -168,8 +172,11 @@ def read_depth(
     return depth_m, holes
 
 
-def depth_values(depth_m: Floats, depth_scale: float) -> Array:
-    """uint16 values with 0 = no measurement; raises CaptureError when one does not fit."""
+def depth_values(depth_m: Floats, depth_scale: float, noise: SensorNoise = UNKNOWN_SENSOR) -> Array:
+    """uint16 values with 0 = no measurement, of depth that a sensor measured with such noise.
+
+    Raises CaptureError when one does not fit, or the steps are coarser than the depth is precise.
+    """
     measured = np.isfinite(depth_m) & (depth_m > 0)
     values = np.rint(np.where(measured, depth_m, 0) * float(depth_scale))
     largest = np.iinfo(np.uint16).max - 1  # the largest itself is read as "too far"
@@ -182,4 +189,24 @@ def depth_values(depth_m: Floats, depth_scale: float) -> Array:
             needed=f"values from 1 to {largest}",
             remedy="choose another depth_scale, or none to write float TIFF",
         )
+    if measured.any():
+        _refuse_coarse_steps(float(np.median(depth_m[measured])), float(depth_scale), noise)
     return values.astype(np.uint16)
+
+
+def _refuse_coarse_steps(median_m: float, depth_scale: float, noise: SensorNoise) -> None:
+    """Raise CaptureError where rounding to 1 / depth_scale metres adds more noise than there is.
+
+    Rounding to steps s has the standard deviation s / sqrt(12).  Millimetres are always taken:
+    depth cameras store them, also where they measure more finely.
+    """
+    coarsest_m = max(MILLIMETRE, float(np.sqrt(12) * noise.at(np.array(median_m))))
+    if depth_scale * coarsest_m < 1 - ROUNDED:
+        raise CaptureError(
+            "this scale rounds the depth to steps coarser than its own noise",
+            source="depth_scale",
+            seen=f"steps of {1000 / depth_scale:.3g} mm at a median depth of {median_m:.3g} m",
+            needed=f"at most {1000 * coarsest_m:.3g} mm: {np.ceil(1 / coarsest_m):g} or more "
+            "values per metre",
+            remedy="choose a larger depth_scale, or none to write float TIFF",
+        )

@@ -16,7 +16,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from numbers import Real
 from os import PathLike
 from pathlib import Path
 
@@ -39,7 +38,13 @@ from rakelight.capture.defaults import (
     object_mask,
     on_depth_grid,
 )
-from rakelight.capture.depth import check_depth_kind, depth_geometry, depth_values, read_depth
+from rakelight.capture.depth import (
+    UNKNOWN_SENSOR,
+    check_depth_kind,
+    depth_geometry,
+    depth_values,
+    read_depth,
+)
 from rakelight.capture.headers import read_header
 from rakelight.capture.images import as_rgb, decode_image, encode_png, encode_tiff
 from rakelight.capture.lights import (
@@ -63,7 +68,7 @@ from rakelight.capture.listing import (
 )
 from rakelight.capture.tone_curve import contradicted, stated_encoding
 from rakelight.capture.truth import write_truth
-from rakelight.errors import CaptureError, OutputExistsError, check_is, printable
+from rakelight.errors import CaptureError, InputError, OutputExistsError, check_is, printable
 from rakelight.files import as_path, clear_errors, in_threads, read_bytes, write_bytes
 from rakelight.folders import file_list, staged_folder
 from rakelight.model import (
@@ -76,6 +81,7 @@ from rakelight.model import (
     Mask,
     SensorNoise,
     Truth,
+    finite_number,
     selected,
 )
 
@@ -194,8 +200,9 @@ def write_capture(
         stored
     folder : where it is to appear; its parents are made
     truth : stored in truth/ for `load_truth`
-    depth_scale : store depth as 16-bit PNG with so many values per metre, rounded; without it as
-        float32 TIFF in metres, exact
+    depth_scale : store depth as 16-bit PNG with so many values per metre, rounded: at least 1000,
+        or as many as keep the steps within the depth's noise; without it as float32 TIFF in metres,
+        exact
     contact_sheet : (H, W, 3) uint8, which frames of a recording were taken and which not, stored as
         contact-sheet.png
     overwrite : replace an older capture folder, with truth or without as this one, if it holds
@@ -209,7 +216,8 @@ def write_capture(
     Raises
     ------
     CaptureError
-        the arrays do not fit each other, or `depth_scale` does not fit the depth
+        the arrays do not fit each other, or `depth_scale` does not fit the depth: values beyond 16
+        bit, or steps coarser than its noise
     OutputExistsError
         something stands at `folder` and may not be replaced
     MachineError
@@ -233,7 +241,7 @@ def write_capture(
     """
     capture = checked_arrays(capture)
     if depth_scale is not None:
-        check_is(depth_scale, Real, "depth_scale", "give depth values per metre, such as 1000")
+        _check_number(depth_scale)
     if contact_sheet is not None:
         check_is(contact_sheet, np.ndarray, "contact_sheet", "give (H, W, 3) uint8")
     if truth is not None:
@@ -363,6 +371,18 @@ def _read_mask(root: Root, shape: tuple[int, int]) -> tuple[Mask, tuple[Finding,
     return mask, (*validate.check_mask(mask, source), *findings)
 
 
+def _check_number(depth_scale: object) -> None:
+    """Raise InputError for a depth_scale that is no number, or too large for a float."""
+    if not finite_number(depth_scale):
+        raise InputError(
+            "this is no finite number",
+            source="depth_scale",
+            seen=type(depth_scale).__name__,
+            needed="depth values per metre",
+            remedy="give 1000 for millimetres, or none to write float TIFF",
+        )
+
+
 def _same_folder(first: Path, second: Path) -> bool:
     try:
         return first.samefile(second)
@@ -378,7 +398,7 @@ def write_all_but_photographs(
     if depth_scale is None:
         _write_each(path / "depth", ".tiff", encode_tiff, capture.depth_m)
     else:
-        values = depth_values(capture.depth_m, depth_scale)
+        values = depth_values(capture.depth_m, depth_scale, capture.depth_noise or UNKNOWN_SENSOR)
         _write_each(path / "depth", ".png", encode_png, values)
     write_bytes(path / "mask.png", encode_png(capture.mask.astype(np.uint8) * np.uint8(255)))
     config = format_config(
