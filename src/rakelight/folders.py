@@ -10,17 +10,20 @@ Beside the folder NAME a run uses hidden names, `.NAME.rakelight-`, eight hexade
 - `.old`: whole, but not at its name; put back where NAME is missing
 - `.replaced`: an older folder that is being deleted
 
-and the lock `.NAME.rakelight.lock`.
+and the lock `.NAME.rakelight.lock`, which names the `.partial` that is being written.  A dead run
+leaves it behind: no other `.partial` is deleted, and no file in the lock's place that is none.
 """
 
 from __future__ import annotations
 
 import ctypes
+import errno
 import hashlib
 import os
 import re
 import secrets
 import shutil
+import stat
 import sys
 from collections.abc import Callable, Iterator, Mapping, Set
 from contextlib import ExitStack, contextmanager, suppress
@@ -43,6 +46,10 @@ _FILE_LIST_SCHEMA = "rakelight-files/1"
 
 # Bytes; a manifest with a hundred thousand names has a tenth of it.
 _LARGEST_MANIFEST = 100_000_000
+
+# First line of a lock; the names of folders that are being written follow, a line each.
+_LOCK_HEADER = b"rakelight-lock/1\n"
+_LARGEST_LOCK = 100_000  # bytes
 
 # For renameat2: paths are relative to the working directory; exchange the two names.
 _AT_FDCWD = -100
@@ -155,6 +162,8 @@ def staged_folder(
             # Once more: what a dead run had moved aside is back, another run may have finished.
             _refuse_occupied(target, shown, overwrite, manifest)
             staging = Staging(_sibling(target, "partial"))
+            if locked:
+                _note_in_lock(target, staging.path)
             staging.path.mkdir()
             try:
                 yield staging
@@ -177,6 +186,8 @@ def require_free(target: Path, *, manifest: Manifest, overwrite: bool = False) -
         _refuse_occupied(target, shown, overwrite, manifest)
         with suppress(FileNotFoundError):
             _sibling(target, "partial").lstat()  # too long a name, a file among the parents
+        with suppress(FileNotFoundError):
+            os.close(_opened_lock(_lock_of(target)))
         with TemporaryFile(dir=next(parent for parent in target.parents if parent.exists())):
             pass
 
@@ -404,11 +415,11 @@ def _lock_taken(target: Path, shown: str) -> Iterator[bool]:
     except ImportError:  # Windows
         yield False
         return
-    lock = target.with_name(f".{target.name}.rakelight.lock")
+    lock = _lock_of(target)
     descriptor = -1
     try:
         while True:
-            descriptor = os.open(lock, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o666)
+            descriptor = _opened_lock(lock, os.O_CREAT)
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError as error:
@@ -430,9 +441,80 @@ def _lock_taken(target: Path, shown: str) -> Iterator[bool]:
         if descriptor >= 0:
             with suppress(OSError):  # another run's
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                if _is_still(lock, descriptor):
+                if _is_still(lock, descriptor) and not _unfinished(target, descriptor):
                     lock.unlink(missing_ok=True)
             os.close(descriptor)
+
+
+def _lock_of(target: Path) -> Path:
+    return target.with_name(f".{target.name}.rakelight.lock")
+
+
+def _opened_lock(lock: Path, flags: int = 0) -> int:
+    """A descriptor of the lock; OutputExistsError where something of somebody else's is there."""
+    # A link is not followed, and a pipe does not keep us waiting.
+    flags |= sum(getattr(os, name, 0) for name in ("O_CLOEXEC", "O_NOFOLLOW", "O_NONBLOCK"))
+    seen = ""
+    try:
+        descriptor = os.open(lock, os.O_RDWR | flags, 0o666)
+    except OSError as error:
+        if error.errno not in (errno.EISDIR, errno.ELOOP, errno.ENXIO):
+            raise
+        seen = "a folder" if error.errno == errno.EISDIR else "a link or a socket"
+    else:
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            seen = "no regular file"
+        elif _names_in(descriptor) is None:
+            seen = "other content"
+        if not seen:
+            return descriptor
+        os.close(descriptor)
+    raise OutputExistsError(
+        "something stands where the lock of the folder is to be",
+        source=str(lock),
+        seen=seen,
+        needed="nothing, or the lock of an earlier run",
+        remedy="move it away, or choose another name for the folder",
+    )
+
+
+def _names_in(descriptor: int) -> list[str] | None:
+    """The names of folders being written that stand in a lock; None where it is no lock of ours.
+
+    An empty one is: its run has not begun to write.
+    """
+    os.lseek(descriptor, 0, os.SEEK_SET)
+    content = os.read(descriptor, _LARGEST_LOCK)
+    if not content.startswith(_LOCK_HEADER):
+        return None if content else []
+    return os.fsdecode(content.removeprefix(_LOCK_HEADER)).splitlines()
+
+
+def _unfinished(target: Path, descriptor: int) -> list[Path]:
+    """The folders beside `target` that by its lock are ours, and not finished."""
+    names = _names_in(descriptor) or []
+    return [path for path in _siblings(target, ".partial") if path.name in names]
+
+
+def _noted_in_lock(target: Path) -> list[Path]:
+    """`_unfinished` by the lock of `target`, which is held."""
+    descriptor = _opened_lock(_lock_of(target))
+    try:
+        return _unfinished(target, descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _note_in_lock(target: Path, folder: Path) -> None:
+    """Write into the lock of `target`, which is held, that `folder`, too, is ours."""
+    descriptor = _opened_lock(_lock_of(target))
+    try:
+        names = [path.name for path in (*_unfinished(target, descriptor), folder)]
+        text = _LOCK_HEADER + os.fsencode("".join(f"{name}\n" for name in names))
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, text, 0)
+    finally:
+        os.close(descriptor)
 
 
 def _is_still(path: Path, descriptor: int) -> bool:
@@ -450,11 +532,16 @@ def _clean_up_after_dead_runs(target: Path, manifest: Manifest) -> tuple[Finding
     """
     _put_back(target)
     findings: list[Finding] = []
+    ours = _noted_in_lock(target)
     for path in _siblings(target, ".partial"):
+        why = "" if path in ours else "nothing says that rakelight wrote it"
         try:
-            shutil.rmtree(path)
+            if not why:
+                shutil.rmtree(path)
         except OSError as error:
-            findings.append(_not_deleted(path, error.strerror or str(error)))
+            why = error.strerror or str(error)
+        if why:
+            findings.append(_not_deleted(path, why))
     for path in _siblings(target, ".old") + _siblings(target, ".replaced"):
         findings += _delete_older(path, manifest)
     return tuple(findings)

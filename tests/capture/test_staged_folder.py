@@ -299,8 +299,18 @@ def test_an_older_folder_that_cannot_be_deleted_is_said(tmp_path, monkeypatch, c
     assert names(tmp_path) == ["out"]
 
 
+def left_by_a_dead_run(folder):
+    """What stays beside `out` of a run that was killed while it wrote."""
+    partial = folder / ".out.rakelight-12345678.partial"
+    partial.mkdir()
+    (partial / "half").write_bytes(b"1")
+    lock = f"rakelight-lock/1\n{partial.name}\n"
+    (folder / ".out.rakelight.lock").write_text(lock, encoding="utf-8")
+    return partial
+
+
 def test_a_dead_runs_folder_that_cannot_be_deleted_is_said(tmp_path, monkeypatch):
-    (tmp_path / ".out.rakelight-12345678.partial").mkdir()
+    partial = left_by_a_dead_run(tmp_path)
 
     def refused(path, **_):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
@@ -313,7 +323,50 @@ def test_a_dead_runs_folder_that_cannot_be_deleted_is_said(tmp_path, monkeypatch
             shutil, "rmtree", lambda path, ignore_errors=False: ignore_errors or refused(path)
         )
         (finding,) = write(tmp_path / "out")
-    assert "12345678.partial: " in finding.message
+        assert "12345678.partial: " in finding.message
+        assert put_back(tmp_path / "out") == tmp_path / "out"
+    assert partial.exists()
+    assert write(tmp_path / "out", overwrite=True) == ()
+    assert names(tmp_path) == ["out"]
+
+
+def test_a_folder_that_no_dead_run_wrote_is_never_deleted(tmp_path):
+    """Whatever it is called; the next run says that it is there."""
+    mine = tmp_path / ".out.rakelight-0123abcd.partial"
+    mine.mkdir()
+    (mine / "thesis.tex").write_text("thesis")
+    left_by_a_dead_run(tmp_path)
+    (finding,) = write(tmp_path / "out")
+    assert "0123abcd.partial: " in finding.message
+    assert "nothing says that rakelight wrote it" in finding.message
+    assert names(tmp_path) == [mine.name, "out"]
+    assert (mine / "thesis.tex").read_text() == "thesis"
+
+
+def link(lock, elsewhere):
+    lock.symlink_to(elsewhere)
+
+
+FOREIGN_LOCKS = {
+    "other content": lambda lock, elsewhere: lock.write_text("thesis"),
+    "a folder": lambda lock, elsewhere: lock.mkdir(),
+    "a link": link,
+    "no regular file": lambda lock, elsewhere: os.mkfifo(lock),
+}
+
+
+@pytest.mark.skipif(os.name != "posix", reason="no locks")
+@pytest.mark.parametrize("seen", FOREIGN_LOCKS)
+def test_what_is_no_lock_of_ours_stays_and_is_said(tmp_path, seen):
+    lock, elsewhere = tmp_path / ".out.rakelight.lock", tmp_path / "elsewhere"
+    FOREIGN_LOCKS[seen](lock, elsewhere)
+    before = lock.lstat()
+    for use in (write, free, lambda out: only_writer(out).__enter__()):
+        with pytest.raises(OutputExistsError, match=f"seen {seen}.* Fix: move it away") as caught:
+            use(tmp_path / "out")
+        assert caught.value.source == str(lock)
+    assert (lock.lstat().st_ino, lock.lstat().st_size) == (before.st_ino, before.st_size)
+    assert names(tmp_path) == [lock.name]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="names are exchanged on Linux")
