@@ -340,7 +340,7 @@ def _owned(folder: Path, manifest: Manifest) -> Set[str]:
         name
         for name, checksum in listed.items()
         if _leads_inside(name)
-        and (checksum is None or not _is_file(folder / name) or _sha256(folder / name) == checksum)
+        and (checksum is None or not _is_file(folder / name) or sha256(folder / name) == checksum)
     }
     return unchanged | {manifest.name}
 
@@ -355,7 +355,8 @@ def _leads_inside(name: str) -> bool:
     return bool(path.parts) and ".." not in path.parts and not PureWindowsPath(name).anchor
 
 
-def _sha256(path: Path) -> str:
+def sha256(path: Path) -> str:
+    """Of a file's content, in hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -598,7 +599,7 @@ def _write_manifest(staging: Path, manifest: Manifest) -> None:
     if manifest.write is None:
         return
     files = sorted(path for path in staging.rglob("*") if path.is_file())
-    checksums = {path.relative_to(staging).as_posix(): _sha256(path) for path in files}
+    checksums = {path.relative_to(staging).as_posix(): sha256(path) for path in files}
     write_bytes(staging / manifest.name, manifest.write(checksums))
 
 

@@ -110,6 +110,41 @@ def test_a_result_that_lost_a_file_is_made_again(capture, done):
     assert (done / "coin" / "depth.tiff").is_file()
 
 
+def emptied(path):
+    path.write_bytes(b"")
+
+
+def cut_off(path):
+    path.write_bytes(path.read_bytes()[:-1])
+
+
+def of_the_same_size(path):
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+
+
+@pytest.mark.parametrize("damage", [emptied, cut_off, of_the_same_size])
+@pytest.mark.parametrize("name", ["depth.tiff", "report.html"])
+def test_a_result_of_which_a_file_was_damaged_is_made_again(capture, done, name, damage):
+    path = done / "coin" / name
+    before = path.read_bytes()
+    damage(path)
+    entry = do(capture, done)
+    assert (entry.state, entry.computed) == ("done", True)
+    assert len(path.read_bytes()) > 0.9 * len(before)
+    assert not do(capture, done).computed
+
+
+def test_a_result_without_checksums_counts_by_the_files_that_are_there(capture, done):
+    """As versions before wrote it."""
+    path = done / "coin" / "result.json"
+    summary = json.loads(path.read_text())
+    del summary["checksums"]
+    path.write_text(json.dumps(summary))
+    assert not do(capture, done).computed
+
+
 @pytest.mark.parametrize("stamp", [b"", b"[]", b"{", b"[" * 100_000])
 def test_a_damaged_stamp_is_none(done, stamp):
     (done / "coin" / STAMP).write_bytes(stamp)

@@ -1,6 +1,7 @@
 """Result folders: whole or not at all, result.json, reading back."""
 
 import errno
+import hashlib
 import json
 import os
 import re
@@ -128,6 +129,16 @@ def test_result_json_says_everything(sphere, tmp_path):
     assert summary["conventions"]["depth_png_values_per_metre"] == 100_000.0
     assert summary["conventions"]["normal_map"] == "opengl"
     assert summary["conventions"]["albedo_encoding"] == "srgb"
+
+
+def test_result_json_says_what_every_other_file_holds(sphere, tmp_path):
+    write_result(sphere, tmp_path / "out")
+    written = strict_json(tmp_path / "out" / "result.json")["checksums"]
+    assert written == {
+        name: hashlib.sha256(data).hexdigest()
+        for name, data in content(tmp_path / "out").items()
+        if name != "result.json"
+    }
 
 
 def test_every_key_of_result_json_is_documented(sphere, tmp_path):

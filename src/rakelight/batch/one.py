@@ -24,8 +24,8 @@ from rakelight.errors import (
 from rakelight.export import RESULT, read_summary
 from rakelight.export.plain import json_bytes
 from rakelight.export.summary import program_version
-from rakelight.files import MAX_TEXT_BYTES, read_bytes
-from rakelight.folders import remove_unfinished, require_free
+from rakelight.files import MAX_TEXT_BYTES, clear_errors, read_bytes
+from rakelight.folders import remove_unfinished, require_free, sha256
 from rakelight.memory import give_memory_back
 from rakelight.recipe import Recipe, refine_source
 
@@ -114,8 +114,13 @@ def stamp_of(folder: Path) -> str | None:
 
 
 def _is_whole(folder: Path) -> bool:
+    """Whether a result's files are there, as they were written."""
     try:
-        return all((folder / name).is_file() for name in read_summary(folder).files)
+        summary = read_summary(folder)
+        with clear_errors(str(folder), "cannot be read"):
+            return all((folder / name).is_file() for name in summary.files) and all(
+                sha256(folder / name) == written for name, written in summary.checksums.items()
+            )
     except (InputError, MachineError):
         return False
 

@@ -42,7 +42,7 @@ from rakelight.export.summary import (
     told,
 )
 from rakelight.files import as_path, in_threads, write_bytes, write_parts
-from rakelight.folders import Manifest, staged_folder
+from rakelight.folders import Manifest, sha256, staged_folder
 from rakelight.geometry.finite import SIGMAS, only_finite
 from rakelight.model import Finding, Result
 from rakelight.pictures.colors import AXES, NormalMap
@@ -152,17 +152,19 @@ def _write(
             raise InputError("a result folder has a file of that name", source=name)
         contents[name] = partial(content, result)
 
-    def write(name: str) -> None:
+    def write(name: str) -> str:
         data = contents[name]()
         if isinstance(data, bytes):
             write_bytes(staging / name, data)
         else:
             write_parts(staging / name, data)
+        return sha256(staging / name)
 
     # The mesh first: it takes longest, and begun last it would have one core to itself.
-    in_threads(write, sorted(contents, key=lambda name: name != mesh_file(mesh)))
+    names = sorted(contents, key=lambda name: name != mesh_file(mesh))
+    checksums = dict(zip(names, in_threads(write, names), strict=True))
     conventions = Conventions(depth_png_values_per_metre=values_per_metre, normal_map=normal_map)
-    summary = summarise(result, conventions, [*contents, MARKER])
+    summary = summarise(result, conventions, checksums)
     write_bytes(staging / MARKER, summary_json(summary))
 
 

@@ -95,6 +95,7 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     units: Units = Units()
     conventions: Conventions
     files: list[str]
+    checksums: dict[str, str] = {}
 
 
 class _Read(msgspec.Struct):
@@ -153,13 +154,14 @@ def stored_fields(result: Result) -> dict[str, Any]:
     return stored
 
 
-def summarise(result: Result, conventions: Conventions, files: list[str]) -> Summary:
-    """The summary of a result that is written as `files`."""
+def summarise(result: Result, conventions: Conventions, checksums: Mapping[str, str]) -> Summary:
+    """The summary of a result that is written beside files: by their names, their SHA-256."""
     return Summary(
         rakelight=program_version(),
         pixels=int(result.mask.sum()),
         conventions=conventions,
-        files=sorted(files),
+        files=sorted([*checksums, MARKER]),
+        checksums=dict(sorted(checksums.items())),
         **stored_fields(result),
     )
 
