@@ -173,7 +173,7 @@ def test_results_and_captures_are_written_to_paths(tmp_path):
         rakelight.write_capture(capture, None)
     flat, facing = np.ones((4, 4)), np.tile([0.0, 0.0, -1.0], (4, 4, 1))
     camera = rakelight.Camera(4, 4, 100.0, 100.0, 1.5, 1.5)
-    lights = rakelight.Lights(facing, flat)
+    lights = rakelight.Lights(facing[:, :1], flat[:, :1])
     result = rakelight.Result(flat, facing, np.ones((4, 4, 3)), flat, lights, camera, flat, "none")
     with pytest.raises(rakelight.InputError, match="folder: this is no path"):
         rakelight.save_result(result, None)
