@@ -46,12 +46,14 @@ class Stream:
         is (H, W, 3) uint8 or uint16 RGB as stored, depth (h, w) float32 metres with NaN = no
         measurement.  What cannot be decoded raises CaptureError.
     encoding : of colour
+    timed : whether the times are stated; else they say only in which order the frames follow
     """
 
     times_s: Floats
     shape: tuple[int, int]
     walk: Callable[[Sequence[int]], Iterator[tuple[int, Array]]]
     encoding: Encoding = "srgb"
+    timed: bool = True
 
     def __len__(self) -> int:
         return len(self.times_s)

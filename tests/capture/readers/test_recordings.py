@@ -385,6 +385,7 @@ def test_open3d_folder_is_read_exactly(tmp_path, by_rows):
     want = np.where(want == 0, np.nan, want).astype(np.float32)
     assert np.array_equal(depth_of(recording), want[:-1], equal_nan=True)
     assert np.allclose(recording.color.times_s, np.array(kept) / 30)
+    assert not recording.color.timed
 
 
 def test_open3d_states_the_unit_of_the_depth_and_the_rate(tmp_path):
@@ -395,6 +396,7 @@ def test_open3d_states_the_unit_of_the_depth_and_the_rate(tmp_path):
     want = np.where(want == 0, np.nan, want).astype(np.float32)
     assert np.array_equal(depth_of(recording), want, equal_nan=True)
     assert np.allclose(recording.color.times_s, np.arange(COUNT) / 15)
+    assert recording.color.timed
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ cpp/open3d/t/io/sensor/RGBDVideoMetadata.cpp, which adds depth_scale (values per
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +47,8 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
     names = list(color_names.values())
     name = next(name for name in INTRINSICS if (path / name).is_file())
     facts = json_table(read_within(path, name, MAX_TEXT_BYTES), f"{path}/{name}")
-    fps = number_in(facts.get("fps"), 1, 1000) or _FPS
+    stated_fps = number_in(facts.get("fps"), 1, 1000)
+    fps = stated_fps or _FPS
     first_depth = next(iter(depth_names.values()))
     per_metre, assumed = values_per_metre(path, first_depth, _PER_METRE, "the recorders'")
     if assumed and facts.get("depth_scale") is not None:
@@ -64,7 +66,7 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
     made = recording_of_one_view(
         path,
         camera,
-        color,
+        replace(color, timed=stated_fps is not None),
         depth,
         depth_source=f"{path}/depth",
         names=names,

@@ -64,8 +64,7 @@ def take(recording: Recording, wanted: tuple[int, ...] | None, progress: Progres
     reasons = reasons_to_drop(frames, light, at_px)
     require_enough(recording.source, frames, reasons)
     bad = np.any(list(reasons.values()), axis=0)
-    duration_s = float(frames.times_s[-1])
-    require_changing_light(recording.source, light_variation(light, ~bad), duration_s)
+    require_changing_light(recording.source, frames, light_variation(light, ~bad))
     # 4. those whose light differs most, with the others of the same light
     usable = np.flatnonzero(~bad)
     chosen = usable[most_different(light.coefficients[usable], PHOTOGRAPHS)].tolist()

@@ -54,7 +54,7 @@ def contact_sheet(
         some = numbers[np.unique(np.linspace(0, len(numbers) - 1, SAMPLES).round().astype(int))]
         shown = f", {len(some)} of them shown" if len(some) < len(numbers) else ""
         parts.append(_line(f"Dropped, {reason}: {len(numbers)}{shown}", DROPPED))
-        tiles = [Tile(int(i), f"{names[i]}  {frames.times_s[i]:.1f} s") for i in some]
+        tiles = [Tile(int(i), _named(frames, names, int(i))) for i in some]
         parts.append(_tiles(frames, tiles, DROPPED))
     if spare > 0:
         parts.append(_line(f"Good, but not needed: {spare}", TEXT))
@@ -64,8 +64,12 @@ def contact_sheet(
 def _taken(frames: Frames, group: list[int], names: list[str]) -> Tile:
     own = group[0]
     more = f"  +{len(group) - 1}" if len(group) > 1 else ""
-    text = f"{names[own]}  {frames.times_s[own]:.1f} s{more}"
-    return Tile(own, text, _towards(frames, own))
+    return Tile(own, _named(frames, names, own) + more, _towards(frames, own))
+
+
+def _named(frames: Frames, names: list[str], frame: int) -> str:
+    """The frame's name, and its time where times are stated."""
+    return names[frame] + (f"  {frames.times_s[frame]:.1f} s" if frames.timed else "")
 
 
 def _towards(frames: Frames, frame: int) -> Floats:

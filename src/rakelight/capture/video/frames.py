@@ -44,6 +44,7 @@ class Frames:
     brightness : (N,) the object's 90th percentile, linear light
     mask, detail_mask : (h, w), (hd, wd) where the object is
     window : rows and columns of the recording that the pictures show
+    timed : whether `times_s` are stated
     """
 
     numbers: Array
@@ -56,6 +57,7 @@ class Frames:
     mask: Mask
     detail_mask: Mask
     window: tuple[slice, slice]
+    timed: bool = True
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -80,6 +82,7 @@ def look_through(recording: Recording, progress: ProgressCallback) -> Frames:
         mask=_shown(inside, small),
         detail_mask=_shown(inside, fine),
         window=window,
+        timed=recording.color.timed,
     )
     sharp_mask = _shown(inside, sharp)
     step = STRIDE if inside[::STRIDE, ::STRIDE].any() else 1

@@ -48,16 +48,17 @@ def require_enough(source: str, frames: Frames, reasons: Reasons, needed: int = 
     )
 
 
-def require_changing_light(source: str, variation: float, duration_s: float) -> None:
+def require_changing_light(source: str, frames: Frames, variation: float) -> None:
     """Raise CaptureError where all frames show one light.
 
     variation : from `light_variation`
     """
+    during = f"{frames.times_s[-1]:.1f} s" if frames.timed else f"{len(frames)} frames"
     if variation < UNCHANGED:
         raise CaptureError(
             "the light never changes",
             source=source,
-            seen=f"changes of {variation:.1%} in {duration_s:.1f} s",
+            seen=f"changes of {variation:.1%} in {during}",
             needed="a lamp that is moved round the object",
             remedy="record while the lamp is moved, the other lights off",
         )
@@ -74,7 +75,7 @@ def light_variation(light: Explained, kept: Mask) -> float:
 def findings_of(
     frames: Frames, light: Explained, reasons: Reasons, groups: list[list[int]], names: list[str]
 ) -> tuple[Finding, ...]:
-    """How many frames were read, taken and dropped; each reason with its times and a remedy."""
+    """How many frames were read, taken and dropped; each reason with those it dropped."""
     averaged = sum(map(len, groups))
     message = f"{len(groups)} photographs of {len(frames)} frames"
     if averaged > len(groups):
@@ -82,7 +83,7 @@ def findings_of(
     found = [Finding("note", "frames-taken", message, "contact-sheet.png shows them")]
     for name, these in reasons.items():
         if these.any():
-            when = _when(frames.times_s, these, names)
+            when = _when(these, _shown(frames, names))
             text = f"{name}: {int(these.sum())} of {len(frames)} frames were dropped ({when})"
             many = these.mean() > 0.25
             code = "frames-" + name.replace(" ", "-")
@@ -113,16 +114,21 @@ def exposure_changes(brightness: Floats, lights: Floats, kept: Mask) -> float:
     return float(np.expm1(np.quantile(change, 0.9)))
 
 
-def _when(times_s: Floats, these: Mask, names: list[str]) -> str:
-    """At which times, as spans; single frames by their names.  The first few of many.
+def _shown(frames: Frames, names: list[str]) -> list[str]:
+    """What the frames are called in spans: their times, or their names where none are stated."""
+    return [f"{t:.1f} s" for t in frames.times_s] if frames.timed else names
 
-    >>> _when(np.arange(6) / 10, np.array([0, 1, 1, 0, 0, 1], bool), list("abcdef"))
+
+def _when(these: Mask, shown: list[str]) -> str:
+    """Which frames, as spans of what is shown of each.  The first few of many.
+
+    >>> _when(np.array([0, 1, 1, 0, 0, 1], bool), ["0.0 s", "0.1 s", "0.2 s", *"def"])
     '0.1 to 0.2 s, f'
+    >>> _when(np.array([1, 1, 0, 0, 1], bool), ["a.png", "b.png", "c.png", "d.png", "e.png"])
+    'a.png to b.png, e.png'
     """
     numbers = np.flatnonzero(these)
     spans = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
-    words = [
-        f"{times_s[span[0]]:.1f} to {times_s[span[-1]]:.1f} s" if len(span) > 1 else names[span[0]]
-        for span in spans
-    ]
+    ends = [(shown[span[0]], shown[span[-1]]) for span in spans]
+    words = [a if a == b else f"{a.removesuffix(' s')} to {b}" for a, b in ends]
     return ", ".join(words[:4]) + (f" and {len(words) - 4} more" if len(words) > 4 else "")
