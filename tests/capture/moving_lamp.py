@@ -63,6 +63,20 @@ def hand_path(count, rng, *, still=False):
     return gain[:, None] * np.stack(way, axis=-1)
 
 
+def single_shots(count, rng):
+    """(N, 3) lamp vectors, each put where it is: up a spiral, or anywhere between two tilts."""
+    lowest, highest = np.radians(rng.uniform(15, 35)), np.radians(rng.uniform(45, 65))
+    if rng.random() < 0.5:
+        tilt = np.linspace(lowest, highest, count)
+        azimuth = 2 * np.pi * (rng.uniform(1, 3) * np.arange(count) / count + rng.random())
+    else:
+        tilt = np.arccos(rng.uniform(np.cos(highest), np.cos(lowest), count))
+        azimuth = rng.uniform(0, 2 * np.pi, count)
+    gain = np.exp(0.1 * rng.standard_normal(count))
+    way = [np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), -np.cos(tilt)]
+    return gain[:, None] * np.stack(way, axis=-1)
+
+
 def smooth(count, rng, width):
     """(N,) noise of variance 1, smooth over `width` frames."""
     white = rng.standard_normal(count + 8 * width)

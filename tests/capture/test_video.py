@@ -10,7 +10,7 @@ from rakelight.capture.recording import PHOTOGRAPHS, capture_of
 from rakelight.capture.video.choice import most_different
 from rakelight.capture.video.frames import look_through
 from rakelight.capture.video.judging import reasons_to_drop
-from rakelight.capture.video.light import explained
+from rakelight.capture.video.light import FAR, NEAR, NEAR_FRAMES, explained, similar
 from rakelight.capture.video.merging import MOST_AVERAGED, merged, same_light, still_depth
 from rakelight.capture.video.positions import (
     LIGHT_PX,
@@ -20,7 +20,7 @@ from rakelight.capture.video.positions import (
 )
 from rakelight.errors import CaptureError, InputError
 from rakelight.model import Camera, silent
-from tests.capture.moving_lamp import make_video, recording_of
+from tests.capture.moving_lamp import FPS, make_video, recording_of, single_shots
 
 SIZE = 0.5
 
@@ -104,10 +104,53 @@ def test_single_shots_are_all_kept():
     assert reading.capture.names == tuple(f"frame {i}" for i in range(12))
 
 
+@pytest.mark.parametrize("seed", range(20, 25))
+def test_few_frames_lit_far_from_each_other_are_kept(seed):
+    """Each lost 3 to 12 of its 24 frames."""
+    lamp = single_shots(24, np.random.default_rng([seed, 5]))
+    reasons = dropped(make_video(seed, 24, size=SIZE, lamp=lamp))
+    assert share_of(reasons, range(24)) <= 0.05
+
+
+def test_an_arm_before_one_of_few_frames_is_seen():
+    lamp = single_shots(24, np.random.default_rng([2, 5]))
+    video = make_video(21, 24, size=SIZE, lamp=lamp, arm=0.1)
+    assert video.wrong["arm"]
+    reasons = dropped(video)
+    assert share_of(reasons, video.wrong["arm"]) >= 0.8
+
+
+def test_frames_are_compared_to_twelve_however_few_are_far_in_time():
+    lights = np.random.default_rng(0).standard_normal((20, 3))
+    for frame in range(20):
+        found = similar(lights, frame, NEAR, FAR, NEAR_FRAMES)
+        assert len(set(found.tolist()) - {frame}) == NEAR + FAR
+
+
+@pytest.mark.parametrize("timed", [True, False])
+def test_frames_without_times_are_said_by_their_names(timed):
+    video = make_video(21, 40, size=SIZE, over=0.1)
+    color = replace(video.recording.color, timed=timed)
+    names = tuple(f"color/{i:05}.png" for i in range(40))
+    recording = replace(video.recording, color=color, names=names)
+    reading = capture_of(recording, Wanted())
+    said = {finding.code: finding.message for finding in reading.capture.findings}
+    when = said["frames-over-exposed"]
+    first = min(video.wrong["over"])
+    assert (f"({first / FPS:.1f}" if timed else f"({names[first]}") in when
+    assert ("png" in when) != timed
+    slower = replace(recording, color=replace(color, times_s=10 * color.times_s))
+    sheet = capture_of(slower, Wanted()).contact_sheet
+    assert np.array_equal(sheet, reading.contact_sheet) != timed
+
+
 def test_a_lamp_that_stands_still_is_an_error():
     video = make_video(21, 40, size=SIZE, still=True)
-    with pytest.raises(CaptureError, match="the light never changes"):
+    untimed = replace(video.recording.color, timed=False)
+    with pytest.raises(CaptureError, match=r"the light never changes .* in 1\.3 s"):
         capture_of(video.recording, Wanted())
+    with pytest.raises(CaptureError, match=r"the light never changes .* in 40 frames"):
+        capture_of(replace(video.recording, color=untimed), Wanted())
 
 
 def test_too_few_usable_frames_say_why():

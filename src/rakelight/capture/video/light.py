@@ -34,6 +34,8 @@ DARKEST = 0.02
 # Frames under a similar light that a frame is compared to: near in time, which may show the same
 # arm, and others; what is near in time, frames.
 NEAR, FAR, NEAR_FRAMES = 3, 9, 15
+# Frames of the most similar light whose distance says how near in light others are.
+ALIKE = 15
 # How far beyond the range of their values a frame's may lie, over the range: where the light is
 # like no other frame's, shadows and highlights are elsewhere.  With 2 and 0.1 for
 # `judging.UNEXPLAINED` half as many good frames count as covered as with 0 and 0.2, and as many
@@ -136,11 +138,36 @@ def _unlike_others(residual: Floats, lights: Floats) -> Floats:
 
 
 def similar(lights: Floats, frame: int, near: int, far: int, near_frames: int) -> Array:
-    """The frames whose light (N, R) is most like that of one: some near it in time, some not."""
+    """The frames whose light (N, R) is most like that of one: some near it in time, some not.
+
+    Where there are too few of either, others make up for them: a light is not known from three.
+
+    >>> similar(np.array([[0.0], [3], [1], [2]]), 0, 1, 2, 2).tolist()
+    [1, 2, 3]
+    >>> similar(np.array([[0.0], [3], [1], [2]]), 0, 1, 2, 9).tolist()
+    [2, 3, 1]
+    """
     order = np.argsort(np.linalg.norm(lights - lights[frame], axis=1), kind="stable")
     order = order[order != frame]
     beside = np.abs(order - frame) < near_frames
-    return np.concatenate([order[beside][:near], order[~beside][:far]])
+    some = np.concatenate([order[beside][:near], order[~beside][:far]])
+    others = order[~np.isin(order, some)]
+    return np.concatenate([some, others[: near + far - len(some)]])
+
+
+def unlike(lights: Floats) -> Floats:
+    """(N,) how far the light (N, R) of each frame is from the `ALIKE` most like it, their median.
+
+    >>> unlike(np.array([[0.0], [0.1], [3.1]])).round(2).tolist()
+    [1.6, 1.55, 3.05]
+    """
+    if len(lights) < 2:
+        return np.zeros(len(lights))
+    away = [
+        np.median(np.linalg.norm(lights[similar(lights, i, 0, ALIKE, 1)] - lights[i], axis=1))
+        for i in range(len(lights))
+    ]
+    return np.array(away)
 
 
 def _smoothed(maps: Floats, mask: Mask) -> Floats:
