@@ -77,20 +77,76 @@ def test_a_soft_mask_among_arrays_is_told_of(mask, soft):
     assert ("mask-soft" in [finding.code for finding in capture.findings]) == soft
 
 
-@pytest.mark.parametrize("bits", [10, 12, 14, 15, 16])
-def test_values_of_fewer_bits_in_16_are_told_of(tmp_path, bits):
-    made = small_capture(dtype=np.uint16)
-    values = made.photographs >> (16 - bits)
+def of_fewer_bits(bits):
+    """(4, H, W, 3) uint16 of `bits`, a few of them saturated."""
+    values = small_capture(dtype=np.uint16).photographs >> (16 - bits)
     values[:, 10, 10:14] = 2**bits - 1
-    capture = load_capture(build(tmp_path / "c", dtype=np.uint16, photographs=4))
-    assert "narrow-range" not in [finding.code for finding in capture.findings]
-    for i, pixels in enumerate(values):
-        (tmp_path / f"c/rgb/{i:03d}.png").write_bytes(encode_png(pixels))
-    found = [f for f in load_capture(tmp_path / "c").findings if f.code == "narrow-range"]
-    assert len(found) == (bits in (10, 12, 14))
-    for finding in found:
-        assert f"the largest value is {2**bits - 1}" in finding.message
-        assert finding.remedy.endswith(f" {2 ** (16 - bits)}")
+    return values
+
+
+def loaded(path, photographs):
+    """The capture of a folder whose photographs are exchanged for these, and its findings."""
+    build(path, dtype=np.uint16, photographs=len(photographs))
+    for i, pixels in enumerate(photographs):
+        (path / f"rgb/{i:03d}.png").write_bytes(encode_png(pixels))
+    capture = load_capture(path)
+    return capture, {finding.code: finding for finding in capture.findings}
+
+
+@pytest.mark.parametrize("bits", [9, 10, 12, 14, 15, 16])
+def test_values_of_fewer_bits_are_those_of_16(tmp_path, bits):
+    values = of_fewer_bits(bits)
+    capture, found = loaded(tmp_path / "c", values)
+    wanted = np.rint(values * (65535 / (2**bits - 1)))
+    assert np.array_equal(capture.photographs, wanted)
+    assert ("range-stretched" in found) == (bits < 16)
+    assert "narrow-range" not in found
+    assert np.array_equal(values, of_fewer_bits(bits))
+    given = small_capture()
+    again = Capture.from_arrays(values, given.depth_m, given.camera, mask=given.mask)
+    assert np.array_equal(again.photographs, wanted)
+    if bits < 16:
+        assert f"the largest value is {2**bits - 1}" in found["range-stretched"].message
+
+
+def test_values_are_multiplied_once(tmp_path):
+    capture, _ = loaded(tmp_path / "c", of_fewer_bits(10))
+    write_capture(capture, tmp_path / "d")
+    again = load_capture(tmp_path / "d")
+    assert np.array_equal(again.photographs, capture.photographs)
+    assert "range-stretched" not in [finding.code for finding in again.findings]
+
+
+@pytest.mark.parametrize("bits", [10, 15])
+def test_where_white_is_doubtful_the_values_stay_with_a_warning(tmp_path, bits):
+    values = of_fewer_bits(bits)
+    values[:, 11, 10:14] = 2**bits - 2
+    capture, found = loaded(tmp_path / "c", values)
+    assert np.array_equal(capture.photographs, values)
+    assert "range-stretched" not in found
+    assert f"the largest value is {2**bits - 1}" in found["narrow-range"].message
+    assert found["narrow-range"].remedy.endswith(f" {2 ** (16 - bits)}")
+
+
+def test_values_in_floating_point_are_not_multiplied():
+    given, values = small_capture(), of_fewer_bits(15)
+    capture = Capture.from_arrays(values / 65535, given.depth_m, given.camera, mask=given.mask)
+    assert np.array_equal(capture.photographs, values)
+    assert "range-stretched" not in [finding.code for finding in capture.findings]
+
+
+def test_ambient_light_of_fewer_bits_is_subtracted_alike():
+    given, values = small_capture(), of_fewer_bits(12)
+    ambient = np.full_like(values[0], 100)
+    of_16 = [np.rint(each * (65535 / 4095)).astype(np.uint16) for each in (values, ambient)]
+    few, whole = (
+        Capture.from_arrays(pixels, given.depth_m, given.camera, mask=given.mask, ambient=room)
+        for pixels, room in ((values, ambient), of_16)
+    )
+    assert np.array_equal(few.photographs, whole.photographs)
+    brighter = np.full_like(ambient, 5000)
+    with pytest.raises(CaptureError, match="nearly all light"):
+        Capture.from_arrays(values, given.depth_m, given.camera, ambient=brighter)
 
 
 @pytest.mark.parametrize("top", [255, 200])

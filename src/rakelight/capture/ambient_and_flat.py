@@ -14,11 +14,10 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight.capture.listing import allocate
+from rakelight.capture.white_level import WHITE_16_BIT
 from rakelight.errors import CaptureError
 from rakelight.model import BLACK, SATURATED, Array, Encoding, Finding, Floats
 from rakelight.prepare.linear import linear_table
-
-WHITE_16_BIT = 65535
 
 # What is not saturated ends here, of white: below SATURATED by more than rounding.
 _BRIGHTEST = 0.97

@@ -68,6 +68,7 @@ from rakelight.capture.listing import (
 )
 from rakelight.capture.tone_curve import contradicted, stated_encoding
 from rakelight.capture.truth import write_truth
+from rakelight.capture.white_level import stretched
 from rakelight.errors import CaptureError, InputError, OutputExistsError, check_is, printable
 from rakelight.files import as_path, clear_errors, in_threads, read_bytes, write_bytes
 from rakelight.folders import file_list, staged_folder
@@ -338,16 +339,17 @@ def _depth_noise(root: Root, table: CaptureTable) -> SensorNoise | None:
 def _without_ambient(
     root: Root, images: Array, encoding: Encoding
 ) -> tuple[Array, Encoding, tuple[Finding, ...], str]:
-    """The photographs corrected by ambient.png and flat.png, where there are such files.
+    """The photographs with the white of 16 bits, corrected by ambient.png and flat.png if any.
 
     The text is the path of ambient.png for messages, empty where there is none.
     """
     ambient, flat = (_read_picture(root, name, images) for name in ("ambient.png", "flat.png"))
+    scaled = stretched(images, ambient, flat)
     if ambient is None and flat is None:
-        return images, encoding, (), ""
+        return images, encoding, scaled, ""
     sources = root.shown("ambient.png"), root.shown("flat.png")
     images, findings = corrected(images, encoding, ambient, flat, sources)
-    return images, "linear", findings, "" if ambient is None else sources[0]
+    return images, "linear", scaled + findings, "" if ambient is None else sources[0]
 
 
 def _read_picture(root: Root, name: str, images: Array) -> Array | None:

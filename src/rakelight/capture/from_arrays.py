@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rakelight.capture import validate
-from rakelight.capture.ambient_and_flat import WHITE_16_BIT, corrected
+from rakelight.capture.ambient_and_flat import corrected
 from rakelight.capture.arrays import (
     MAKE_A_CAMERA,
     check_object,
@@ -25,6 +25,7 @@ from rakelight.capture.arrays import (
 from rakelight.capture.defaults import chosen_encoding, chosen_lighting, object_mask
 from rakelight.capture.listing import allocate
 from rakelight.capture.no_distance import mark_no_distances
+from rakelight.capture.white_level import WHITE_16_BIT, stretched
 from rakelight.errors import CaptureError, InputError, check_is
 from rakelight.model import (
     Array,
@@ -78,9 +79,11 @@ def capture_from_arrays(
     pixels, kind = _photographs(photographs)
     depth_m, holes = _depth(depth)
     stated, assumed = chosen_encoding(encoding, kind, _SAY_ENCODING)
-    if ambient is not None or flat is not None:
-        room = _picture(ambient, picture_names[0], kind)
-        white = _picture(flat, picture_names[1], kind)
+    room = _picture(ambient, picture_names[0], kind)
+    white = _picture(flat, picture_names[1], kind)
+    if kind == "16-bit":  # of floating point, 1 is white
+        assumed += stretched(pixels, room, white)
+    if room is not None or white is not None:
         pixels, light = corrected(pixels, stated, room, white, picture_names)
         stated, assumed = "linear", (*assumed, *light)
     capture = Capture(

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from rakelight.capture.ambient_and_flat import WHITE_16_BIT
 from rakelight.capture.decoder_process import DecoderProcess
 from rakelight.capture.exif import Exif, exif_of, parse_exif
 from rakelight.capture.headers import check_size
@@ -17,6 +16,7 @@ from rakelight.capture.listing import allocate
 from rakelight.capture.loose_files import LooseFile, LooseFiles
 from rakelight.capture.tone_curve import stated_encoding
 from rakelight.capture.validate import check_same_kind
+from rakelight.capture.white_level import WHITE_16_BIT
 from rakelight.errors import CaptureError, listed
 from rakelight.files import read_bytes
 from rakelight.model import Array, Encoding, Finding, Floats, Progress, ProgressCallback

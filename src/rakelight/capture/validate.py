@@ -12,6 +12,7 @@ import numpy as np
 
 from rakelight.capture.headers import Header
 from rakelight.capture.one_scene import check_one_scene
+from rakelight.capture.white_level import narrow_range
 from rakelight.errors import CaptureError, listed
 from rakelight.geometry.distortion import corner_px, corner_stretch, fold_px
 from rakelight.model import (
@@ -44,8 +45,6 @@ MOST_STRETCHED = 1.4
 # Of a mask: how much of the object a soft edge takes (that of one pixel takes 3 % of an object 80
 # pixels wide), and the levels of grey that it has, more than labels.
 _SOFT_SHARE, _SOFT_LEVELS = 0.05, 8
-# Largest values of sensors whose values were not stretched to 16 bit, and how often it is seen.
-_WHITE_LEVELS, _LEAST_WHITE = {1023: 10, 4095: 12, 16383: 14}, 3
 _WHITE_8_BIT = 255
 # Standard deviation over depth: of the finest scanners, which are said to be right to a micrometre
 # at a metre, and of depth that says nothing of a shape.
@@ -519,7 +518,7 @@ def check_exposure(
         )
         if max(shares) >= 0.001
     )
-    return _narrow_range(photographs) + exposed
+    return narrow_range(photographs) + exposed
 
 
 def _brighter_remedy(photographs: Array, ambient: str = "") -> str:
@@ -533,22 +532,6 @@ def _brighter_remedy(photographs: Array, ambient: str = "") -> str:
             "or multiply them by 257; else expose longer"
         )
     return "expose longer or move the lamp closer"
-
-
-def _narrow_range(photographs: Array) -> tuple[Finding, ...]:
-    """A warning where values of fewer bits were stored in 16 (N, H, W, 3) as they are."""
-    few = photographs[:, ::8, ::8]
-    if photographs.dtype != np.uint16 or int(few.max(initial=0)) > max(_WHITE_LEVELS):
-        return ()
-    top = int(photographs.max())
-    if top not in _WHITE_LEVELS or np.count_nonzero(photographs == top) < _LEAST_WHITE:
-        return ()
-    message = (
-        f"the largest value is {top}, white of {_WHITE_LEVELS[top]} bit: in 16 bit saturated "
-        "values are not known for it, and dark ones count as black"
-    )
-    remedy = f"multiply the photographs by {round(65535 / top)}"
-    return (Finding("warning", "narrow-range", message, remedy),)
 
 
 def check_mask_size(mask_shape: tuple[int, int], shape: tuple[int, int], source: str) -> None:

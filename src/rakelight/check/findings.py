@@ -84,7 +84,7 @@ FINDINGS = (
     # What the reader assumed, changed or left out.
     Row((
         "encoding-contradicted", "exposure-changed",
-        "encoding-assumed", "linear-8-bit", "narrow-range",
+        "encoding-assumed", "linear-8-bit", "narrow-range", "range-stretched",
         "intrinsics-from-exif", "default-intrinsics", "depth-unit-assumed", "depth-pose-assumed",
         "lights-by-order", "same-view", "depth-camera", "lens-from-file",
         "confidence-applied",
