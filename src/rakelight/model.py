@@ -691,7 +691,7 @@ class Truth:
 
     depth : (H, W) float32 metres, NaN outside the object
     normals : (H, W, 3) float32, camera frame, facing the camera, NaN outside
-    albedo : (H, W, 3) float32 linear, 0 outside
+    albedo : (H, W, 3) float32 linear, 0 outside; NaN where it is not known
     lights : as rendered, None when they are not first-order harmonics
     """
 

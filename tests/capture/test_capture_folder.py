@@ -180,6 +180,19 @@ def test_truth_comes_back(tmp_path):
     assert load_truth(tmp_path / "d").lights is None
 
 
+def test_a_truth_without_albedo_is_read(tmp_path):
+    truth = small_truth()
+    write_capture(small_capture(), tmp_path / "c", truth=truth)
+    (tmp_path / "c/truth/albedo.tiff").unlink()
+    again = load_truth(tmp_path / "c")
+    assert same_bits(again.normals, truth.normals)
+    assert again.albedo.shape == truth.albedo.shape
+    assert np.isnan(again.albedo).all()
+    (tmp_path / "c/truth/normals.tiff").unlink()
+    with pytest.raises(InputError, match=r"normals\.tiff"):
+        load_truth(tmp_path / "c")
+
+
 def test_broken_truth_is_refused(tmp_path):
     write_capture(small_capture(), tmp_path / "c", truth=small_truth())
     truth = tmp_path / "c" / "truth"

@@ -140,6 +140,12 @@ def test_depth_pixels_that_see_the_objects_rim_are_no_holes_of_it():
     assert holes.message.startswith(f"{1 / whole.sum():.1%} of the object")
 
 
+def test_holes_that_other_maps_fill_are_not_told_of():
+    depth = DEPTH.copy()
+    depth[0, 5, 6:10] = 0
+    assert "depth-missing" not in codes(made(depth=depth))
+
+
 def test_holes_on_the_object_are_counted_by_reason():
     depth = DEPTH.copy()
     depth[:, 5, 6:10] = 0, 0, -1, np.nan
@@ -331,7 +337,7 @@ BAD = {
     "encoding array": ({"encoding": np.array(["linear", "srgb"])}, "an unknown encoding"),
     "encoding": ({"encoding": "gamma"}, "unknown encoding.*linear, srgb"),
     "lighting": ({"lighting": "lamp"}, "unknown lighting.*moving-lamp, rgb-leds, ambient"),
-    "names": ({"names": ["a"]}, "none or 4"),
+    "names": ({"names": ["a"]}, "seen 1 for 4 photographs, needed none or 4"),
     "names text": ({"names": "abcd"}, "seen str"),
     "depth camera": ({"depth_camera": SIDE.matrix}, r"no Camera.*Camera\.from_matrix"),
     "depth camera size": ({"depth_camera": SIDE.scaled(2)}, "the capture's depth camera"),

@@ -176,7 +176,7 @@ def refused_batch(refused, tmp_path):
     return refused_batch
 
 
-UNKNOWN = f"method 'best' is unknown (needed one of {', '.join(METHODS)}). Fix"
+UNKNOWN = f"method 'best' is unknown (needed one of auto, {', '.join(METHODS)}). Fix"
 
 
 def test_calls_that_are_wrong(captures, refused_batch, tmp_path):

@@ -502,6 +502,13 @@ def test_view_without_a_browser_says_where_the_report_is(run, tmp_path, monkeypa
     assert (tmp_path / "report.html").as_uri() in ran.err
 
 
+def test_view_of_a_batch_opens_its_page(run, refused, tmp_path):
+    (tmp_path / "index.html").write_text("x")
+    refused("view", tmp_path, about=tmp_path, words=("no report here",))
+    (tmp_path / "batch.json").write_text("{}")
+    assert run("view", tmp_path, "--print").out == f"{(tmp_path / 'index.html').as_uri()}\n"
+
+
 def test_view_of_something_else(refused, tmp_path):
     refused("view", tmp_path, about=tmp_path, words=("no report here",))
 

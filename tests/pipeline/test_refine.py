@@ -57,8 +57,8 @@ def test_every_method_loads_under_its_name(name):
 def test_unknown_methods_name_the_available_ones(capture):
     with pytest.raises(MethodError, match="'shape-from-hope' is unknown") as error:
         refine(capture, "shape-from-hope")
-    for name in METHODS:
-        assert name in error.value.needed
+    for name in ("auto", *METHODS):
+        assert f" {name}," in error.value.needed + ","
 
 
 def test_auto_takes_a_method_that_exists(capture, joint):

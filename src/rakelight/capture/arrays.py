@@ -350,7 +350,15 @@ def _check_words(capture: Capture, photographs: int) -> None:
         ("findings", capture.findings, Finding, None),
     ):
         fits = isinstance(values, tuple) and all(isinstance(value, kind) for value in values)
-        if not fits or (count is not None and len(values) not in (0, count)):
+        if fits and count is not None and len(values) not in (0, count):
+            raise CaptureError(
+                f"not as many {name} as photographs",
+                source=name,
+                seen=f"{len(values)} for {count} photographs",
+                needed=f"none or {count}",
+                remedy="give one for each photograph, or leave them away",
+            )
+        if not fits:
             many = "" if count is None else f", none or {count}"
             raise CaptureError(
                 f"not a tuple of {kind.__name__}",

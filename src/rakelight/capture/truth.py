@@ -32,6 +32,9 @@ def has_truth(folder: str | PathLike[str]) -> bool:
 def load_truth(folder: str | PathLike[str]) -> Truth:
     """Read the truth of a synthetic capture from the `truth` folder in its folder.
 
+    Its albedo is NaN where there is no albedo.tiff, its lights are None where there is no
+    lights.json.
+
     Raises CaptureError when there is none, or its files are damaged or do not fit each other.
     """
     root = Root(as_path(folder, "folder"))
@@ -45,10 +48,14 @@ def load_truth(folder: str | PathLike[str]) -> Truth:
             remedy="name a capture that `rakelight synth` wrote",
         )
     depth = _read_truth_map(root, "depth", None)
+    shape = (*depth.shape, 3)
+    known = os.path.lexists(root.path / "truth" / "albedo.tiff")
     return Truth(
         depth=depth,
-        normals=_read_truth_map(root, "normals", (*depth.shape, 3)),
-        albedo=_read_truth_map(root, "albedo", (*depth.shape, 3)),
+        normals=_read_truth_map(root, "normals", shape),
+        albedo=_read_truth_map(root, "albedo", shape)
+        if known
+        else np.full(shape, np.nan, np.float32),
         lights=_read_lights(root),
     )
 

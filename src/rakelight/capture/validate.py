@@ -46,6 +46,8 @@ MOST_STRETCHED = 1.4
 # pixels wide), and the levels of grey that it has, more than labels.
 _SOFT_SHARE, _SOFT_LEVELS = 0.05, 8
 _WHITE_8_BIT = 255
+# Share of the object that is printed as 0.0 %, below it.
+_SAID_TO_BE_NONE = 0.0005
 # Standard deviation over depth: of the finest scanners, which are said to be right to a micrometre
 # at a metre, and of depth that says nothing of a shape.
 QUIETEST, NOISIEST = 1e-6, 0.2
@@ -672,7 +674,7 @@ def check_depth(
             remedy=_unit_remedy(median_m, depth_scale),
         )
     findings = [Finding("note", "median-depth", f"median depth {median_m:.2f} m")]
-    if reasons and on_object is not None:
+    if reasons and on_object is not None and 1 - share >= _SAID_TO_BE_NONE:
         count = len(depth_m)
         where, whose = (f" in all {count} maps", " of single maps") if count > 1 else ("", "")
         message = (

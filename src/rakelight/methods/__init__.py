@@ -36,7 +36,7 @@ def load_method(name: str) -> Method:
             f"the class {name.__qualname__} is no method"
             if isinstance(name, type)
             else f"method {name!r} is unknown",
-            needed="one of " + ", ".join(METHODS),
+            needed="one of " + ", ".join(("auto", *METHODS)),
             remedy="choose one of these"
             if isinstance(name, str)
             else "give a name, or options such as rakelight.MultiLight(depth_weight=3.0)",
