@@ -551,6 +551,20 @@ def test_tum_depth_that_is_none_is_refused_whatever_its_scale(tmp_path, kind):
         tum.recording(path)
 
 
+@pytest.mark.parametrize(("later_s", "refused"), [(1e9, True), (-1e9, True), (500, False)])
+def test_tum_colour_and_depth_of_one_recording(tmp_path, later_s, refused):
+    path = write_tum(tmp_path / "scan")
+    lines = [line.split() for line in (path / "rgb.txt").read_text().splitlines()[2:]]
+    moved = [f"{float(time) + later_s:.6f} {name}" for time, name in lines]
+    (path / "rgb.txt").write_text("\n".join(moved))
+    if not refused:
+        assert len(tum.recording(path)[0].color) == len(lines)
+        return
+    said = r"the times of rgb\.txt and depth\.txt lie far apart .seen (1,000,000|999,99)"
+    with pytest.raises(CaptureError, match=said):
+        tum.recording(path)
+
+
 @pytest.mark.parametrize("name", ["associations.txt", "associated.txt"])
 @pytest.mark.parametrize("depth_first", [True, False])
 def test_tum_pairs_in_the_place_of_the_lists(tmp_path, name, depth_first):

@@ -38,6 +38,8 @@ COLOR, DEPTH = "rgb.txt", "depth.txt"
 _AND_DEPTH = ", and the same of depth"
 PAIRS = ("associations.txt", "associated.txt", "association.txt", "associate.txt")
 _PER_METRE = 5000.0
+# From the last time of one list to the first of the other, seconds: a lamp is moved in minutes.
+_FARTHEST_S = 600.0
 # The benchmark's recommended intrinsics, of 640x480: fx, fy, cx, cy.
 _DEFAULT, _DEFAULT_SHAPE = (525.0, 525.0, 319.5, 239.5), (480, 640)
 
@@ -55,6 +57,7 @@ def recording(path: Path) -> tuple[Recording, Poses | None]:
     color, color_findings = color_stream(path, names, color_times)
     per_metre, assumed = values_per_metre(path, depth_names[0], _PER_METRE, "the benchmark's")
     depth = depth_stream(path, depth_names, depth_times, per_metre)
+    _check_clock(path, color_times, depth_times)
     camera, findings = _camera(path, color.shape)
     made = recording_of_one_view(
         path,
@@ -124,6 +127,19 @@ def _listed(path: Path, name: str, depth: bool) -> tuple[Floats, list[str]]:
             remedy="copy the folder again, whole",
         )  # fmt: skip
     return np.array(list(kept)), list(kept.values())
+
+
+def _check_clock(path: Path, color_s: Floats, depth_s: Floats) -> None:
+    """Colour and depth were recorded together: their times (N,), rising, are of one clock."""
+    apart_s = max(color_s[0] - depth_s[-1], depth_s[0] - color_s[-1])
+    if apart_s > _FARTHEST_S:
+        raise CaptureError(
+            f"the times of {COLOR} and {DEPTH} lie far apart",
+            source=str(path),
+            seen=f"{apart_s:,.0f} s between them",
+            needed=f"one clock, at most {_FARTHEST_S:g} s between them",
+            remedy="take both lists from one recording, and write the times of one clock",
+        )
 
 
 def _is_there(path: Path) -> bool:
