@@ -251,6 +251,26 @@ def test_a_number_of_6000_digits_is_no_bug_of_ours():
         depth_to_color(f"depth_to_color: {numbers}".encode(), "a.yaml", "a")
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "says"),
+    [
+        ("a.json", '{"fx": 225, "fy": 226, "cx": 9, "cy": 9, "fx": 260}', "'fx'.*225 and 260"),
+        ("a.json", '{"K": {"fx": 225}, "K": {"fx": 260}}', "'K'.*two tables"),
+        ("a.yaml", "fx: 225\nfy: 226\ncx: 9\ncy: 9\nfx: 260\n", "'fx'.*225 and 260"),
+        ("a.yml", "%YAML:1.0\n---\nK: [1]\nK: [2]\n", "'K'.*two tables"),
+    ],
+)
+def test_a_key_with_two_values(name, text, says):
+    with pytest.raises(CaptureError, match=rf"{name}: key {says}.*Fix: keep one of them"):
+        parse_intrinsics(text.encode(), name)
+
+
+def test_a_key_twice_is_harmless_with_one_value_or_in_a_note():
+    twice = '{"fx": 225, "fy": 226, "cx": 160, "cy": 120, "fx": 225}'
+    assert parse_intrinsics(twice.encode(), "a.json") == NO_SIZE
+    assert parse_intrinsics(b"lens: 35 mm\nlens: 50 mm\n", "readme.txt") is None
+
+
 def test_one_of_several_cameras_is_chosen_by_its_size():
     text = json.dumps({"0": {**FIGURES, **SIZE}, "1": {**FIGURES, "fx": 9, "width": 640}})
     assert parse_intrinsics(text.encode(), size=(320, 240)) == PINHOLE

@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Iterator
 from functools import cache
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -59,11 +59,46 @@ def contents(text: str, source: str) -> Iterator[Any]:
     start = text.lstrip()[:1]
     if start == "{":
         with parsing(source, "not valid JSON", CaptureError):
-            yield json.loads(text)
+            yield json_of(text, source)
     elif start == "<":
         yield _agisoft(text, source) or _xml(text)
     else:
-        yield from (table(text) for table in (_yaml, _printed, _enumerated, _pairs))
+        yield _yaml(text, source)
+        yield from (table(text) for table in (_printed, _enumerated, _pairs))
+
+
+def json_of(text: str | bytes, source: str) -> Any:
+    """What a JSON text holds; raises what its parser does.
+
+    And CaptureError where a name has two values: the parser takes the last.
+
+    >>> json_of('{"fx": 500, "fx": 525}', "camera.json")
+    Traceback (most recent call last):
+    rakelight.errors.CaptureError: camera.json: key 'fx' is there twice (seen 500 and 525). Fix: ...
+    """
+
+    def table(pairs: list[tuple[str, Any]]) -> Table:
+        made: Table = {}
+        for key, value in pairs:
+            if made.setdefault(key, value) != value:
+                _refuse_twice(source, key, made[key], value)
+        return made
+
+    return json.loads(text, object_pairs_hook=table)
+
+
+def _refuse_twice(source: str, key: str, first: object, second: object) -> NoReturn:
+    plain = all(isinstance(value, str | int | float) for value in (first, second))
+    raise CaptureError(
+        f"key {key!r} is there twice",
+        source=source,
+        seen=f"{first} and {second}" if plain else "two tables or lists",
+        remedy="keep one of them",
+    )
+
+
+class _TwiceError(Exception):
+    """A name of a YAML text has two values; the arguments are name, first and second."""
 
 
 @cache
@@ -78,6 +113,13 @@ def _yaml_loader() -> type[Any]:
                 raise yaml.YAMLError("an alias")
             return super().compose_node(parent, index)
 
+        def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+            values: Table = {}
+            for name, value in ((str(key.value), value.value) for key, value in node.value):
+                if values.setdefault(name, value) != value:
+                    raise _TwiceError(name, values[name], value)
+            return super().construct_mapping(node, deep)
+
     Loader.add_multi_constructor(
         "tag:yaml.org,2002:opencv-",
         lambda loader, _, node: loader.construct_mapping(node, deep=True),
@@ -85,8 +127,11 @@ def _yaml_loader() -> type[Any]:
     return Loader
 
 
-def _yaml(text: str) -> Any:
-    """The first document; None where it is none, as any text may be."""
+def _yaml(text: str, source: str) -> Any:
+    """The first document; None where it is none, as any text may be.
+
+    Raises CaptureError where a name has two values in a file that is YAML by its own name.
+    """
     import yaml
 
     if len(text) > MAX_TABLE_BYTES:
@@ -95,6 +140,10 @@ def _yaml(text: str) -> Any:
     text = re.sub(r"\A\s*%YAML[: ].*\n", "", text)
     try:
         return next(yaml.load_all(text, _yaml_loader()), None)
+    except _TwiceError as twice:
+        if source.lower().endswith((".yaml", ".yml")):
+            _refuse_twice(source, *twice.args)
+        return None
     except Exception:
         return None
 

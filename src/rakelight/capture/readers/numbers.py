@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import numpy as np
 
 from rakelight.capture import validate
+from rakelight.capture.text_tables import json_of
 from rakelight.errors import CaptureError, parsing, stated_in
 from rakelight.model import Camera, Floats, RigidTransform
 
@@ -24,7 +24,7 @@ def json_table(data: bytes, source: str) -> dict[str, Any]:
     {'fps': 30}
     """
     with parsing(source, "not JSON", CaptureError):
-        table = json.loads(data)
+        table = json_of(data, source)
     if not isinstance(table, dict):
         raise CaptureError(
             "not a JSON object",
