@@ -31,6 +31,13 @@ def small_capture(photographs=4, dtype=np.uint8, factor=2, maps=2, **changes):
     return replace(capture, **changes)
 
 
+def told_apart(capture):
+    """The capture with lowest bits changed in a corner: no photograph is a copy of another."""
+    photographs = capture.photographs.copy()
+    photographs[:, 0, 0, 0] ^= np.arange(len(photographs), dtype=photographs.dtype)
+    return replace(capture, photographs=photographs)
+
+
 def small_truth():
     """Truth for `small_capture`, NaN outside the mask."""
     random = np.random.default_rng(8)

@@ -20,6 +20,7 @@ from tests.capture.capture_builder import small_capture
 GOOD = small_capture()
 N, H, W, _ = GOOD.photographs.shape
 K, DEPTH_H, DEPTH_W = GOOD.depth_m.shape
+NAMES = tuple(f"{i:03d}.png" for i in range(N))
 SIDE = Camera(DEPTH_W, DEPTH_H, 20.0, 20.0, 5.0, 4.0)
 
 
@@ -29,6 +30,10 @@ def camera(**changes):
 
 def pose(rotation, translation):
     return {"depth_camera": SIDE, "depth_to_color": RigidTransform(rotation, translation)}
+
+
+def twice(chosen, names=("a", "b", "c", "d")):
+    return {"photographs": GOOD.photographs[chosen], "names": names}
 
 
 BAD = {
@@ -46,6 +51,9 @@ BAD = {
         ({"photographs": GOOD.photographs[..., :1]}, r"needed \(N, H, W, 3\)"),
         ({"photographs": GOOD.photographs[..., 0]}, r"needed \(N, H, W, 3\)"),
         ({"photographs": GOOD.photographs[:, 1:]}, "does not fit"),
+        (twice([0, 1, 2, 0]), "the same photograph twice .seen a and d.*Fix: remove d"),
+        (twice([0, 1, 2, 0], ("a", "b", "c", "a")), "a at 0 and 3.*select each photograph once"),
+        ({"photographs": np.zeros_like(GOOD.photographs)}, "all black .seen .*photograph 3"),
     ],
     "depth_m": [
         ({"depth_m": GOOD.depth_m[:0]}, "none of them 0"),
@@ -101,6 +109,11 @@ BAD = {
         ({"names": "a" * N}, "seen str"),
         ({"names": tuple(range(N))}, "a tuple of str"),
     ],
+    "exposures": [
+        ({"exposures": (1.0, 1.0, 1.0, 1e30)}, "implausible exposures .seen 1 to 1e.30"),
+        ({"exposures": (1e308, 1.0, 1.0, 1e-308)}, "all within a factor of 10000"),
+        ({"exposures": (1e-320,) * N}, "needed 1e-12 to 1e.12"),
+    ],
     "findings": [({"findings": ("note",)}, "a tuple of Finding")],
     "source": [({"source": None}, "this is no str")],
     "register": [({"register": "yes"}, "this is no bool")],
@@ -117,6 +130,12 @@ def test_each_field_says_what_it_needs(name, changes, words):
         refine(replace(GOOD, **changes))
     assert refused.value.source in (name, "depth_m")
     assert refused.value.needed or refused.value.remedy
+
+
+def test_a_photograph_selected_twice():
+    with pytest.raises(CaptureError, match=r"twice .seen 001\.png at 1 and 2, counted from 0"):
+        refine(replace(GOOD, names=NAMES).select([0, 1, 1, 2]))
+    assert refine(GOOD.select([0, 1, 2]), options=MultiLight(max_iterations=1)).mask.any()
 
 
 @pytest.mark.parametrize("capture", [None, "captures/mitten", GOOD.photographs])
@@ -166,6 +185,8 @@ def test_arrays_of_other_layouts_are_as_good():
         ({"scale": np.ones(2)}, "scale: no scale"),
         ({"scale": "2"}, "scale: no scale"),
         ({"progress": 3}, "progress is no function"),
+        ({"memory": 10**400}, "memory: not a limit of memory .seen a number of 1329 bits"),
+        ({"memory": float("nan")}, "memory: not a limit of memory .seen nan"),
     ],
 )
 def test_arguments_of_another_type(options, words):

@@ -11,7 +11,7 @@ from rakelight.capture import load_capture, load_depth, write_capture
 from rakelight.capture.images import encode_png, encode_tiff
 from rakelight.capture.one_scene import check_one_scene
 from rakelight.capture.validate import check_camera
-from rakelight.errors import CaptureError
+from rakelight.errors import CaptureError, InputError
 from rakelight.model import Camera, Distortion, RigidTransform, SensorNoise
 from tests.capture.capture_builder import (
     HEIGHT,
@@ -532,6 +532,7 @@ def test_wrong_depth_noise(tmp_path, values, words):
         ("[1, 2]", ("key 'exposures': no exposure for each photograph", "seen 2, needed 4")),
         ("[1, 2, 0, 1]", ("key 'exposures': no exposures", "needed numbers above 0")),
         ("[1, 2, inf, 1]", ("key 'exposures': no exposures", "seconds * ISO")),
+        ("[1, 2, 1, 1e30]", ("key 'exposures': implausible exposures", "seen 1 to 1e+30")),
         ('["1/30"]', ("exposures", "seen text in quotes, needed a number")),
     ],
 )
@@ -561,6 +562,27 @@ def test_the_same_photograph_twice(folder):
     almost[3, 5, 1] ^= 1
     photograph(folder, 3).write_bytes(encode_png(almost))
     assert len(load_capture(folder).photographs) == 4
+
+
+def test_photographs_that_are_all_black(folder):
+    black = encode_png(np.zeros_like(small_capture().photographs[0]))
+    for index in (1, 3):
+        photograph(folder, index).write_bytes(black)
+    line = refusal(folder, "rgb", "all black", "seen 001.png, 003.png, needed light in each")
+    assert line.endswith("Fix: remove them, or take them again with the lamp on")
+
+
+@pytest.mark.parametrize(
+    ("photographs", "words"),
+    [
+        ([0, 0, 1, 2], r"a photograph twice .seen \[0, 0, 1, 2\].*Fix: name each"),
+        (np.array(3), "these are no numbers of photographs .seen 3"),
+        (3, "these are no numbers of photographs .seen 3"),
+    ],
+)
+def test_numbers_of_photographs_that_are_none(folder, photographs, words):
+    with pytest.raises(InputError, match=f"^photographs: {words}"):
+        load_capture(folder, photographs=photographs)
 
 
 def test_photographs_of_different_size_or_channels(folder):

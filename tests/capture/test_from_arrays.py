@@ -400,6 +400,8 @@ def test_what_is_no_photograph_cannot_be_selected(wrong):
             whole.select([0, wrong])
         with pytest.raises(InputError, match=r"photographs: no index of a photograph .*a list"):
             whole.select(2)
+        with pytest.raises(InputError, match=r"photographs: no index of a photograph .*a list"):
+            whole.select(np.array(3))
     assert made().select(np.array([2, -1])).names == made().select([2, 3]).names
 
 

@@ -80,6 +80,7 @@ def test_inline_directions_are_in_the_camera_frame_unless_it_says_otherwise(tmp_
         (f"[lights]\npositions = {[[0, 0, 9]] * 4}\n", "all lights are behind the object"),
         (f"[lights]\npositions = {[[0, 0, 9]] * 4}\n", "turn y and z round"),
         (f"[lights]\npositions = {[[300, 0, 9]] * 4}\n", "divide by 1000"),
+        (f"[lights]\npositions = {[[0, 0, -1e300]] * 4}\n", "a coordinate of 1e+300 m"),
         (f"[lights]\ndirections = {[[0, 0, -1]] * 4}\nintensities = [1, 1, 1, 0]\n", "above 0"),
     ],
 )
@@ -190,6 +191,7 @@ def test_from_arrays_takes_lights_and_select_subsets_them():
         GivenLights(DIRECTIONS[:3]),
         GivenLights(DIRECTIONS.tolist()),
         GivenLights(np.full((4, 3), np.nan)),
+        GivenLights(positions_m=-1e300 * np.ones((4, 3))),
         GivenLights(DIRECTIONS, fixed=1),
         GivenLights(DIRECTIONS, intensities=np.full(4, -1.0)),
         "lights.lp",

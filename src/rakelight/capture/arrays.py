@@ -28,6 +28,7 @@ from rakelight.model import (
     SensorNoise,
     Truth,
     finite_number,
+    photograph_names,
 )
 
 MAKE_A_CAMERA = "rakelight.Camera.from_matrix(K, (height, width)) makes one"
@@ -102,8 +103,8 @@ def checked_capture(capture: Capture) -> Capture:
     """As `checked_arrays`; and what the capture says is plausible, as `load_capture` has it.
 
     Depth that is too near or too far to be a distance is NaN in it.  Raises CaptureError for an
-    empty mask, depth that is not positive, hardly measured on the object or of several scenes, an
-    implausible unit, depth camera or noise.
+    empty mask, the same photograph twice, depth that is not positive, hardly measured on the object
+    or of several scenes, an implausible unit, depth camera or noise.
 
     >>> camera = Camera(8, 6, 10.0, 10.0, 3.5, 2.5)
     >>> checked_capture(Capture(np.zeros((3, 6, 8, 3), np.uint8), np.full((1, 6, 8), 600.0),
@@ -121,6 +122,8 @@ def checked_capture(capture: Capture) -> Capture:
         capture = replace(capture, depth_m=depth_m.copy())
         mark_no_distances(capture.depth_m, holes)
     found = check_object(capture, factor, holes)
+    shown = photograph_names(capture.names, len(capture.photographs))
+    validate.check_not_twice(capture.photographs, shown, "photographs")
     if not marked:  # whoever made the capture has said the rest
         return capture
     missing = tuple(each for each in found if each.code == "depth-missing")

@@ -19,6 +19,7 @@ import numpy as np
 
 from rakelight.capture.listing import numbered
 from rakelight.capture.text_tables import text_of
+from rakelight.capture.validate import LARGEST_RATIO, POSSIBLE_M
 from rakelight.errors import CaptureError, check_is, parsing, printable
 from rakelight.files import read_bytes
 from rakelight.model import Array, Finding, Floats, GivenLights
@@ -39,8 +40,6 @@ TURN_ROUND = (
     "x is right, y down, z forward here, and directions point towards the light: "
     'turn y and z round, or say frame = "opengl" in capture.toml'
 )
-# Ratio of the largest to the smallest intensity, beyond which one of them is a mistake.
-LARGEST_RATIO = 1e4
 # Bytes of a text of lights, and lights in it: a dome has some hundred.
 MAX_LIGHTS_BYTES, MOST_LIGHTS = 1_000_000, 10_000
 
@@ -98,6 +97,15 @@ def checked_lights(
         intensities = _checked_intensities(intensities, count, f"{source}.intensities")
     if lights.directions is None:
         positions_m = _numbers(lights.positions_m, count, (3,), f"{source}.positions_m")
+        farthest_m = float(np.abs(positions_m).max())
+        if farthest_m > POSSIBLE_M[1]:
+            raise CaptureError(
+                "positions that no lamp can have",
+                source=f"{source}.positions_m",
+                seen=f"a coordinate of {farthest_m:.3g} m",
+                needed=f"at most {POSSIBLE_M[1]:g} m",
+                remedy="give directions instead, if the lights are that far",
+            )
         far = too_far(positions_m, max(middle_z_m, LEAST_Z_M))
         remedy = "divide by 1000 if they are millimetres" if far else TURN_ROUND
         _refuse_behind(positions_m[:, 2] - middle_z_m, f"{source}.positions_m", remedy)

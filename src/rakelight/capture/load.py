@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from numbers import Integral
 from os import PathLike
 from typing import Any
@@ -40,7 +40,8 @@ def load_capture(
     CaptureError
         something is missing, damaged or contradicts itself; says which file and what to do
     InputError
-        there are not so many photographs, or `source`, `photographs` or `memory` is no such thing
+        there are not so many photographs, one is named twice, or `source`, `photographs` or
+        `memory` is no such thing
     MissingExtraError
         a library that this kind of source needs is not installed; says what installs it
     MachineError
@@ -67,7 +68,10 @@ def _numbers(photographs: Any) -> tuple[int, ...]:
     Traceback (most recent call last):
     rakelight.errors.InputError: photographs: these are no numbers of photographs (seen [True, ...
     """
-    numbers = tuple(photographs) if isinstance(photographs, Iterable) else (None,)
+    try:
+        numbers = tuple(photographs)
+    except TypeError:  # an array of no axis has __iter__, too
+        numbers = (None,)
     if not all(isinstance(each, Integral) and not isinstance(each, bool) for each in numbers):
         raise InputError(
             "these are no numbers of photographs",
@@ -75,5 +79,13 @@ def _numbers(photographs: Any) -> tuple[int, ...]:
             seen=str(photographs)[:80],
             needed="whole numbers from 0",
             remedy="[0, 2, 5] for the first, the third and the sixth",
+        )
+    if len(set(numbers)) < len(numbers):
+        raise InputError(
+            "a photograph twice",
+            source="photographs",
+            seen=str(photographs)[:80],
+            needed="different numbers",
+            remedy="name each photograph once",
         )
     return tuple(map(int, numbers))

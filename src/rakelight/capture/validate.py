@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -52,6 +52,10 @@ _SAID_TO_BE_NONE = 0.0005
 # at a metre, and of depth that says nothing of a shape.
 QUIETEST, NOISIEST = 1e-6, 0.2
 STEEPEST_GROWTH = 4.0
+# Ratio of the largest to the smallest intensity or exposure, beyond which one of them is a mistake.
+LARGEST_RATIO = 1e4
+# Exposures, in whatever unit, that cameras can have.
+POSSIBLE_EXPOSURES = (1e-12, 1e12)
 # Depth that any sensor could mean, metres; the least still has an inverse square.
 POSSIBLE_M = (1e-4, 1e6)
 # Why a depth value is none, in the order of the codes that the reader gives.
@@ -354,7 +358,7 @@ def check_transform(transform: RigidTransform, source: str) -> None:
 
 
 def check_exposures(exposures: tuple[float, ...], count: int, source: str, key: str = "") -> None:
-    """Exposures are numbers above 0, none or one for each of `count` photographs.
+    """Exposures are numbers that cameras can have, none or one for each of `count` photographs.
 
     key : of a file, that the message names
 
@@ -382,6 +386,18 @@ def check_exposures(exposures: tuple[float, ...], count: int, source: str, key: 
             seen=str(len(exposures)),
             needed=str(count),
             remedy="give that of each photograph, or none at all",
+        )
+    if not exposures:
+        return
+    shortest, longest = min(map(float, exposures)), max(map(float, exposures))
+    least, most = POSSIBLE_EXPOSURES
+    if longest > LARGEST_RATIO * shortest or shortest < least or longest > most:
+        raise CaptureError(
+            f"{of}implausible exposures",
+            source=source,
+            seen=f"{shortest:.3g} to {longest:.3g}",
+            needed=f"{least:g} to {most:g}, all within a factor of {LARGEST_RATIO:g}",
+            remedy="give seconds * ISO / f-number^2 of each photograph, or leave them away",
         )
 
 
@@ -434,20 +450,44 @@ def check_noise(noise: SensorNoise, source: str) -> None:
 
 
 def check_not_twice(photographs: Array, names: Sequence[str], source: str) -> None:
-    """No two photographs (N, H, W, 3) have the same pixels."""
+    """No two photographs (N, H, W, 3) have the same pixels.
+
+    >>> check_not_twice(np.zeros((2, 6, 8, 3), np.uint8), ("0.png", "1.png"), "rgb")
+    Traceback (most recent call last):
+    rakelight.errors.CaptureError: rgb: photographs that are all black (seen 0.png, 1.png, needed
+    light in each). Fix: ...
+    """
     alike: dict[bytes, list[int]] = {}
     for i, photograph in enumerate(photographs):
         few = photograph[::16, ::16].tobytes()
         for other in alike.setdefault(few, []):
             if np.array_equal(photographs[other], photograph):
-                raise CaptureError(
-                    "the same photograph twice",
-                    source=source,
-                    seen=f"{names[other]} and {names[i]}",
-                    needed="one photograph per light",
-                    remedy=f"remove {names[i]}",
-                )
+                _refuse_alike(photographs, names, source, other, i)
         alike[few].append(i)
+
+
+def _refuse_alike(
+    photographs: Array, names: Sequence[str], source: str, first: int, second: int
+) -> NoReturn:
+    """Raise the error for two photographs (indices from 0) with the same pixels."""
+    if not photographs[first].any():
+        raise CaptureError(
+            "photographs that are all black",
+            source=source,
+            seen=listed(names, [not photograph.any() for photograph in photographs]),
+            needed="light in each",
+            remedy="remove them, or take them again with the lamp on",
+        )
+    one_name = names[first] == names[second]
+    raise CaptureError(
+        "the same photograph twice",
+        source=source,
+        seen=f"{names[first]} at {first} and {second}, counted from 0"
+        if one_name
+        else f"{names[first]} and {names[second]}",
+        needed="one photograph per light",
+        remedy="select each photograph once" if one_name else f"remove {names[second]}",
+    )
 
 
 def exposure_shares(photographs: Array, mask: Mask) -> tuple[list[float], list[float], Array]:
