@@ -19,6 +19,7 @@ from rakelight.errors import InputError, MachineError
 _limit: ContextVar[float] = ContextVar("limit of memory", default=inf)
 # Bytes that this process may hold: its share, where several work side by side (`limit_memory`).
 _share = inf
+_LONGEST_BITS = 1024  # of a whole number that a float holds
 
 
 def limit_memory(most: float) -> None:
@@ -40,13 +41,13 @@ def limited_memory(limit: float | None) -> Iterator[None]:
     ...     available_memory()
     0.0
     """
-    if limit is not None and not (
-        isinstance(limit, Real) and not isinstance(limit, bool) and limit > 0
-    ):
+    if limit is not None and not _is_limit(limit):
         raise InputError(
             "not a limit of memory",
             source="memory",
-            seen=str(limit)[:80],
+            seen=f"a number of {limit.bit_length()} bits"
+            if isinstance(limit, int) and limit.bit_length() > _LONGEST_BITS
+            else str(limit)[:80],
             needed="bytes, above 0",
             remedy="4e9 for 4 GB, or leave it away",
         )
@@ -55,6 +56,16 @@ def limited_memory(limit: float | None) -> Iterator[None]:
         yield
     finally:
         _limit.reset(token)
+
+
+def _is_limit(limit: object) -> bool:
+    """Whether it is a number above 0 that a float holds, or infinity."""
+    if not isinstance(limit, Real) or isinstance(limit, bool):
+        return False
+    try:
+        return float(limit) > 0
+    except OverflowError:
+        return False
 
 
 def available_memory() -> float:

@@ -648,9 +648,10 @@ def _indices(photographs: Iterable[int], count: int) -> list[int]:
             "no index of a photograph", source="photographs", seen=repr(seen), needed=needed
         )
 
-    if not isinstance(photographs, Iterable):
+    try:
+        listed = list(photographs)
+    except TypeError:  # an array of no axis has __iter__, too
         refuse(photographs, "a list of them")
-    listed = list(photographs)
     for index in listed:
         whole = isinstance(index, Integral) and not isinstance(index, bool)
         if not whole or not -count <= index < count:

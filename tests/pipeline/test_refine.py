@@ -448,6 +448,8 @@ WRONG = {
     "depth_sigma": (lambda estimate: 0.1, "float", "numbers of shape"),
     "findings": (lambda estimate: [], "list", "a tuple of Finding"),
     "energy": (lambda estimate: None, "NoneType", "a tuple of numbers"),
+    "steps": (lambda estimate: "x", "str", "a whole number"),
+    "converged": (lambda estimate: "yes", "str", "True or False"),
     "timings_s": (lambda estimate: None, "NoneType", "a dict, name -> seconds"),
     "converged": (lambda estimate: "no", "str", "True or False"),
     "steps": (lambda estimate: "x", "str", "a whole number"),
@@ -488,6 +490,11 @@ class Needy:
 def test_a_methods_options_are_a_dataclass_of_defaults(options):
     with pytest.raises(MethodError, match=r"no options of the method mine .*every field with a"):
         Method("mine", lambda prepared, options, progress: kept_depth(prepared), options)
+
+
+def test_a_method_without_a_function():
+    with pytest.raises(MethodError, match=r"no function of the method mine .seen NoneType"):
+        Method("mine", None, Kept)
 
 
 def test_a_method_may_use_one_photograph_and_single_precision(capture):

@@ -115,7 +115,14 @@ class Method:
     in_tiles: bool = False
 
     def __post_init__(self) -> None:
-        """Raise MethodError where `options` cannot be made without arguments."""
+        """Raise MethodError where `run` cannot be called, `options` not made without arguments."""
+        if not callable(self.run):
+            raise MethodError(
+                f"no function of the method {self.name}",
+                seen=type(self.run).__name__,
+                needed="(Prepared, options, progress) -> Estimate",
+                remedy="give the function itself as run, without calling it",
+            )
         whole = isinstance(self.options, type) and is_dataclass(self.options)
         if not whole or any(
             each.init and each.default is MISSING and each.default_factory is MISSING
@@ -174,6 +181,10 @@ def _requirements(found: Any, prepared: Prepared) -> Iterator[tuple[str, bool, s
     yield "converged", isinstance(rested, (bool, np.bool_)), _kind_of(rested), "True or False"
     yield "steps", _is_a(found.steps, int), _kind_of(found.steps), "a whole number"
     yield "energy", isinstance(found.energy, tuple), _kind_of(found.energy), "a tuple of numbers"
+    counted = isinstance(found.steps, Integral)
+    yield "steps", counted, _kind_of(found.steps), "a whole number"
+    ended = isinstance(found.converged, bool | np.bool_)
+    yield "converged", ended, _kind_of(found.converged), "True or False"
     timed = found.timings_s
     yield "timings_s", isinstance(timed, Mapping), _kind_of(timed), "a dict, name -> seconds"
     window, given = prepared.mask.shape, getattr(found.lights.ambient, "shape", ())
