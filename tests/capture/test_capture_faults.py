@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from rakelight.capture import load_capture, load_depth, write_capture
+from rakelight.capture import load_capture, load_depth, load_truth, write_capture
 from rakelight.capture.images import encode_png, encode_tiff
 from rakelight.capture.one_scene import check_one_scene
 from rakelight.capture.validate import check_camera
@@ -61,6 +61,12 @@ def test_no_folder_or_a_file(tmp_path):
     refusal(tmp_path / "file", "", "this kind of file is not read")
 
 
+def test_the_truth_of_no_folder(folder):
+    for path, words in ((folder / "no", "no such folder"), (folder, "this capture has no truth")):
+        with pytest.raises(CaptureError, match=words):
+            load_truth(path)
+
+
 def test_missing_parts(folder):
     shutil.rmtree(folder / "depth")
     refusal(folder, "", "no folder depth", "depth/000.png")
@@ -74,6 +80,12 @@ def test_missing_parts(folder):
     refusal(folder, "depth", "000.exr")
     shutil.rmtree(folder / "rgb")
     refusal(folder, "", "no folder rgb")
+    for target in ("rgb", "nowhere"):
+        (folder / "rgb").symlink_to(target)
+        refusal(
+            folder, "rgb", "not a folder", "seen a link to nothing", "make it lead to the folder"
+        )
+        (folder / "rgb").unlink()
     (folder / "capture.toml").unlink()
     refusal(folder, "", "no capture.toml", "depth_scale = 1000.0", "[intrinsics]", "cx = 319.5")
 
@@ -541,13 +553,23 @@ def test_wrong_exposures(folder, value, words):
     refusal(folder, "capture.toml", *words)
 
 
+@pytest.mark.parametrize("end", ["\r", "\r\n"])
+def test_lines_of_other_systems(folder, end):
+    config = folder / "capture.toml"
+    config.write_bytes(config.read_bytes().replace(b"\n", end.encode()))
+    assert load_capture(folder).camera == small_capture().camera
+
+
 def test_keys_of_depth_noise(folder):
     config = folder / "capture.toml"
     text = config.read_text()
     config.write_text(text + "\n[depth_noise]\nsigma_mm = 1.4\n")
     refusal(folder, "capture.toml", "unknown key 'depth_noise.sigma_mm'", "'sigma_m'?")
     config.write_text(text + "\n[depth_noise]\nat_m = 1.0\n")
-    refusal(folder, "capture.toml", "key 'depth_noise.sigma_m' is missing")
+    line = refusal(folder, "capture.toml", "key 'depth_noise.sigma_m' is missing")
+    assert line.endswith("for example sigma_m = 0.002 (metres, at at_m), or take the table out")
+    config.write_text(text + "\n[depth_to_color]\ntranslation = [0, 0, 0]\n")
+    refusal(folder, "capture.toml", "'depth_to_color.rotation' is missing", "example rotation = [[")
     config.write_text(text + "\n[depth_noise]\nsigma_m = 0.002\n")
     assert load_capture(folder).depth_noise == SensorNoise(0.002, 1.0, 2.0)
 

@@ -321,6 +321,7 @@ BAD = {
     "mask size": ({"mask": MASK[::2, ::2]}, r"cv2\.resize\(mask, \(32, 24\)"),
     "mask turned": ({"mask": MASK.T}, r"Fix: mask\.T"),
     "mask picture": ({"mask": np.dstack([MASK] * 3)}, r"mask\.any\(axis=-1\)"),
+    "mask in front": ({"mask": MASK[None]}, r"mask\.any\(axis=0\)"),
     "mask list": ({"mask": MASK.tolist()}, r"np\.asarray\(mask\)"),
     "mask of text": ({"mask": MASK.astype(str)}, "not a mask"),
     "masked mask": ({"mask": np.ma.array(MASK)}, r"mask\.filled"),

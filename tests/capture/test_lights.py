@@ -68,6 +68,8 @@ def test_inline_directions_are_in_the_camera_frame_unless_it_says_otherwise(tmp_
     ("text", "message"),
     [
         ("[lights]\nfixed = true\n", "one of file, directions, positions"),
+        ("[lights]\nintensities = [1, 1, 1, 1]\n", "Fix: add one of them, or take the table out"),
+        ('[lights]\nfile = "a"\npositions = "b"\n', "Fix: keep one of them"),
         ("[lights]\ndirections = [[0, 0, -1]]\n", "these do not fit the photographs"),
         ("[lights]\ndirections = [[0, 0, -1], [0, -1]]\n", "rows of different length"),
         ('[lights]\nfile = "../lights.lp"\n', "leaves the folder"),

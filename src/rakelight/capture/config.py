@@ -24,11 +24,19 @@ from rakelight.model import (
 )
 
 CONFIG = "capture.toml"
-EXAMPLE = (
-    "depth_scale = 1000.0 and, in a table [intrinsics], width = 640, height = 480, "
-    "fx = 525.0, fy = 525.0, cx = 319.5, cy = 239.5 (one per line)"
-)
+_CAMERA = "width = 640, height = 480, fx = 525.0, fy = 525.0, cx = 319.5, cy = 239.5 (one per line)"
+EXAMPLE = f"depth_scale = 1000.0 and, in a table [intrinsics], {_CAMERA}"
 _LENS = 'distortion = { model = "brown-conrady", k = [k1, k2, p1, p2, k3] }'
+# What may stand in a table whose key is missing.
+_EXAMPLES = {
+    "intrinsics": _CAMERA,
+    "depth_intrinsics": _CAMERA,
+    "depth_to_color": "rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], translation = [0.025, 0, 0] "
+    "(one per line, metres)",
+    "depth_noise": "sigma_m = 0.002 (metres, at at_m), or take the table out",
+    "intrinsics.distortion": _LENS,
+    "depth_intrinsics.distortion": _LENS,
+}
 # What msgspec calls the types of values.
 _TYPES = {
     "int": "a whole number",
@@ -150,7 +158,8 @@ def parse_config(data: bytes, source: str = "capture.toml") -> CaptureTable:
         ) from error
     with parsing(source, "not valid TOML", CaptureError):
         try:
-            content = tomllib.loads(text.replace("\r\n", "\n"))
+            # A CR alone ended lines on old Macs; TOML knows no such end.
+            content = tomllib.loads(text.replace("\r\n", "\n").replace("\r", "\n"))
         except tomllib.TOMLDecodeError as error:
             raise _syntax_error(text, str(error), source) from error
     for table in _TABLES:
@@ -300,7 +309,7 @@ def _refuse_value(content: dict[str, Any], message: str, source: str, cause: Exc
         raise CaptureError(
             f"key {_dotted(path, missing[1])!r} is missing",
             source=source,
-            remedy=f"for example {_LENS if path.endswith('distortion') else EXAMPLE}",
+            remedy=f"for example {_EXAMPLES.get(path, EXAMPLE)}",
         ) from cause
     if path in _CHOICES:
         choices = _CHOICES[path]

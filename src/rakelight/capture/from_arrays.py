@@ -334,7 +334,7 @@ def _mask(mask: Any, shape: tuple[int, ...]) -> Mask:
             f"resize it: cv2.resize(mask, ({width}, {height}), interpolation=cv2.INTER_NEAREST)"
         )
         if mask.ndim == 3:
-            remedy = "mask.any(axis=-1)"
+            remedy = f"mask.any(axis={0 if mask.shape[1:] == shape else -1})"
         elif mask.shape == (width, height):
             remedy = "mask.T"
         raise CaptureError(

@@ -229,9 +229,9 @@ def read_lights(
         raise CaptureError(
             "[lights] says where the lights are once",
             source=source,
-            seen=" and ".join(ways) or "nothing of it",
+            seen=" and ".join(ways) or "none of them",
             needed="one of file, directions, positions",
-            remedy="keep one of them",
+            remedy="keep one of them" if ways else "add one of them, or take the table out",
         )
 
     def rows(key: str) -> Floats | None:

@@ -156,12 +156,15 @@ def _no_folder(root: Root, name: str, what: str) -> CaptureError:
     """The error for a folder that is not there, which may have another name or be a file."""
     names = root.names()
     if name in names:
+        there = os.path.exists(root.path / name)  # noqa: PTH110 - a link may lead round in a loop
         return CaptureError(
             "not a folder",
             source=root.shown(name),
-            seen="a file",
+            seen="a file" if there else "a link to nothing",
             needed=f"the {what} as {name}/000.png, {name}/001.png, …",
-            remedy=f"put it into a folder {name}, or move it away",
+            remedy=f"put it into a folder {name}, or move it away"
+            if there
+            else f"make it lead to the folder, or make a folder {name} in its place",
         )
     capital = next((each for each in names if each.lower() == name), None)
     return CaptureError(

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Literal
 
 from rakelight.capture import exr, heic, npy, pfm, raw, z16
+from rakelight.capture.config import CONFIG
 from rakelight.capture.headers import PNG_MAGIC, Header, TiffTags, read_header
 from rakelight.capture.intrinsics.names import TEXT_SUFFIXES, may_state
 from rakelight.capture.listing import SUFFIXES, TO_PNG, UNREAD, by_number
@@ -45,6 +46,7 @@ _ONE_EACH: dict[Role, str] = {
     "flat": r"flats?",
 }
 _TO_DEPTH = "save focal length (pixels) x baseline (metres) / disparity as depth.tiff"
+RESULT = "result.json"
 _MOST_FILES = 2000  # that are looked at; more are a recording or a disk
 _RENAME = (
     "rename those that are photographs: depth, conf, mask, ambient and flat in a name say that a "
@@ -155,9 +157,15 @@ def role_of(name: str) -> Role | None:
     return "depth" if "depth" in path.stem or "depth" in path.parent.name else None
 
 
+def is_ours(folder: Path) -> bool:
+    """Whether a folder is a capture or a result of rakelight's."""
+    return any((folder / name).is_file() for name in (CONFIG, RESULT))
+
+
 def candidates(folder: Path) -> list[Path]:
     """The files in it and in its subfolders, not deeper, through no link to a folder; sorted.
 
+    Captures and results of rakelight's are none of these subfolders.
     Raises CaptureError for too many, MachineError for a subfolder that may not be looked at.
     """
     found: list[Path] = []
@@ -166,7 +174,8 @@ def candidates(folder: Path) -> list[Path]:
             continue
         if path.is_dir():
             with clear_errors(str(path), "cannot be read"):
-                inner = [] if path.is_symlink() else sorted(path.iterdir(), key=by_number)
+                left_out = path.is_symlink() or is_ours(path)
+                inner = [] if left_out else sorted(path.iterdir(), key=by_number)
             found += [p for p in inner if not p.name.startswith(".") and not p.is_dir()]
         else:
             found.append(path)

@@ -39,10 +39,10 @@ def load_truth(folder: str | PathLike[str]) -> Truth:
     """
     root = Root(as_path(folder, "folder"))
     with clear_errors(root.shown(), "cannot be read"):
-        there = (root.path / "truth").is_dir()
+        there, folder_there = (root.path / "truth").is_dir(), root.path.is_dir()
     if not there:
         raise CaptureError(
-            "this capture has no truth",
+            "this capture has no truth" if folder_there else "no such folder",
             source=root.shown(),
             needed="a folder truth in it",
             remedy="name a capture that `rakelight synth` wrote",

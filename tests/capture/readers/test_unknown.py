@@ -54,6 +54,24 @@ def result(folder):
     return with_depth(folder, "albedo.png", encode_png(PIXELS))
 
 
+def results(folder):
+    folder.mkdir()
+    for name in ("r1", "r2"):
+        result(folder / name)
+    return folder
+
+
+def two_captures(folder):
+    build(folder / "c")
+    return build(folder / "d").parent
+
+
+def mixed(folder):
+    """A capture beside what was made of it."""
+    build(results(folder) / "mitten")
+    return folder
+
+
 def link(path, target):
     path.symlink_to(target)
     return path
@@ -101,6 +119,9 @@ UNKNOWN = {
     "this recording is damaged.*mcap recover a.mcap": lambda p: written(
         p / "a.mcap", b"\x89MCAP0\r\n" + bytes(60)
     ),
+    "damaged .seen its end is missing.*mcap recover cut.mcap": lambda p: written(
+        p / "cut.mcap", b"\x89MCAP0\r\n"
+    ),
     "seen one image.*name the folder": lambda p: written(p / "a.jpg", encode_jpeg(PIXELS)),
     "name the folder that it lies in": lambda p: build(p / "c") / "capture.toml",
     "Fix: in MATLAB": lambda p: written(p / "a.mat", bytes(8)),
@@ -108,7 +129,10 @@ UNKNOWN = {
     "a folder that holds a recording.*/bag/a.db3": lambda p: written(p / "bag" / "a.db3").parent,
     "a folder that holds a recording.*/bag/a.mcap": lambda p: written(p / "bag" / "a.mcap").parent,
     "holds a .mat file.*/set/a.mat": lambda p: written(p / "set" / "a.mat").parent,
-    "a folder of captures .seen c": lambda p: build(p / "all" / "c").parent,
+    "a folder around the one.*name that itself: .*/all/c": lambda p: build(p / "all" / "c").parent,
+    "a folder of captures .seen c, d": lambda p: two_captures(p / "all"),
+    "a folder around the one.*name that itself: .*/mix/mitten": lambda p: mixed(p / "mix"),
+    "a folder of results.*seen r1, r2": lambda p: results(p / "made"),
     "an .r3d that was unpacked": lambda p: unpacked(p / "scan"),
     "a result, not a capture": lambda p: result(p / "made"),
     "no depth map in it .seen IMG_0.JPG": lambda p: jpegs(p / "photos"),

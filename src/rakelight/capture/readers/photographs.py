@@ -24,6 +24,7 @@ from rakelight.capture.listing import check_numbers, read_mask, unread_finding
 from rakelight.capture.loose_confidence import without_unsure
 from rakelight.capture.loose_depth import depth_noted, read_loose_depth
 from rakelight.capture.loose_files import (
+    RESULT,
     LooseFile,
     LooseFiles,
     candidates,
@@ -54,7 +55,7 @@ def sniff(path: Path) -> bool:
     """
     if not path.is_dir() or os.path.lexists(path / CONFIG):
         return False
-    if (path / "result.json").is_file():
+    if (path / RESULT).is_file():
         return False
     try:
         texts = any(map(may_state, candidates(path)))

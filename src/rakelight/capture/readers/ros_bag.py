@@ -277,9 +277,12 @@ def _mcap(path: Path, source: str) -> Iterator[Bag]:
         reader = Indexed(_Bounded(path))  # type: ignore[arg-type]
         try:
             reader.open()
-        except ReaderError as error:
+        except (OSError, MemoryError):
+            raise
+        except Exception as error:
+            seen = str(error) if isinstance(error, ReaderError) else "its end is missing"
             remedy = f"`mcap recover {path.name}` makes a new one of it, or copy it again"
-            raise CaptureError(_BROKEN, source=source, seen=str(error), remedy=remedy) from error
+            raise CaptureError(_BROKEN, source=source, seen=seen, remedy=remedy) from error
     try:
         with parsing(source, _BROKEN, CaptureError):
             topics = _mcap_topics(reader, path.stat().st_size)

@@ -12,6 +12,7 @@ from rakelight.capture.config import CONFIG
 from rakelight.capture.headers import what_it_is
 from rakelight.capture.listing import TO_PNG, UNREAD
 from rakelight.capture.loose_files import (
+    RESULT,
     folder_of_captures,
     images_in,
     kind_of,
@@ -131,9 +132,9 @@ def _refuse_folder(source: Path) -> None:
             needed="the .r3d itself",
             remedy="name it, or pack them again: zip -r scan.r3d metadata rgbd",
         )
-    if "result.json" in names:
+    if RESULT in names:
         raise CaptureError(
-            "a result, not a capture", source=shown, seen="result.json",
+            "a result, not a capture", source=shown, seen=RESULT,
             remedy="name what it was refined from",
         )  # fmt: skip
     _refuse_by_content(source, names)
@@ -146,8 +147,10 @@ def _refuse_by_content(source: Path, names: list[str]) -> None:
     """Raise CaptureError for a folder with these names, where one says what was meant."""
     _refuse_endings(source, names, _BEFORE_IMAGES)
     captures = [name for name in names if os.path.isfile(source / name / CONFIG)]  # noqa: PTH113
-    if captures:
+    if len(captures) > 1:
         raise folder_of_captures(source, captures)
+    if captures:
+        raise _around(source, names, captures[0])
     with clear_errors(str(source), "cannot be read"):
         if images_in(source):
             list_loose_files(source)  # says what of a folder of photographs is not there
@@ -156,10 +159,21 @@ def _refuse_by_content(source: Path, names: list[str]) -> None:
     if len(inner) > 1:
         raise folder_of_captures(source, inner)
     if inner:
+        raise _around(source, names, inner[0])
+    results = [name for name in names if os.path.isfile(source / name / RESULT)]  # noqa: PTH113
+    if results:
         raise CaptureError(
-            "a folder around the one that is read", source=str(source), seen=listed(names),
-            remedy=f"name that itself: {source}/{printable(inner[0])}",
+            "a folder of results, not a capture", source=str(source), seen=listed(results),
+            remedy="name what they were refined from",
         )  # fmt: skip
+
+
+def _around(source: Path, names: list[str], inner: str) -> CaptureError:
+    """The error of a folder with these names, of which one is to be named itself."""
+    return CaptureError(
+        "a folder around the one that is read", source=str(source), seen=listed(names),
+        remedy=f"name that itself: {source}/{printable(inner)}",
+    )  # fmt: skip
 
 
 def _is_read(folder: Path) -> bool:
