@@ -43,6 +43,8 @@ ONE_LAMP_POSITION = "one-lamp-position"
 # Root mean square angle of the lights off one plane, degrees.  At 2.5 normals are 1.5 to 2 times as
 # far off as at 10, at 0.7 three times (vase and cat under 12 lights on an arc).
 LEAST_THICKNESS_DEG = 4.0
+# Largest value of an option that is a weight: products with those of 1e30 overflow.
+LARGEST_WEIGHT = 1e12
 # What methods for one photograph say of their result.
 AMBIGUOUS = Finding(
     "warning",
@@ -261,13 +263,16 @@ def require_options(options: object, **conditions: tuple[bool, str]) -> None:
 def require_ranges(
     options: object, *, from_0: tuple[str, ...] = (), above_0: tuple[str, ...] = ()
 ) -> None:
-    """Raise InputError for the first of these options that is not finite or out of its range."""
-    values = {name: getattr(options, name) for name in (*from_0, *above_0)}
-    require_options(
-        options,
-        **{name: (0 <= values[name] < np.inf, "at least 0") for name in from_0},
-        **{name: (0 < values[name] < np.inf, "above 0") for name in above_0},
-    )
+    """Raise InputError for the first of these options that is out of its range, or too large.
+
+    None, which some may be, is in it.
+    """
+    for name in (*from_0, *above_0):
+        value, least = getattr(options, name), "at least 0" if name in from_0 else "above 0"
+        enough = value is None or (value >= 0 if name in from_0 else value > 0)
+        most = f"{least}, at most {LARGEST_WEIGHT:g}"
+        fits = enough and (value is None or value <= LARGEST_WEIGHT)
+        require_options(options, **{name: (fits, most)})
 
 
 def require_photographs(

@@ -22,6 +22,7 @@ from rakelight.methods.base import (
     photometric_confidence,
     require_options,
     require_photographs,
+    require_ranges,
     require_types,
 )
 from rakelight.methods.levels import Level, finest_level
@@ -56,11 +57,11 @@ class MultiLightAlternating:
 
     def __post_init__(self) -> None:
         require_types(self)
+        require_ranges(self, above_0=("depth_weight",))
         require_options(
             self,
             max_iterations=(self.max_iterations >= 0, "at least 0"),
             tolerance=(self.tolerance < np.inf, "a number"),
-            depth_weight=(0 < self.depth_weight < np.inf, "above 0"),
             min_photographs=(self.min_photographs >= 3, "at least 3"),
         )
 

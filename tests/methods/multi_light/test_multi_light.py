@@ -316,7 +316,7 @@ def test_bars_whose_sides_a_sharp_sensor_shows_do_not_bend_the_lights():
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        *(("depth_weight", value) for value in (0.0, -1.0, np.nan, np.inf)),
+        *(("depth_weight", value) for value in (0.0, -1.0, np.nan, np.inf, 1e308)),
         ("max_iterations", 0),
         *(("tolerance", value) for value in (0.0, -1e-3, np.nan)),
         ("coarse_pixels", 99),

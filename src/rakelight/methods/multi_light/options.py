@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-
-from rakelight.methods.base import require_options, require_types
+from rakelight.methods.base import require_options, require_ranges, require_types
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,9 +37,9 @@ class MultiLight:
 
     def __post_init__(self) -> None:
         require_types(self)
+        require_ranges(self, above_0=("depth_weight",))
         require_options(
             self,
-            depth_weight=(self.depth_weight is None or 0 < self.depth_weight < np.inf, "above 0"),
             lights=(self.lights in ("auto", "white", "coloured"), "auto, white or coloured"),
             distance=(self.distance in ("auto", "distant", "near"), "auto, distant or near"),
             beam=(self.beam in ("auto", "wide", "narrow"), "auto, wide or narrow"),

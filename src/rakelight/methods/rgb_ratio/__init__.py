@@ -30,7 +30,6 @@ from rakelight.methods.base import (
     brightest,
     first_only,
     photometric_confidence,
-    require_options,
     require_ranges,
     require_types,
     scatter,
@@ -108,11 +107,7 @@ class RgbRatio:
         require_ranges(
             self,
             from_0=("lambda_rho", "lambda_palette", "laplacian", "max_iterations", "tolerance"),
-            above_0=("sigma_c", "sigma_d"),
-        )
-        depth_weight = self.depth_weight
-        require_options(
-            self, depth_weight=(depth_weight is None or 0 < depth_weight < np.inf, "above 0")
+            above_0=("sigma_c", "sigma_d", "depth_weight"),
         )
 
 
