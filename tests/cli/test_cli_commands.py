@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rakelight.capture import load_capture, load_truth
-from rakelight.capture.images import decode_image, encode_png
+from rakelight.capture.images import decode_image, encode_png, encode_tiff
 from rakelight.export import load_result
 from rakelight.export.mesh_formats import MESH_CHOICES
 from rakelight.geometry.normals import surface_normals
@@ -310,6 +310,24 @@ def test_synth_names_the_option_that_is_wrong(run, tmp_path, monkeypatch, option
     assert ran.err.count("\n") == 1
     assert words in ran.err
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("depth", "options", "words"),
+    [
+        (None, ["--size", "0.2", "--holes", "0.999"], ("almost no depth on the", "fewer holes")),
+        (np.full((30, 30), 0.7, np.float32), [], ("fx' is implausible", "of more pixels")),
+    ],
+)
+def test_synth_writes_nothing_that_cannot_be_read(run, tmp_path, depth, options, words):
+    if depth is not None:
+        (tmp_path / "plate.tiff").write_bytes(encode_tiff(depth))
+        options = ["--shape-file", tmp_path / "plate.tiff"]
+    ran = run("synth", tmp_path / "out", "--lights", "3", *options)
+    assert (ran.code, ran.out, ran.err.count("\n")) == (2, "", 1)
+    assert ran.err.startswith(f"error: {tmp_path / 'out'}: this scene makes no capture that")
+    assert all(word in ran.err for word in words), ran.err
+    assert not (tmp_path / "out").exists()
 
 
 def test_synth_replaces_only_what_it_wrote(run, refused, capture, tmp_path):

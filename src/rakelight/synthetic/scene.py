@@ -14,10 +14,13 @@ from os import PathLike
 
 import numpy as np
 
+from rakelight.capture.arrays import check_object, check_sensor
 from rakelight.capture.folder import SYNTHETIC, write_all_but_photographs
 from rakelight.capture.listing import numbered
 from rakelight.capture.rows import TiffFile, pack_png_rows, pack_tiff_rows, png_parts
 from rakelight.capture.truth import TRUE_MAPS, write_lights
+from rakelight.capture.validate import HOLES, check_camera
+from rakelight.errors import CaptureError, InputError
 from rakelight.files import as_path, write_parts
 from rakelight.folders import staged_folder
 from rakelight.model import Capture, Finding, ProgressCallback, Truth, silent
@@ -79,7 +82,8 @@ def write_scene(
     The folder appears complete or not at all.  Returned is the capture without its photographs, and
     what `write_capture` returns.
 
-    Raises what `render_scene` and `write_capture` do.
+    Raises what `render_scene` and `write_capture` do, and InputError for a capture that
+    `load_capture` would refuse.
 
     >>> from tempfile import TemporaryDirectory
     >>> from rakelight.capture import load_capture
@@ -112,12 +116,32 @@ def write_scene(
             scene = rendered(shape, albedo, options, pack, keep, progress)
         write_lights(scene.lights.as_lights(scene.level), true)
         capture = scene.capture(np.empty((0, *scene.camera.shape, 3), scene.dtype))
+        _require_readable(capture, str(target))
         write_all_but_photographs(capture, staging.path)
         strips = scene.photographs(pack_png_rows, progress)
         for i, packed in groupby(strips, key=itemgetter(0)):
             parts = png_parts(scene.camera.shape, scene.dtype, map(itemgetter(2), packed))
             write_parts(rgb / numbered(i), parts)
     return capture, staging.findings
+
+
+def _require_readable(capture: Capture, source: str) -> None:
+    """Raise InputError where `load_capture` would refuse a capture without its photographs."""
+    depth_m = capture.depth_m
+    holes = np.where(np.isfinite(depth_m), 0, HOLES.index("not finite")).astype(np.uint8)
+    remedy = "give a depth map of more pixels, or in Python shape_from_file(path, camera)"
+    try:
+        check_camera(capture.camera, capture.camera.shape, "", "intrinsics")
+        remedy = "fewer holes, or a larger object or image"
+        check_object(capture, check_sensor(capture), holes)
+    except CaptureError as error:
+        raise InputError(
+            f"this scene makes no capture that can be read: {error.what}",
+            source=source,
+            seen=error.seen,
+            needed=error.needed,
+            remedy=remedy,
+        ) from error
 
 
 DEMO_OPTIONS = SceneOptions(
