@@ -242,6 +242,13 @@ def test_11_too_few_of_them_chosen(refine_refused):
     refine_refused("", *words, options=(*QUICK, "--photographs", "0-2"))
 
 
+def test_11_two_photographs_are_told_the_ways_out(run, refine_refused, capture, tmp_path):
+    two = ("--photographs", "0-1")
+    words = ("too few photographs for multi-light", "seen 2", "the method fusion-like, which takes")
+    refine_refused("", *words, options=two)
+    refined(run, capture, tmp_path / "out", *two, "--method", "fusion-like")
+
+
 def test_11_super_resolution_needs_the_square_of_the_scale(run, refine_refused, capture, tmp_path):
     shutil.rmtree(capture)
     scene, truth = small_scene(depth_factor=4)

@@ -12,6 +12,7 @@ from rakelight.errors import InputError, MethodError
 from rakelight.geometry.grid import Links, mean_gradient
 from rakelight.geometry.normals import normals_from_gradient, surface_normals
 from rakelight.methods.base import (
+    AMBIGUOUS,
     in_one_plane,
     light_findings,
     photometric_confidence,
@@ -235,6 +236,12 @@ def test_scale_squared_photographs_are_needed(factor, needed):
             require_photographs(prepared, "ldr-ps", 3, for_the_scale=True)
         assert error.value.needed == f"at least {needed}"
         assert ("smaller --scale" in error.value.remedy) == (needed > 3)
+        assert ("method multi-light, which takes 3" in error.value.remedy) == (count >= 3)
+
+
+def test_three_photographs_are_what_one_is_told_to_become():
+    require_photographs(SimpleNamespace(photographs=[0] * 3, factor=2), "multi-light", 3)
+    assert "at least 3 photographs" in AMBIGUOUS.remedy
 
 
 def test_the_joint_method_needs_three_at_any_scale():
@@ -247,3 +254,4 @@ def test_the_joint_method_needs_three_at_any_scale():
             require_photographs(prepared, "multi-light", 3)
         assert error.value.needed == "at least 3"
         assert "--scale" not in error.value.remedy
+        assert error.value.remedy.endswith("or use the method fusion-like, which takes one")

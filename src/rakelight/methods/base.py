@@ -50,7 +50,7 @@ AMBIGUOUS = Finding(
     "warning",
     "single-photograph",
     "one photograph does not tell paint from relief: fine detail may be painted, not real",
-    "take at least 4 photographs under a moving lamp and use the method multi-light",
+    "take at least 3 photographs under a moving lamp and use the method multi-light",
 )
 
 
@@ -287,13 +287,15 @@ def require_photographs(
     if for_the_scale:
         needed = max(least, ceil(prepared.factor**2 - 1e-6))
     if count < needed:
+        other = "multi-light, which takes 3" if count >= 3 else "fusion-like, which takes one"
         raise MethodError(
             f"too few photographs for {method} at scale {prepared.factor:.3g}",
             source=prepared.source,
             seen=str(count),
             needed=f"at least {needed}",
             remedy="take more photographs with the lamp in other places and the camera fixed"
-            + (", or choose a smaller --scale" if needed > least else ""),
+            + (", or choose a smaller --scale" if needed > least else "")
+            + f", or use the method {other}",
         )
 
 
