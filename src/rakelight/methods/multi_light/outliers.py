@@ -116,13 +116,61 @@ def find_outliers(surface: LitSurface) -> Outliers:
     photographs, lights = surface.level.photographs, surface.lights
     sample = photographs.subsample(max(SAMPLE_PIXELS // len(photographs), 1))
     normals, points = surface.normals[sample], surface.points_m[sample]
-    values, incident = photographs.light(sample), arriving(lights, points)
-    hidden_sample, hidden = in_shadow(surface, sample), None
-    if are_dark(values, hidden_sample, normals, incident, lights):
+    values, hidden = photographs.light(sample), None
+    shadows = predicted_shadows(surface, sample)
+    if shadows.shown:
         hidden = all_shadows(surface)
-        values[np.broadcast_to(hidden_sample, values.shape)] = -1.0
-    highlights = Highlights.find(values, normals, points, incident, lights.ambient)
+        values[shadows.values] = -1.0
+    highlights = Highlights.find(values, normals, points, arriving(lights, points), lights.ambient)
     return Outliers(hidden, highlights)
+
+
+@dataclass(frozen=True, eq=False)
+class Shadows:
+    """Which values of N photographs at P pixels lie in cast shadow.
+
+    hidden : (N, P, 3) whether the surface hides the light, as far as surface and lights are known
+    dark : (N, P, 3) whether the value is nearer to ambient light alone than to what would be lit
+    weight : (N, P, 3) square of the direct light where nothing hid it; 0 for values not usable
+    """
+
+    hidden: Mask
+    dark: Mask
+    weight: Floats
+
+    @classmethod
+    def of(cls, values: Floats, hidden: Mask, lit: Floats, ambient: Floats) -> Shadows:
+        """Those of values (N, P, 3), with the albedo that the ones not hidden show.
+
+        hidden (N, P, C), as here; lit (N, P, C) direct light on albedo 1; ambient (N, 1, C)
+        """
+        usable, hidden = values >= 0, np.broadcast_to(hidden, values.shape)
+        seen = np.where(usable & ~hidden, lit + ambient, 0.0)
+        albedo = (seen * values).sum(axis=0) / np.maximum((seen**2).sum(axis=0), 1e-12)
+        direct = np.where(usable, albedo * lit, 0.0)
+        return cls(hidden, usable & (values - albedo * ambient < direct / 2), direct**2)
+
+    @property
+    def values(self) -> Mask:
+        """(N, P, 3) the values in shadow: the hidden ones, where most of them are dark.
+
+        Else the dark ones of them.  Lights that are found with the shadows in the photographs cast
+        them too large: what is not dark there is lit, not the half shadow of an edge.
+        """
+        return self.hidden if self._dark_share(self.hidden) > 0.5 else self.hidden & self.dark
+
+    @property
+    def shown(self) -> bool:
+        """Whether a hidden value is dark more than twice as often as another.
+
+        Then most of the values that are hidden and dark are so by a shadow.
+        """
+        return self._dark_share(self.hidden) > 2 * self._dark_share(~self.hidden)
+
+    def _dark_share(self, part: Mask) -> float:
+        """How much of a part of the values is dark, by weight."""
+        weight = self.weight * part
+        return float((weight * self.dark).sum() / max(weight.sum(), np.finfo(float).tiny))
 
 
 def in_shadow(surface: LitSurface, where: Mask) -> Mask:
@@ -137,27 +185,18 @@ def in_shadow(surface: LitSurface, where: Mask) -> Mask:
     return ~free.reshape(to_light.shape[:3])
 
 
+def predicted_shadows(surface: LitSurface, where: Mask) -> Shadows:
+    """The shadows at the P pixels of a mask (h, w)."""
+    values, lights = surface.level.photographs.light(where), surface.lights
+    incident = arriving(lights, surface.points_m[where])
+    lit = np.maximum(np.einsum("npck,pk->npc", incident, surface.normals[where]), 0)
+    return Shadows.of(values, in_shadow(surface, where), lit, lights.ambient[:, None])
+
+
 def all_shadows(surface: LitSurface) -> Mask:
-    """(N, h, w, C) `in_shadow` of every pixel: that of the nearest of `SAMPLE_PIXELS`."""
+    """(N, h, w, 3) the values in cast shadow: at each pixel those of the nearest of a sample."""
     where = surface.level.photographs.subsample(SAMPLE_PIXELS)
     number = np.zeros(where.shape)
     number[where] = np.arange(np.count_nonzero(where))
     nearest = nearest_fill(number, where).astype(int)
-    return in_shadow(surface, where)[:, nearest]
-
-
-def are_dark(
-    values: Floats, hidden: Mask, normals: Floats, incident: Floats, lights: Lights
-) -> bool:
-    """Whether the values (N, P, 3) that should lie in shadow do: hidden (N, P, C).
-
-    Only ambient light reaches a cast shadow.  The direct light there has to be, by least squares,
-    less than half of that of an unshadowed surface with the albedo of the other photographs.
-    """
-    lit = np.maximum(np.einsum("npck,pk->npc", incident, normals), 0)
-    usable = values >= 0
-    seen = np.where(usable & ~hidden, lit + lights.ambient[:, None], 0.0)
-    albedo = (seen * values).sum(axis=0) / np.maximum((seen**2).sum(axis=0), 1e-12)
-    direct = np.where(usable & hidden, albedo * lit, 0.0)
-    found = direct * (values - albedo * lights.ambient[:, None])
-    return bool(found.sum() < 0.5 * (direct**2).sum())
+    return predicted_shadows(surface, where).values[:, nearest]
