@@ -451,8 +451,6 @@ WRONG = {
     "steps": (lambda estimate: "x", "str", "a whole number"),
     "converged": (lambda estimate: "yes", "str", "True or False"),
     "timings_s": (lambda estimate: None, "NoneType", "a dict, name -> seconds"),
-    "converged": (lambda estimate: "no", "str", "True or False"),
-    "steps": (lambda estimate: "x", "str", "a whole number"),
     "lights": (of_two_photographs, r"float64 of shape \(2, 1\)", r"numbers of shape \(5, 1\)"),
 }
 

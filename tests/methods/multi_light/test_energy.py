@@ -26,14 +26,17 @@ from rakelight.methods.multi_light.initial_lights import lights_of_prior
 from rakelight.methods.multi_light.joint_step import joint_step
 from rakelight.methods.multi_light.light_model import LightModel
 from rakelight.methods.multi_light.model_selection import with_coloured_lights
+from rakelight.methods.multi_light.options import MultiLight
 from rakelight.methods.multi_light.steps import (
     depth_step,
+    descend,
     extrapolated,
     lights_step,
     parabola_falls,
     project_bas_relief,
     refine_lights,
 )
+from rakelight.model import silent
 from rakelight.photometry.images import LightParameters
 from rakelight.prepare import prepare
 from rakelight.solve import solve
@@ -279,6 +282,25 @@ def test_a_stalled_solve_is_a_refused_step(level, fit, monkeypatch):
     after = depth_step(level, fit)
     assert after.log_depth is fit.log_depth
     assert after.depth_damping > fit.depth_damping
+
+
+@pytest.mark.parametrize("refusals", [3, 100])
+def test_no_descent_ends_with_a_joint_step_refused(level, fit, monkeypatch, refusals):
+    """Until its damping leaves next to nothing of it."""
+    refused = []
+
+    def joint(level, fit, most_cells):
+        if len(refused) == refusals:
+            return joint_step(level, fit, most_cells)
+        refused.append(fit.joint_damping)
+        return replace(fit, joint_damping=min(fit.joint_damping * FACTOR, 1 / LEAST))
+
+    monkeypatch.setattr("rakelight.methods.multi_light.steps.depth_step", lambda _, fit, **__: fit)
+    monkeypatch.setattr("rakelight.methods.multi_light.steps.joint_step", joint)
+    found = descend(level, replace(fit, joint_damping=1e-3), MultiLight(), silent, "", last=True)
+    assert found.converged
+    assert len(refused) == min(refusals, 4)  # from 1e-3 to more than 1
+    assert (found.fit.energy < 0.9 * found.energies[0]) == (refusals == 3)
 
 
 def test_depth_steps_that_are_taken_stay_damped(level, fit):

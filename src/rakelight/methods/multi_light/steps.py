@@ -81,7 +81,9 @@ def descend(
         small = options.tolerance * before.linearization.energy
         if loss_fixed and (thorough or before.energy - fit.energy >= small):
             fit = extrapolated(level, before, fit)
-        converged = loss_fixed and before.energy - fit.energy < small
+        # A refused joint step says nothing of the next one, which has more damping.
+        refused = thorough and before.joint_damping < fit.joint_damping < 1
+        converged = loss_fixed and before.energy - fit.energy < small and not refused
         if converged and fit.energy > before.energy:
             fit = before  # the gain was a bas-relief transform that the projection has undone
             break
