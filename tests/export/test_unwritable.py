@@ -120,7 +120,7 @@ def test_a_depth_that_single_precision_cannot_hold_is_none(tmp_path):
         {"depth_sigma": SIGMA.astype(np.float32), "normal_sigma": SIGMA},
         {"lights": Lights(np.ones((2, 3, 3)), np.ones((2, 3)))},
     ],
-    ids=str,
+    ids=lambda kept: "-".join(kept),
 )
 def test_what_says_the_same_in_another_type_is_written(tmp_path, kept):
     save_result(replace(SPHERE, **kept), tmp_path / "out", mesh="none")
