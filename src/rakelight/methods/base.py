@@ -179,14 +179,10 @@ def _requirements(found: Any, prepared: Prepared) -> Iterator[tuple[str, bool, s
     yield "findings", only, _kind_of(said), "a tuple of Finding"
     kinds = {repr(each.severity) for each in said} - {"'note'", "'warning'"}
     yield "findings", not kinds, ", ".join(sorted(kinds)), "the severity 'note' or 'warning'"
-    rested = found.converged
-    yield "converged", isinstance(rested, (bool, np.bool_)), _kind_of(rested), "True or False"
-    yield "steps", _is_a(found.steps, int), _kind_of(found.steps), "a whole number"
-    yield "energy", isinstance(found.energy, tuple), _kind_of(found.energy), "a tuple of numbers"
-    counted = isinstance(found.steps, Integral)
-    yield "steps", counted, _kind_of(found.steps), "a whole number"
     ended = isinstance(found.converged, bool | np.bool_)
     yield "converged", ended, _kind_of(found.converged), "True or False"
+    yield "steps", _is_a(found.steps, int), _kind_of(found.steps), "a whole number"
+    yield "energy", isinstance(found.energy, tuple), _kind_of(found.energy), "a tuple of numbers"
     timed = found.timings_s
     yield "timings_s", isinstance(timed, Mapping), _kind_of(timed), "a dict, name -> seconds"
     window, given = prepared.mask.shape, getattr(found.lights.ambient, "shape", ())

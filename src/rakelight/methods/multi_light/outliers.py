@@ -152,10 +152,11 @@ class Shadows:
 
     @property
     def values(self) -> Mask:
-        """(N, P, 3) the values in shadow: the hidden ones, where most of them are dark.
+        """(N, P, 3) the values in shadow: all hidden ones if most of them are dark, else the dark.
 
-        Else the dark ones of them.  Lights that are found with the shadows in the photographs cast
-        them too large: what is not dark there is lit, not the half shadow of an edge.
+        Where most are dark the others are half in shadow, at its edge.  Where few are, the shadows
+        are predicted too large, by lights that were found with them in the photographs: the others
+        are lit.
         """
         return self.hidden if self._dark_share(self.hidden) > 0.5 else self.hidden & self.dark
 
