@@ -3,9 +3,9 @@ import pytest
 
 from rakelight.errors import InputError
 from rakelight.solve import _kernels, assemble, solve
-from rakelight.solve.reference import PAIRS, gradient_stencil, reached
 from rakelight.solve.stencil import NEGLIGIBLE
 from tests.solve.exact import matrix, solution
+from tests.solve.plain_stencil import PAIRS, gradient_stencil, reached
 from tests.solve.rough_systems import masks, rough
 
 

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rakelight.model import Floats, Mask
-from rakelight.solve.reference import DIRECTIONS
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
+
+# Where east, south, south-east and south-west lie, as (rows, columns).
+DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
 def factorised(matrix: Any, panel_size: int | None = None) -> Any:

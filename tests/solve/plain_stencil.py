@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight.model import Array, Floats, Mask
+from rakelight.solve.sparse import DIRECTIONS
 
 # The one-sided differences (u, v) whose mean is the gradient energy of a pixel.
 PAIRS = ((1, 1), (1, -1), (-1, 1), (-1, -1))
-# Where east, south, south-east and south-west lie, as (rows, columns).
-DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
 def neighbour(padded: Array, rows: int, columns: int) -> Array:
