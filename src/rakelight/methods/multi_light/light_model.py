@@ -65,17 +65,14 @@ class LightModel:
         if self.directions is not None:
             along = np.broadcast_to(self.directions, lights.vector.shape).reshape(-1, 3, 1)
             own = np.concatenate([own[..., :3] @ along, own[..., 3:]], axis=-1)
-        count, rows, columns = own.shape
         # Blocks beside each other and then a column for each number that is shared: row by row.
-        own_columns = np.arange(count * columns).reshape(count, 1, columns)
-        where = np.broadcast_to(own_columns, own.shape).reshape(count * rows, columns)
-        values, width = own.reshape(count * rows, columns), count * columns
-        for each in shared:
-            values = np.column_stack([values, each.ravel()])
-            where = np.column_stack([where, np.full(count * rows, width)])
-            width += 1
-        starts = np.arange(0, values.size + 1, values.shape[1])
-        jacobian = csr_array((values.ravel(), where.ravel(), starts), shape=(len(values), width))
+        count, rows, columns = own.shape
+        own_columns = np.arange(count * columns).reshape(count, columns)
+        last_columns = count * columns + np.tile(np.arange(len(shared)), (count, 1))
+        where = np.hstack([own_columns, last_columns]).repeat(rows, axis=0)
+        values = np.concatenate([own, *(each[..., None] for each in shared)], axis=-1)
+        starts = np.arange(0, values.size + 1, where.shape[1])
+        jacobian = csr_array((values.ravel(), where.ravel(), starts))
         jacobian.eliminate_zeros()
         if lights.gloss.any():
             jacobian = block_diag([jacobian, eye_array(len(lights.gloss))], format="csr")
