@@ -17,6 +17,7 @@ from scipy.sparse import csr_array, diags_array
 from rakelight.geometry.cells import Cells, cell_sums
 from rakelight.geometry.derivatives import gradient_image
 from rakelight.geometry.grid import Links
+from rakelight.methods.base import scatter
 from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.bas_relief import relief_scaling
 from rakelight.methods.multi_light.energy import (
@@ -45,10 +46,16 @@ def joint_step(level: Level, fit: Fit, most_cells: int) -> Fit:
     """
 
     def after(damping: float) -> Fit:
-        step = joint_system(level, fit, most_cells, damping).step(damping)
-        if step is None:
+        system = joint_system(level, fit, most_cells, damping)
+        step = bordered_step(
+            system.matrix, system.right, system.columns, system.hessian, system.slope, damping
+        )
+        if step is None:  # singular
             return fit  # refused, as it is no lower
-        depth, numbers = step
+        field, numbers = step
+        depth = system.cells.interpolate(scatter(field, system.cells.inside))
+        if system.relief is not None:
+            depth, numbers = depth + numbers[-1] * system.relief, numbers[:-1]
         lights = fit.model.moved(fit.lights, numbers)
         return evaluated(level, fit, level.placed(fit.log_depth + depth), lights)
 
@@ -76,21 +83,6 @@ class JointSystem:
     slope: Floats
     cells: Cells
     relief: Floats | None
-
-    def step(self, damping: float) -> tuple[Floats, Floats] | None:
-        """(h, w) step of log depth and (F,) of the lights' numbers; None where it is singular."""
-        step = bordered_step(
-            self.matrix, self.right, self.columns, self.hessian, self.slope, damping
-        )
-        if step is None:
-            return None
-        correction, numbers = step
-        field = np.zeros(self.cells.inside.shape)
-        field[self.cells.inside] = correction
-        depth = self.cells.interpolate(field)
-        if self.relief is None:
-            return depth, numbers
-        return depth + numbers[-1] * self.relief, numbers[:-1]
 
 
 def joint_system(level: Level, fit: Fit, most_cells: int, damping: float) -> JointSystem:
