@@ -30,9 +30,7 @@ def outline(mask: Mask) -> Mask:
     >>> outline(np.ones((3, 4), bool)).astype(int).tolist()
     [[1, 1, 1, 1], [1, 0, 0, 1], [1, 1, 1, 1]]
     """
-    padded = np.pad(mask, 1)
-    inner = padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]
-    return np.asarray(mask & ~inner)
+    return np.asarray(mask & ~Links.of(mask).inner)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +103,11 @@ class Links:
         """(H, W) True where a pixel has a neighbour along both axes, so that it has a normal."""
         along = [forward | backward for forward, backward in self.sides.values()]
         return np.asarray(along[0] & along[1])
+
+    @cached_property
+    def inner(self) -> Mask:
+        """(H, W) the pixels that are linked to all four neighbours."""
+        return np.asarray(np.logical_and(*self.sides[0]) & np.logical_and(*self.sides[1]))
 
     @cached_property
     def fives(self) -> tuple[Mask, Mask]:

@@ -19,7 +19,6 @@ from rakelight.geometry.grid import (
     Links,
     connected,
     has_gradient,
-    neighbours,
     pair_slices,
     surface_links,
 )
@@ -131,12 +130,6 @@ class Level:
     def radius_m(self) -> float:
         """The object's radius about its middle, metres."""
         return float(np.linalg.norm(self.points[self.mask], axis=-1).max())
-
-    @cached_property
-    def inner(self) -> Mask:
-        """(h, w) the pixels that are linked to all four neighbours."""
-        across, down = (np.logical_and(*neighbours(self.links, axis)) for axis in (1, 0))
-        return np.asarray(self.mask & across & down)
 
     def surface(self, log_depth: Floats) -> Surface:
         """The surface of `log_depth` (h, w), as the photographs depend on it."""
@@ -269,12 +262,9 @@ class Level:
 
     def means(self, image: Floats) -> Floats:
         """(h/2, w/2[, C]) means of an image (h, w[, C]) over the object's part of 2 x 2 pixels."""
-        count = np.maximum(cell_sums(np.where(self.mask, 1.0, 0.0), 2), 1)
-        if image.ndim == 3:
-            return np.asarray(
-                cell_sums(np.where(self.mask[..., None], image, 0.0), 2) / count[..., None]
-            )
-        return np.asarray(cell_sums(np.where(self.mask, image, 0.0), 2) / count)
+        inside = self.mask.reshape(*self.mask.shape, *[1] * (image.ndim - 2))
+        count = np.maximum(cell_sums(inside.astype(float), 2), 1)
+        return np.asarray(cell_sums(np.where(inside, image, 0.0), 2) / count)
 
     def carried(self, coarse: Level, log_depth: Floats) -> Floats:
         """The coarse level's log depth, interpolated on this level's grid."""
@@ -364,8 +354,8 @@ def find_small_components(grid: Grid, averaging: Averaging | None) -> Mask:
     sides = []
     for axis, side in ((1, links.right), (0, links.down)):
         here, there = pair_slices(axis)
-        linked = side & active
-        linked[here] |= side[here] & active[there]
+        linked = side.copy()
+        linked[here] &= active[here] | active[there]
         sides.append(linked)
     components, count = connected(Links(links.mask, *sides))
     size = np.bincount(components[links.mask], minlength=count)

@@ -114,11 +114,7 @@ def _borders(
     target: Camera,
 ) -> tuple[Floats, Floats]:
     """The pixels that miss a link, each as two triangles in its tangent plane."""
-    linked = np.zeros(links.mask.shape, dtype=int)
-    linked += links.right.astype(int) + links.down
-    linked[:, 1:] += links.right[:, :-1]
-    linked[1:] += links.down[:-1]
-    rows, columns = np.nonzero(links.mask & (linked < 4))
+    rows, columns = np.nonzero(links.mask & ~links.inner)
     # Planes are linear in inverse depth.
     inverse = np.where(links.mask, 1 / depth_m, 0.0)
     slope_u, slope_v = (slope[rows, columns] for slope in mean_gradient(inverse, links))

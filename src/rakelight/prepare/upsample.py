@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight.geometry.fill import nearest_fill
-from rakelight.geometry.grid import Links, mean_gradient, pair_slices
+from rakelight.geometry.grid import Links, mean_gradient, neighbours
 from rakelight.geometry.masks import dilate
 from rakelight.model import Array, Floats
 
@@ -63,13 +63,9 @@ def upsample(
 
 def _at_a_jump(links: Links) -> Array:
     """(h, w) pixels of the object with a neighbour on another surface."""
-    whole, jump = Links.of(links.mask), np.zeros(links.mask.shape, dtype=bool)
-    for axis, linked, there_is in ((1, links.right, whole.right), (0, links.down, whole.down)):
-        here, there = pair_slices(axis)
-        cut = (there_is & ~linked)[here]
-        jump[here] |= cut
-        jump[there] |= cut
-    return jump
+    whole = Links.of(links.mask)
+    both = ((neighbours(whole, axis), neighbours(links, axis)) for axis in (0, 1))
+    return np.asarray(np.any([np.not_equal(*each).any(axis=0) for each in both], axis=0))
 
 
 def _continued(log_depth: Floats, links: Links, here: list[Floats], own: list[Array]) -> Floats:

@@ -185,9 +185,9 @@ def test_the_laplacian_is_the_sum_of_both_second_differences_where_all_neighbour
     rows, columns = np.indices(level.mask.shape)
     bowl = 0.01 * columns**2 + 0.02 * rows**2
     found = laplacian_of_change(level, level.prior + bowl)
-    np.testing.assert_allclose(found[level.inner], 0.06, rtol=1e-9)
-    assert not np.any(found[~level.inner])
-    assert 0.3 * level.mask.sum() < level.inner.sum() < level.mask.sum()
+    np.testing.assert_allclose(found[level.links.inner], 0.06, rtol=1e-9)
+    assert not np.any(found[~level.links.inner])
+    assert 0.3 * level.mask.sum() < level.links.inner.sum() < level.mask.sum()
 
 
 def test_the_laplacian_does_not_reach_across_a_cut(level):

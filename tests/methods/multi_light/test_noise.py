@@ -237,7 +237,7 @@ def test_the_laplacians_weight_is_one_over_the_variance_of_curvature_along_the_l
     once = laplacian_weight(smooth())
     assert laplacian_weight(2 * smooth()) == pytest.approx(once / 4)
     # Curvature is correlated over a few pixels, which count as one.
-    curvature = np.gradient(np.gradient(smooth(), axis=1), axis=1)[level.inner]
+    curvature = np.gradient(np.gradient(smooth(), axis=1), axis=1)[level.links.inner]
     assert 0.1 / curvature.var() < once < 0.3 / curvature.var()
 
 

@@ -132,7 +132,10 @@ def evaluated(
     fourth_difference_energy = float(
         np.vdot(fit.fourth_difference_weight * fourth_difference, fourth_difference)
     )
-    prior = level.sensor_sum_of_squares(log_depth) + laplacian_energy(level, fit, log_depth)
+    prior = level.sensor_sum_of_squares(log_depth)
+    if weight := fit.laplacian_weight:
+        change = laplacian_of_change(level, log_depth)
+        prior += weight * float(np.vdot(change, change))
     if weight := fit.equal_intensity_weight:
         prior += weight * equal_intensity_energy(lights.vector, level.photographs.exposures)
     energy = linearization.energy + fourth_difference_energy + fit.noise**2 * prior
@@ -166,15 +169,7 @@ def laplacian_of_change(level: Level, log_depth: Floats) -> Floats:
 
     0 where a pixel is not linked to all four neighbours: at the outline, and beside a jump.
     """
-    return Laplacian.on(level.mask, level.inner.astype(float)).of(log_depth - level.prior)
-
-
-def laplacian_energy(level: Level, fit: Fit, log_depth: Floats) -> float:
-    """c sum (L (p - p_1))^2 of a log depth (h, w)."""
-    if not fit.laplacian_weight:
-        return 0.0
-    found = laplacian_of_change(level, log_depth)
-    return fit.laplacian_weight * float(np.vdot(found, found))
+    return Laplacian.on(level.mask, level.links.inner.astype(float)).of(log_depth - level.prior)
 
 
 def depth_system(level: Level, fit: Fit, tensor: Floats) -> DepthSystem:
@@ -182,7 +177,7 @@ def depth_system(level: Level, fit: Fit, tensor: Floats) -> DepthSystem:
     weight = fit.noise**2 * fit.laplacian_weight
     system = assemble(
         level.mask, tensor, fit.linearization.rhs, pair_weights=level.links.pairs,
-        laplacian_weight=weight * level.inner if weight else None,
+        laplacian_weight=weight * level.links.inner if weight else None,
         **level.sensor_terms(fit.log_depth, fit.noise**2),
     )  # fmt: skip
     return replace(system, rhs=system.rhs - np.where(level.mask, wide_gradient(level, fit), 0.0))
@@ -202,7 +197,7 @@ def wide_gradient(level: Level, fit: Fit) -> Floats:
     weighted = fit.fourth_difference_weight * fourth_difference_term(level, fit.log_depth)
     total = fourth_difference_term_transposed(level, weighted)
     if fit.laplacian_weight:
-        weight = fit.noise**2 * fit.laplacian_weight * level.inner
+        weight = fit.noise**2 * fit.laplacian_weight * level.links.inner
         change = laplacian_of_change(level, fit.log_depth)
         total += Laplacian.on(level.mask, weight).right_side(change)
     return total

@@ -71,7 +71,7 @@ class View:
         """The view of the first photograph of `prepared`."""
         level = first_photograph(prepared)
         mask, links, usable = level.mask, level.links, level.usable
-        seen = usable.any(axis=-1) & level.inner  # those at a border mix with the background
+        seen = usable.any(axis=-1) & level.links.inner  # those at a border mix with the background
         observed = level.image.mean(axis=-1)[seen]
         exposure = max(float(np.median(observed)), np.finfo(float).tiny) if observed.size else 1.0
         colour = level.image / exposure
