@@ -33,6 +33,9 @@ Lighting = Literal["moving-lamp", "rgb-leds", "ambient"]
 # Standard deviation of Gaussian noise over the median of its absolute deviations.
 MAD_TO_SIGMA = 1.4826
 
+# Least divisor where nothing, or next to nothing, may be divided by: its inverse does not overflow.
+TINY = 1e-30
+
 # Sensors bend before they clip; below the lower level a pixel holds little but its own offset.
 SATURATED = 0.98  # of the largest value
 BLACK = 0.004

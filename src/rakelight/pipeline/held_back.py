@@ -31,7 +31,7 @@ from rakelight.geometry.normals import (
     towards_camera,
 )
 from rakelight.methods.base import Estimate, brightest
-from rakelight.model import MAD_TO_SIGMA, Array, Camera, Finding, Floats, Lights, Mask
+from rakelight.model import MAD_TO_SIGMA, TINY, Array, Camera, Finding, Floats, Lights, Mask
 from rakelight.photometry.forward import arriving, least_squares_albedo, shadings
 from rakelight.photometry.images import SAMPLE_PIXELS
 from rakelight.photometry.lighting import estimate_light
@@ -41,8 +41,8 @@ from rakelight.solve.robust import ROUNDS
 
 # Least number of photographs: from two, a normal and an albedo are undetermined.
 FEWEST = 4
-# Least precision of a gradient over its largest, and least one of all: below is rounding.
-ROUNDING, TINY = 1e-12, 1e-30
+# Least precision of a gradient over its largest: below is rounding.
+ROUNDING = 1e-12
 
 NO_BETTER = Finding(
     "warning",

@@ -39,7 +39,7 @@ COLOUR_PX = 4
 GRABCUTS, FEWEST_COLOURS = 3, 50
 # Limits for a warning: score of the second choice over the first's; agreement of depth and colour;
 # fraction of the outline at the frame; fraction of the image.
-RIVAL, AGREEMENT, AT_FRAME, TINY = 0.3, 0.8, 0.03, 0.005
+RIVAL, AGREEMENT, AT_FRAME, SMALL = 0.3, 0.8, 0.03, 0.005
 
 
 def cut_out(capture: Capture) -> tuple[Mask, tuple[Finding, ...]]:
@@ -70,7 +70,7 @@ def cut_out(capture: Capture) -> tuple[Mask, tuple[Finding, ...]]:
     if agreement < AGREEMENT:
         mask = grid.nearest_upsample(found.mask)
         reasons.append("its colours are those of what is around it")
-    if mask.mean() < TINY:
+    if mask.mean() < SMALL:
         reasons.append("it is very small")
     low_m, high_m = np.quantile(depth[found.mask & measured], [0.02, 0.98])
     message = (

@@ -32,7 +32,7 @@ from rakelight.solve.robust import BY_CHANCE
 # from fewer than two more would be chance.
 LIGHTS_NEEDED = GAUGE_FREEDOM + 2
 # Least spread of the lights along a component of g, metres, that is not rounding.
-TINY = 1e-12
+LEAST_SPREAD_M = 1e-12
 
 
 def shape_errors(
@@ -128,8 +128,8 @@ def lights_moment(level: Level, lights: LightParameters) -> Floats:
     rest = float(np.square(logs - logs.mean() - left @ along).sum())
     variance = rest / (len(logs) - GAUGE_FREEDOM) + LEAST_LOG_SIGMA**2
     square = along**2
-    sure = (square > BY_CHANCE**2 * variance) & (spread > TINY)
-    length = np.sqrt(np.where(sure, square - variance, 0.0)) / np.maximum(spread, TINY)
+    sure = (square > BY_CHANCE**2 * variance) & (spread > LEAST_SPREAD_M)
+    length = np.sqrt(np.where(sure, square - variance, 0.0)) / np.maximum(spread, LEAST_SPREAD_M)
     g = (np.sign(along) * length) @ components
     return np.outer(g, g)
 

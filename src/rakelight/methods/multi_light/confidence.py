@@ -24,12 +24,9 @@ from rakelight.methods.levels import Level, sensor_error
 from rakelight.methods.multi_light.bas_relief_variance import quadratic_form
 from rakelight.methods.multi_light.energy import Fit
 from rakelight.methods.multi_light.noise import block_variances
-from rakelight.model import Floats
+from rakelight.model import TINY, Floats
 from rakelight.prepare import Prepared
 from rakelight.solve.robust import variance_beyond
-
-# Least determinant of M: its inverse does not overflow.
-TINY = 1e-30
 
 
 def normal_errors(

@@ -35,7 +35,7 @@ from rakelight.methods.ldr_ps import Factors, LdrPs, factorise, integrable_basis
 from rakelight.methods.levels import CORRELATION_PX, Level
 from rakelight.methods.multi_light.equal_intensity import equal_intensity_slope
 from rakelight.methods.multi_light.initial_lights import bas_relief_of_slopes
-from rakelight.model import Floats, Mask
+from rakelight.model import TINY, Floats, Mask
 from rakelight.photometry.images import LightParameters
 from rakelight.solve.robust import CAUCHY, NOTABLE, ROUNDS
 from rakelight.solve.sparse import factorised
@@ -213,7 +213,7 @@ def matrices(level: Level, factors: Factors, determined: Mask) -> Iterator[Float
     mask, camera = level.photographs.active, level.camera
     inside = determined[mask]
     scaled, normals = factors.normals[inside], level.normals(level.prior)[0][determined]
-    unit = scaled / np.maximum(np.linalg.norm(scaled, axis=1, keepdims=True), 1e-30)
+    unit = scaled / np.maximum(np.linalg.norm(scaled, axis=1, keepdims=True), TINY)
     starts = [np.linalg.lstsq(unit, normals, rcond=None)[0].T]
     basis = integrable_basis(factors.normals, mask, determined, camera)
     with suppress(np.linalg.LinAlgError):  # no slope

@@ -10,7 +10,7 @@ import numpy as np
 
 from rakelight.methods.base import DARK
 from rakelight.methods.levels import Level
-from rakelight.model import Floats, GivenLights
+from rakelight.model import TINY, Floats, GivenLights
 from rakelight.photometry.images import LightParameters
 from rakelight.photometry.lighting import estimate_light
 from rakelight.solve.robust import CAUCHY, NOTABLE, ROUNDS
@@ -111,7 +111,7 @@ def bas_relief_of_slopes(scaled: Floats, normals: Floats) -> Floats:
         middle, target_middle = (weight @ each / weight.sum() for each in (slopes, targets))
         centred, target = slopes - middle, targets - target_middle
         square = float(weight @ (centred**2).sum(axis=1))
-        slope_ratio = float(weight @ (centred * target).sum(axis=1)) / max(square, 1e-30)
+        slope_ratio = float(weight @ (centred * target).sum(axis=1)) / max(square, TINY)
         residual = np.linalg.norm(target - slope_ratio * centred, axis=1)
         weight = 1 / (1 + (residual / (CAUCHY * np.median(residual) + 1e-12)) ** 2)
     if not abs(slope_ratio) > 1e-9:

@@ -15,7 +15,6 @@ import numpy as np
 
 from rakelight.methods.base import scatter
 from rakelight.methods.levels import Level
-from rakelight.methods.multi_light.confidence import TINY
 from rakelight.methods.multi_light.energy import Fit, first_fit
 from rakelight.methods.multi_light.equal_intensity import equal_intensity_energy
 from rakelight.methods.multi_light.factored_start import factored_start
@@ -24,7 +23,7 @@ from rakelight.methods.multi_light.light_model import LightModel
 from rakelight.methods.multi_light.noise import variances_by_scale
 from rakelight.methods.multi_light.options import MultiLight
 from rakelight.methods.multi_light.steps import Descent, descend, refine_lights
-from rakelight.model import Floats, GivenLights, ProgressCallback
+from rakelight.model import TINY, Floats, GivenLights, ProgressCallback
 from rakelight.photometry.images import LightParameters
 from rakelight.solve.robust import NOTABLE, ROUNDS
 

@@ -22,14 +22,13 @@ from rakelight.geometry.blur import blurred
 from rakelight.geometry.normals import normals_from_gradient
 from rakelight.methods.levels import Level
 from rakelight.methods.multi_light.energy import Fit
-from rakelight.model import Floats
+from rakelight.model import TINY, Floats
 from rakelight.photometry.images import Linearization
 from rakelight.solve.robust import variance_beyond
 
 # Standard deviation, pixels, of the Gaussian window in which tau is estimated (5 instead: 1.003
 # over 50 draws, but 0.242 instead of 0.226 degrees on a smooth sphere; ablation.md).
 LOCAL_PX = 3.0
-TINY = 1e-30
 
 
 def fine_normals(level: Level, fit: Fit) -> tuple[Floats, Linearization]:

@@ -37,7 +37,7 @@ BLURS_PX, ACCURACY = (0.5, 1.0, 2.0, 4.0), 0.05
 # next to no support (Burnham and Anderson 2002).
 LEAST_GAIN = 10.0
 # Steps that find the bas-relief transform beside a blur, and the least 1/z on the way, 1/metre.
-NEWTON_STEPS, TINY = 3, 1e-9
+NEWTON_STEPS, LEAST_INVERSE_DEPTH = 3, 1e-9
 
 
 def find_blur(level: Level, fit: Fit, weight: float) -> tuple[float, Floats]:
@@ -53,18 +53,19 @@ def find_blur(level: Level, fit: Fit, weight: float) -> tuple[float, Floats]:
     from scipy.optimize import minimize_scalar
 
     # As the sensor sees them: what a and g multiply in 1/z', and its own log depth.
-    columns = np.stack([np.exp(-level.sensed(fit.log_depth)), *rays_sensed(level)], axis=-1)
+    rays = (level.sensed(each) for each in np.moveaxis(level.rays, -1, 0))
+    columns = np.stack([np.exp(-level.sensed(fit.log_depth)), *rays], axis=-1)
     measured, root = level.sensed(level.unbiased_prior), np.sqrt(level.sensor_weight)
 
     def fitted(blur_px: float) -> tuple[float, Floats]:
         """The cost with a blur, and the transform (a, g) nearest to the sensor's: Gauss-Newton."""
         transform = np.array([1.0, 0.0, 0.0, 0.0])
         for _ in range(NEWTON_STEPS):
-            nearer = np.maximum(columns @ transform, TINY)
+            nearer = np.maximum(columns @ transform, LEAST_INVERSE_DEPTH)
             errors = measured + blurred_sensor(level, np.log(nearer), blur_px)
             slopes = blurred_sensor(level, columns / nearer[:, None], blur_px)
             transform -= np.linalg.lstsq(slopes * root[:, None], errors * root, rcond=1e-12)[0]
-        nearer = np.maximum(columns @ transform, TINY)
+        nearer = np.maximum(columns @ transform, LEAST_INVERSE_DEPTH)
         errors = measured + blurred_sensor(level, np.log(nearer), blur_px)
         return len(level.photographs) * cost_of_errors(level, fit, weight, errors), transform
 
@@ -81,11 +82,6 @@ def find_blur(level: Level, fit: Fit, weight: float) -> tuple[float, Floats]:
     )
     blur_px = 2.0 ** float(found.x)
     return blur_px, transformed(level, fit.log_depth, fitted(blur_px)[1])[0]
-
-
-def rays_sensed(level: Level) -> list[Floats]:
-    """Three times (M,): the viewing rays at depth 1 metre, as the sensor sees them."""
-    return [level.sensed(each) for each in np.moveaxis(level.rays, -1, 0)]
 
 
 def blurred_sensor(level: Level, values: Floats, blur_px: float) -> Floats:

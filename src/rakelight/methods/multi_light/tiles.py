@@ -45,7 +45,7 @@ EDGE = 0.01
 # Steps of the depth in a tile; a third one changes normals by 0.04 degrees, and errors by none.
 STEPS = 2
 # Least information of the median pixel, squared values of white, that a weight is taken from.
-TINY = 1e-12
+LEAST_INFORMATION = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,5 +247,5 @@ def carried(image: Floats, prepared: Prepared, whole: Whole) -> Floats:
 
 def agreement(fit: Fit, shrink: int) -> float:
     """The weight of the agreement, 1 / variance of log depth, by which corrections fade."""
-    information = max(fit.linearization.typical_information(2.0), TINY)
+    information = max(fit.linearization.typical_information(2.0), LEAST_INFORMATION)
     return information / (fit.noise * LENGTH * shrink) ** 2

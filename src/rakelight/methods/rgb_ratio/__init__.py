@@ -44,7 +44,7 @@ from rakelight.methods.rgb_ratio.lights import (
     shading_by,
 )
 from rakelight.methods.rgb_ratio.ratios import Ratios
-from rakelight.model import MAD_TO_SIGMA, Floats, Mask, Progress, ProgressCallback
+from rakelight.model import MAD_TO_SIGMA, TINY, Floats, Mask, Progress, ProgressCallback
 from rakelight.photometry.color_modes import nearest_colors
 from rakelight.photometry.piecewise_albedo import edge_weights, piecewise_smooth
 from rakelight.prepare import Prepared
@@ -360,7 +360,7 @@ def depth_weight_from_change(level: Level, log_depth: Floats, depth_weight: floa
     )
     if whole * bent > DRIFT * steep**2:
         depth_weight = 3 * depth_weight
-    rough = bent / max(steep, 1e-30)
+    rough = bent / max(steep, TINY)
     return max(depth_weight, CORRELATION_AREA_PX * rough, 1.5 * CORRELATION_AREA_PX * rough**2)
 
 
