@@ -267,6 +267,6 @@ def test_a_surface_that_is_exactly_the_sensors_has_a_finite_weight():
 def test_errors_that_most_pixels_do_not_have_are_seen():
     error = np.zeros((32, 32))
     error[:, :12] = 1.0
-    found = dict(block_variances(error, np.ones(error.shape, bool)))
+    found = block_variances(error, np.ones(error.shape, bool))
     assert found[4] == pytest.approx(16 * 12 / 32)
-    assert block_variances(error, np.zeros(error.shape, bool)) == [(1, 0.0)]
+    assert block_variances(error, np.zeros(error.shape, bool)) == {1: 0.0}

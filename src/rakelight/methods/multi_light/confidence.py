@@ -119,7 +119,7 @@ def mean_error_variance(prepared: Prepared, log_depth: Floats, length_px: float)
     """
     error, seen = sensor_error(prepared, log_depth)
     found = 0.0
-    for side, variance in block_variances(error, seen):
+    for side, variance in block_variances(error, seen).items():
         if side > max(length_px / prepared.factor, 1):
             break
         found = variance / side**2

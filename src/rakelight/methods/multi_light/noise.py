@@ -11,12 +11,11 @@ import numpy as np
 
 from rakelight.geometry.cells import cell_sums
 from rakelight.geometry.derivatives import gradient_image
-from rakelight.geometry.grid import pair_slices
 from rakelight.jit import side_by_side, worth_side_by_side
 from rakelight.methods.base import in_one_plane, scatter
 from rakelight.methods.levels import CORRELATION_PX, Level, sensor_error
 from rakelight.methods.multi_light.energy import Fit
-from rakelight.model import MAD_TO_SIGMA, Floats, Mask
+from rakelight.model import MAD_TO_SIGMA, TINY, Floats, Mask
 from rakelight.photometry.forward import arriving, shadings
 from rakelight.photometry.specular import Highlights
 from rakelight.prepare import Prepared
@@ -42,12 +41,9 @@ def estimate_depth_weight(fit: Fit, prepared: Prepared, least: float = 1.0) -> f
         sensor was found to be more precise than that
     """
     error, seen = sensor_error(prepared, fit.log_depth)
-    steps = np.concatenate(
-        [
-            np.diff(error, axis=axis)[seen[here] & seen[there]]
-            for axis, (here, there) in ((axis, pair_slices(axis)) for axis in (1, 0))
-        ]
-    )
+    alone = np.where(seen, error, np.nan)
+    steps = np.concatenate([np.diff(alone, axis=axis).ravel() for axis in (1, 0)])
+    steps = steps[np.isfinite(steps)]
     different = np.abs(steps) > np.finfo(np.float32).eps  # by more than rounding
     if not different.any():
         return CORRELATION_PX**2  # no two depth pixels are neighbours, or there are no errors
@@ -61,7 +57,7 @@ def estimate_depth_weight(fit: Fit, prepared: Prepared, least: float = 1.0) -> f
     relative = (prepared.sensor.depth_m / prepared.sensor.sigma_m)[seen]
     variance = MAD_TO_SIGMA**2 * float(np.median((error * relative) ** 2))
     independent = float(correlation_area) * min(max(variance, least), 1.0)
-    return assumed_correlation_area(fit) / max(independent, 1e-30)
+    return assumed_correlation_area(fit) / max(independent, TINY)
 
 
 def assumed_correlation_area(fit: Fit) -> float:
@@ -81,7 +77,7 @@ def estimate_equal_intensity_weight(level: Level, log_depth: Floats, prepared: P
     largest, over blocks of all sizes, of  (sum of a block)^2 / pixels.
     """
     error, seen = sensor_error(prepared, log_depth)
-    variance = max(variance for _, variance in block_variances(error, seen))
+    variance = max(block_variances(error, seen).values())
     return float(np.median(level.sensor_weight) * variance)
 
 
@@ -100,7 +96,7 @@ def estimate_laplacian_weight(level: Level, fit: Fit) -> float:
     best = np.linalg.eigh([[uu, uv], [uv, vv]])[1][:, -1]
     slope = gradient_image(fit.log_depth - level.prior, level.grid) @ best
     curvature = gradient_image(slope, level.grid) @ best
-    variance = max(variance for _, variance in block_variances(curvature, active))
+    variance = max(block_variances(curvature, active).values())
     # A surface that has moved by no more than rounding says nothing of how far it may.
     return 1 / variance if variance > np.finfo(np.float32).eps ** 2 else 0.0
 
@@ -125,7 +121,7 @@ def correlation_ratio(level: Level, fit: Fit) -> float:
             residual += highlights.light(normals, points, incident)[0]
         residual *= photographs.usable(photograph)[active]
         error = scatter(residual.sum(axis=-1) / np.sqrt(residual.shape[-1]), active)
-        return [variance for _, variance in block_variances(error, active)]
+        return [*block_variances(error, active).values()]
 
     each = list(side_by_side(variances, range(len(photographs)), worth_side_by_side()))
     # The median of the photographs: one of something else is no error of the model.
@@ -157,8 +153,8 @@ def variances_by_scale(error: Floats, seen: Mask) -> list[tuple[int, int, float]
     return found
 
 
-def block_variances(error: Floats, seen: Mask) -> list[tuple[int, float]]:
-    """Sides 1, 2, 4 ... of square blocks, and their (sum of a block)^2, added up, over all pixels.
+def block_variances(error: Floats, seen: Mask) -> dict[int, float]:
+    """Side 1, 2, 4 ... of square blocks -> their (sum of a block)^2, added up, over all pixels.
 
     error : (h, w) of the sensor or of a photograph, of which the median is taken off; beyond
         `BY_CHANCE` deviations it counts as these
@@ -167,19 +163,19 @@ def block_variances(error: Floats, seen: Mask) -> list[tuple[int, float]]:
     Of single pixels the variance comes from the median; larger blocks are taken as long as the
     pixels would fill `FEWEST_BLOCKS`.  0 where nothing is seen.
 
-    >>> [side for side, _ in block_variances(np.ones((8, 8)), np.ones((8, 8), bool))]
+    >>> list(block_variances(np.ones((8, 8)), np.ones((8, 8), bool)))
     [1, 2]
     """
     if not seen.any():
-        return [(1, 0.0)]
+        return {1: 0.0}
     error = np.where(seen, error - np.median(error[seen]), 0.0)
     deviation = MAD_TO_SIGMA * float(np.median(np.abs(error[seen])))
     if deviation:  # 0 where most errors are 0, which does not make outliers of the others
         error = np.clip(error, -BY_CHANCE * deviation, BY_CHANCE * deviation)
     count, side = int(np.count_nonzero(seen)), 2
-    found = [(1, deviation**2)]
+    found = {1: deviation**2}
     while count >= FEWEST_BLOCKS * side**2:
         error = cell_sums(error, 2)
-        found.append((side, float(np.vdot(error, error)) / count))
+        found[side] = float(np.vdot(error, error)) / count
         side *= 2
     return found
