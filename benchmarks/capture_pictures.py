@@ -285,6 +285,8 @@ def main() -> None:
     parser.add_argument("--seeds", default="0:1", help="first:end")
     parser.add_argument("--topic", help="one topic only: " + ", ".join({c.topic for c in CASES}))
     arguments = parser.parse_args()
+    if not arguments.folder.is_dir():
+        parser.error(f"there is no folder {arguments.folder}")
     seeds = range(*map(int, arguments.seeds.split(":")))
     drawn: dict[str, list[tuple[Case, Score, Capture]]] = {}
     print(

@@ -61,3 +61,12 @@ def test_the_picture_of_the_shapes_shows_each_in_every_paint(monkeypatch):
     picture = import_module("shapes_picture")
     monkeypatch.setattr(picture, "SCALE", 0.1)
     assert picture.column("sphere").shape == (36 * (len(picture.ALBEDOS) + 1), 48, 3)
+
+
+def test_a_missing_folder_for_pictures_is_one_line(monkeypatch, capsys, tmp_path):
+    path = FILES[0].parent / "capture_pictures.py"
+    monkeypatch.syspath_prepend(str(path.parent))
+    monkeypatch.setattr(sys, "argv", [str(path), str(tmp_path / "none"), "--topic", "none"])
+    with pytest.raises(SystemExit):
+        runpy.run_path(str(path), run_name="__main__")
+    assert capsys.readouterr().err.endswith(f"error: there is no folder {tmp_path / 'none'}\n")
