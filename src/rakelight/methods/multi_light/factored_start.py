@@ -125,28 +125,24 @@ class Problem:
         return normals[:, :2] / self.focal / toward[:, None], toward
 
     @cached_property
-    def _factor(self) -> Any:
-        data = diags_array(self.sensor_weight * self.precision)
-        matrix = self.gradient.T @ diags_array(self._along) @ self.gradient
-        matrix = matrix + self.sensor.T @ data @ self.sensor
-        # pixels without slope and sensor would leave the matrix singular
-        matrix = matrix + 1e-9 * float(matrix.diagonal().mean()) * eye_array(len(self.determined))
-        return factorised(matrix.tocsc())
-
-    @cached_property
     def _along(self) -> Floats:
         return (self.slope_weight[:, None] * self.focal**2).ravel()
 
     @cached_property
-    def _right_sides(self) -> tuple[Any, Floats]:
-        """Of the surface's equations: a matrix (P, 2 P) for slopes, and the sensor's side (P,)."""
-        sensed = self.sensor.T @ (self.sensor_weight * self.precision * self.target)
-        return (self.gradient.T @ diags_array(self._along)).tocsr(), sensed
+    def _equations(self) -> tuple[Any, Any, Floats]:
+        """The surface's: factors, a matrix (P, 2 P) for slopes, the sensor's right side (P,)."""
+        precision = self.sensor_weight * self.precision
+        by_slopes = self.gradient.T @ diags_array(self._along)
+        matrix = by_slopes @ self.gradient + self.sensor.T @ diags_array(precision) @ self.sensor
+        # pixels without slope and sensor would leave the matrix singular
+        matrix = matrix + 1e-9 * float(matrix.diagonal().mean()) * eye_array(len(self.determined))
+        sensed = self.sensor.T @ (precision * self.target)
+        return factorised(matrix.tocsc()), by_slopes.tocsr(), sensed
 
     def surface(self, slopes: Floats) -> tuple[Floats, Floats]:
         """(P,) log depth p with slopes (P, 2) nearest to those, and G p - g (P, 2)."""
-        by_slopes, sensed = self._right_sides
-        log_depth = self._factor.solve(by_slopes @ slopes.ravel() + sensed)
+        factor, by_slopes, sensed = self._equations
+        log_depth = factor.solve(by_slopes @ slopes.ravel() + sensed)
         return log_depth, (self.gradient @ log_depth).reshape(-1, 2) - slopes
 
     def intensity_cost(self, A: Floats) -> tuple[float, Floats]:
