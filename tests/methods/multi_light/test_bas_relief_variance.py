@@ -9,10 +9,10 @@ from rakelight.geometry.normals import normals_from_gradient
 from rakelight.methods.levels import finest_level
 from rakelight.methods.multi_light.bas_relief import nearest_bas_relief
 from rakelight.methods.multi_light.bas_relief_variance import (
-    bas_relief_variance,
     lights_moment,
     quadratic_form,
     sensor_moment,
+    shape_errors,
 )
 from rakelight.photometry.images import LightParameters
 from rakelight.prepare import prepare
@@ -56,8 +56,7 @@ def test_the_variance_is_that_of_reading_the_transform_off_the_sensor():
         fitted = fitted_relief(level, log_depth, lights)
         cosine = np.sum(normals_of(level, fitted) * true, axis=-1)
         squares.append(np.mean(np.arccos(np.clip(cosine, -1, 1))[active] ** 2))
-        moment = sensor_moment(level, fitted)
-        variance = bas_relief_variance(level, fitted, lights, moment)
+        _, variance = shape_errors(level, fitted, lights)
         expected.append(np.mean(variance[active]))
     # Blocks of the size that gives the largest variance: more than the truth, not less.
     assert 0.8 < np.mean(expected) / np.mean(squares) < 2.5
@@ -67,12 +66,7 @@ def test_it_grows_with_the_sensors_noise():
     level, log_depth, lights = true_level(NOISE)
     error = gaussian_filter(np.random.default_rng(0).normal(size=log_depth.shape), 2.0)
     quiet, loud = (
-        bas_relief_variance(
-            level,
-            log_depth,
-            lights,
-            sensor_moment(replace(level, unbiased_prior=log_depth + size * error), log_depth),
-        )
+        shape_errors(replace(level, unbiased_prior=log_depth + size * error), log_depth, lights)[1]
         for size in (0.001, 0.008)
     )
     np.testing.assert_allclose(loud.max() / quiet.max(), 64, rtol=0.1)

@@ -177,12 +177,7 @@ def stage(index: int) -> str:
 
 
 def finished(
-    prepared: Prepared,
-    level: Level,
-    descent: Descent,
-    start: Floats,
-    weight: float,
-    blur_px: float,
+    prepared: Prepared, level: Level, descent: Descent, start: Floats, weight: float, blur_px: float
 ) -> Estimate:
     """The estimate of the finest level, the albedo's 99th percentile set to 1.
 

@@ -38,30 +38,19 @@ LEAST_SPREAD_M = 1e-12
 def shape_errors(
     level: Level, log_depth: Floats, lights: LightParameters | None
 ) -> tuple[Floats, Floats]:
-    """`sensor_moment` and `bas_relief_variance` of a refined log depth (h, w).
+    """What the bas-relief transform alone makes uncertain at a refined log depth (h, w).
 
+    The `sensor_moment` (4, 4), and the normals' expected squared error (h, w), radians^2.
     lights : None where their directions are given, which leave nothing but the scale open
     """
     moment = sensor_moment(level, log_depth, scale_only=lights is None)
-    return moment, bas_relief_variance(level, log_depth, lights, moment)
-
-
-def bas_relief_variance(
-    level: Level, log_depth: Floats, lights: LightParameters | None, moment: Floats
-) -> Floats:
-    """(h, w) expected squared error of the normals, radians^2, by the bas-relief transform alone.
-
-    log_depth, lights : as in `shape_errors`; moment : (4, 4) the `sensor_moment`
-    """
-    moment = moment[1:, 1:] + (0.0 if lights is None else lights_moment(level, lights))
-    camera, grid = level.camera, level.grid
+    of_g = moment[1:, 1:] + (0.0 if lights is None else lights_moment(level, lights))
     normals, length = level.normals(log_depth)
-    dn_dg = np.stack(normal_derivatives(normals, length, camera), axis=-1)
+    dn_dg = np.stack(normal_derivatives(normals, length, level.camera), axis=-1)
     # 1/z' = 1/z + g . ray  changes log depth by  -z g . ray.
-    changes = -np.exp(log_depth)[..., None] * level.rays
-    slopes = np.stack([gradient_image(each, grid) for each in np.moveaxis(changes, -1, 0)], axis=-1)
-    dn_dtransform = dn_dg @ slopes
-    return quadratic_form(dn_dtransform, moment)
+    changes = np.moveaxis(-np.exp(log_depth)[..., None] * level.rays, -1, 0)
+    slopes = np.stack([gradient_image(each, level.grid) for each in changes], axis=-1)
+    return moment, quadratic_form(dn_dg @ slopes, of_g)
 
 
 def quadratic_form(derivatives: Floats, moment: Floats) -> Floats:

@@ -76,12 +76,7 @@ def normal_sigma(variance: Floats) -> Floats:
 
 
 def depth_sigma(
-    level: Level,
-    fit: Fit,
-    prepared: Prepared,
-    local: Floats,
-    moment: Floats,
-    start: Floats,
+    level: Level, fit: Fit, prepared: Prepared, local: Floats, moment: Floats, start: Floats
 ) -> Floats:
     """(h, w) expected error of the refined depth, metres.
 
