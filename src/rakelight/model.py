@@ -379,8 +379,8 @@ class Lights:
     """First-order spherical harmonics of every photograph's light.
 
     Photograph i, channel c sees a surface of albedo rho and normal n as
-    rho * (max(0, s @ n) + ambient[i, c]).  Of a distant lamp s is vector[i, c] everywhere; of one
-    at P = position_m[i, c] it is that at M = middle_m, and at a point X
+    rho * (max(0, s @ n) + ambient[i, c] * (1 + d @ n)).  Of a distant lamp s is vector[i, c]
+    everywhere; of one at P = position_m[i, c] it is that at M = middle_m, and at a point X
 
         s = intensity[i, c] * (P - X) / |P - X| * (|P - M| / |P - X|)^2
 
@@ -399,6 +399,8 @@ class Lights:
         one among near ones stands at `FARTHEST_M`
     middle_m : (3,) the object's middle in metres, None for distant lights without beams
     beam : (N, C, 3) b_x and b_y, 1/metre, and w, 1/metre^2; None without beams
+    ambient_direction : (3,) d, camera frame: the side that more of the ambient light comes from, in
+        all photographs; None where it is the same on all normals
 
     >>> lights = Lights(vector=np.array([[[0.0, 0.0, -2.0]]]), ambient=np.array([[0.1]]))
     >>> lights.direction[0, 0].tolist(), float(lights.intensity[0, 0])
@@ -410,6 +412,7 @@ class Lights:
     position_m: Floats | None = None
     middle_m: Floats | None = None
     beam: Floats | None = None
+    ambient_direction: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.vector)
@@ -434,7 +437,18 @@ class Lights:
         position, beam = (
             None if each is None else each[one] for each in (self.position_m, self.beam)
         )
-        return Lights(self.vector[one], self.ambient[one], position, self.middle_m, beam)
+        return replace(
+            self, vector=self.vector[one], ambient=self.ambient[one], position_m=position, beam=beam
+        )
+
+    def ambient_on(self, normals: Floats) -> Floats:
+        """(N, P, C) ambient light on P unit normals (P, 3)."""
+        even = np.broadcast_to(
+            self.ambient[:, None], (len(self), len(normals), len(self.ambient.T))
+        )
+        if self.ambient_direction is None:
+            return even
+        return np.asarray(even * (1 + normals @ self.ambient_direction)[None, :, None])
 
     @property
     def distance_m(self) -> Floats | None:

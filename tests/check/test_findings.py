@@ -18,7 +18,7 @@ from tests.test_layers import PACKAGE, SOURCES, name_of
 ONLY_REFINE_SAYS = {
     "albedo-bound", "depth-not-used", "depth-smoothed", "depth-weight", "first-photograph",
     "given-lights-unused",
-    "narrow-beam", "no-mesh", "normals-uncertain", "not-converged", "not-finite",
+    "narrow-beam", "room-light", "no-mesh", "normals-uncertain", "not-converged", "not-finite",
     "older-not-deleted", "refined-in-tiles", "thin-parts",
 }  # fmt: skip
 # Which argument is the code.

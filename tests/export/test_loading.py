@@ -142,6 +142,24 @@ def test_lights_with_beams(sphere, tmp_path, near):
     np.testing.assert_allclose(arriving(one, points)[0], arriving(lights, points)[1], rtol=1e-9)
 
 
+@pytest.mark.parametrize("kind", ["distant", "near", "beam"])
+def test_ambient_light_from_one_side(sphere, tmp_path, kind):
+    white = np.array([[[0.0, -0.6, -0.8]], [[1.2, 0.0, -1.6]]])
+    nearness = np.full((2, 1), 2.0 if kind == "near" else 0.0)
+    beam = np.ones((2, 1, 3)) if kind == "beam" else None
+    direction = np.array([0.5, -0.25, -1.0])
+    lights = LightParameters(
+        white, np.full((2, 1), 0.1), nearness, beam=beam, ambient_direction=direction
+    ).as_lights(MIDDLE_M)
+    rakelight.save_result(replace(sphere, lights=lights), tmp_path / "out", mesh="none")
+    again = rakelight.load_result(tmp_path / "out").lights
+    np.testing.assert_array_equal(again.ambient_direction, direction)
+    assert (again.position_m is not None) == (kind == "near")
+    assert (again.beam is not None) == (kind == "beam")
+    facing = np.array([[0.0, 0.0, -1.0], [0.6, 0.8, 0.0]])
+    np.testing.assert_allclose(again.of(1).ambient_on(facing)[0, :, 0], [0.2, 0.11], rtol=1e-12)
+
+
 @pytest.mark.parametrize("part", ["position_m", "beam", "middle_m"])
 def test_places_and_beams_need_the_middle_they_are_about(part):
     facing, value = np.array([[[0.0, 0.0, -1.0]]]), np.zeros((1, 1, 3))

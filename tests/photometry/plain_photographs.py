@@ -47,9 +47,13 @@ def light_at(vector, inverse_distance, points, beam=(0.0, 0.0, 0.0)):
 
 
 def shading(
-    photographs, gradient, points, vector, ambient, inverse_distance, beam, lagged_length=None
-):
-    """(N, h, w, 3) of lights vector, beam (N, C, 3), ambient, inverse_distance (N, C)."""
+    photographs, gradient, points, vector, ambient, inverse_distance, beam, direction,
+    lagged_length=None,
+):  # fmt: skip
+    """(N, h, w, 3) of lights vector, beam (N, C, 3), ambient, inverse_distance (N, C).
+
+    direction : (3,) of the ambient light
+    """
     m = m_of(gradient, photographs.camera)
     n = m / (length(m) if lagged_length is None else lagged_length)
     count, channels = ambient.shape
@@ -58,7 +62,8 @@ def shading(
         for c in range(channels):
             s = light_at(vector[i, c], inverse_distance[i, c], points, beam[i, c])
             dot = (s * n).sum(axis=-1)
-            images.append(np.where(dot.real > 0, dot, 0) + ambient[i, c])
+            around = ambient[i, c] * (1 + n @ direction)
+            images.append(np.where(dot.real > 0, dot, 0) + around)
     stack = np.stack(images, axis=-1).reshape(*m.shape[:2], count, channels)
     return np.moveaxis(np.broadcast_to(stack, (*stack.shape[:3], 3)), 2, 0)
 
@@ -99,8 +104,9 @@ def shading_of(photographs, surface, lights):
 
 
 def numbers(lights):
-    """vector (N, C, 3), ambient (N, C), inverse_distance (N, C) and beam (N, C, 3)."""
-    return lights.vector, lights.ambient, lights.inverse_distance, lights.beams
+    """Vector and beam (N, C, 3), ambient and inverse_distance (N, C), ambient_direction (3,)."""
+    each = lights.vector, lights.ambient, lights.inverse_distance, lights.beams
+    return *each, lights.ambient_direction
 
 
 def shading_by_gradient(photographs, surface, lights, lagged):
@@ -121,10 +127,11 @@ def shading_by_gradient(photographs, surface, lights, lagged):
 EACH = [(0, 0), (0, 1), (0, 2), (2,), (3, 0), (3, 1), (3, 2), (1,)]
 
 
-def shading_by_light(photographs, surface, lights, count):
+def shading_by_light(photographs, surface, lights, count, ambient_direction=False):
     """(K, N, h, w, 3) of shading, of highlights: with `count` numbers of each light; the gloss.
 
-    Vector, [inverse distance, [beam,]] ambient.  With the gloss only where there is one.
+    Vector, [inverse distance, [beam,]] ambient.  With the gloss only where there is one.  Last, if
+    `ambient_direction`, that of the ambient light.
     """
     derivatives = []
     for light in np.ndindex(lights.ambient.shape):
@@ -132,15 +139,19 @@ def shading_by_light(photographs, surface, lights, count):
             moved = [array.astype(complex) for array in numbers(lights)]
             moved[k[0]][(*light, *k[1:])] += 1j * TINY
             a = shading(photographs, surface.gradient, surface.points, *moved)
-            vector, _, inverse_distance, beam = moved
+            vector, _, inverse_distance, beam, _ = moved
             parts = surface.gradient, surface.points, vector, inverse_distance, beam, lights.gloss
             g = highlight(photographs, *parts)
             derivatives.append((a.imag / TINY, g.imag / TINY))
-    vector, _, inverse_distance, beam = numbers(lights)
+    vector, _, inverse_distance, beam, direction = numbers(lights)
     parts = surface.gradient, surface.points, vector, inverse_distance, beam
     for one in np.eye(3) if lights.gloss.any() else ():
         g = highlight(photographs, *parts, one)
         derivatives.append((np.zeros_like(g), g))
+    for one in np.eye(3) if ambient_direction else ():
+        turned = *numbers(lights)[:-1], direction + 1j * TINY * one
+        a = shading(photographs, surface.gradient, surface.points, *turned)
+        derivatives.append((a.imag / TINY, np.zeros(a.shape)))
     return (np.stack(each) for each in zip(*derivatives, strict=True))
 
 
@@ -180,7 +191,7 @@ def freed(derivative, a, w):
 class Plain:
     """The fields of an Linearization; residuals, and those of one channel of every other pixel.
 
-    light_slope, gloss_slope : None where they were not asked for
+    light_slope, gloss_slope, ambient_direction_slope : None where they were not asked for
     """
 
     albedo: np.ndarray
@@ -192,6 +203,7 @@ class Plain:
     mean_abs_residual: np.ndarray
     light_slope: np.ndarray | None
     gloss_slope: np.ndarray | None
+    ambient_direction_slope: np.ndarray | None
 
 
 def one_channel(shape):
@@ -201,13 +213,13 @@ def one_channel(shape):
 
 
 def light_slopes(photographs, surface, lights, rho, residual, w):
-    """Half the energy's derivatives with the lights (N, C, 8) and the gloss (3,)."""
-    by_shading, by_highlight = shading_by_light(photographs, surface, lights, 8)
+    """Half the energy's derivatives: lights (N, C, 8), gloss (3,), ambient direction (3,)."""
+    by_shading, by_highlight = shading_by_light(photographs, surface, lights, 8, True)
     turned = rho * by_shading + by_highlight
     turned = (w * turned * residual).sum(axis=(1, 2, 3, 4))
     own = 8 * lights.ambient.size
-    gloss_slope = turned[own:] if lights.gloss.any() else np.zeros(3)
-    return turned[:own].reshape(*lights.ambient.shape, 8), gloss_slope
+    gloss_slope = turned[own:-3] if lights.gloss.any() else np.zeros(3)
+    return turned[:own].reshape(*lights.ambient.shape, 8), gloss_slope, turned[-3:]
 
 
 def linearize(
@@ -230,7 +242,7 @@ def linearize(
     if project:
         J = freed(J, a, w)
     pairs = ((0, 0), (0, 1), (1, 1))
-    turned = None, None
+    turned = None, None, None
     if with_light_slope:
         own = weights(residual, good, scale)
         turned = light_slopes(photographs, surface, lights, rho, residual, own)
@@ -244,12 +256,13 @@ def linearize(
         mean_abs_residual=ratio((abs(residual) * good).sum(axis=(0, -1)), good.sum(axis=(0, -1))),
         light_slope=turned[0],
         gloss_slope=turned[1],
+        ambient_direction_slope=turned[2],
     )
 
 
 def light_terms(
     photographs, surface, lights, albedo, *, scale=0.0, numbers=4, project=True, subsampling=1,
-    mixed=False,
+    mixed=False, ambient_direction=False,
 ):  # fmt: skip
     """Derivatives of half the energy with the lights: `Photographs.light_terms`."""
     image, good = decoded(photographs)
@@ -262,7 +275,9 @@ def light_terms(
     residual = albedo * a - image
     w = weights(residual, good, np.asarray(scale, dtype=float))
 
-    by_shading, by_highlight = shading_by_light(photographs, surface, lights, numbers)
+    by_shading, by_highlight = shading_by_light(
+        photographs, surface, lights, numbers, ambient_direction
+    )
     B = albedo * by_shading + by_highlight
     by_shading, by_highlight = shading_by_gradient(photographs, surface, lights, lagged=False)
     J = albedo * by_shading + by_highlight

@@ -38,17 +38,21 @@ def some_surface(height=HEIGHT, width=WIDTH, seed=0):
     return Surface(gradient, 0.1 * points)
 
 
-def some_lights(channels=1, near=False, seed=1, count=COUNT, gloss=(0.0, 0.0, 0.0), beam=False):
+def some_lights(
+    channels=1, near=False, seed=1, count=COUNT, gloss=(0.0, 0.0, 0.0), beam=False, uneven=False
+):
     """Oblique enough for attached shadows; of one distance or all at infinity.
 
     Beams change the light by up to a third across the points.
+    uneven : whether the ambient light comes from one side
     """
     rng = np.random.default_rng(seed)
     vector = rng.normal(size=(count, channels, 3)) * [0.35, 0.35, 0.1] - [0, 0, 0.5]
     ambient = rng.uniform(0.02, 0.12, (count, channels))
     inverse_distance = rng.uniform(0.5, 3, ambient.shape) if near else np.zeros_like(ambient)
     beams = rng.uniform([-5, -5, 20], [5, 5, 60], (*ambient.shape, 3)) if beam else None
-    return LightParameters(vector, ambient, inverse_distance, np.array(gloss), beams)
+    direction = np.array([-0.7, 0.2, -0.6]) if uneven else np.zeros(3)
+    return LightParameters(vector, ambient, inverse_distance, np.array(gloss), beams, direction)
 
 
 def seen(surface, lights, camera=CAMERA, seed=2):
@@ -93,6 +97,8 @@ KINDS = {
     "coloured near": {"channels": 3, "near": True},
     "beam": {"beam": True},
     "coloured near beam": {"channels": 3, "near": True, "beam": True},
+    "uneven": {"uneven": True},
+    "coloured near uneven": {"channels": 3, "near": True, "uneven": True},
 }
 GLOSS = (0.1, 0.05, 0.2)
 GLOSSY = {
@@ -100,6 +106,7 @@ GLOSSY = {
     "glossy near": {"gloss": GLOSS, "near": True},
     "glossy coloured near": {"gloss": GLOSS, "channels": 3, "near": True},
     "glossy near beam": {"gloss": GLOSS, "near": True, "beam": True},
+    "glossy near uneven": {"gloss": GLOSS, "near": True, "uneven": True},
 }
 SCALES = {
     "plain": 0.0,
@@ -199,7 +206,8 @@ def test_light_terms_are_the_plain_ones(any_lights, scale, numbers, mixed, subsa
     photographs, surface = faulty(lights)
     albedo = photographs.linearize(surface, lights, scale=SCALES[scale]).albedo
     how = {"scale": SCALES[scale], "numbers": numbers, "project": project}
-    how |= {"subsampling": subsampling, "mixed": mixed}
+    uneven = bool(lights.ambient_direction.any())
+    how |= {"subsampling": subsampling, "mixed": mixed, "ambient_direction": uneven}
     found = photographs.light_terms(surface, lights, albedo, **how)
     expected = plain.light_terms(photographs, surface, lights, albedo, **how)
     for each, other in zip(found, expected, strict=True):
@@ -218,6 +226,7 @@ def test_lights_turn_as_in_the_plain_pass(any_lights, scale):
     )
     close(found.light_slope, expected.light_slope, glossy)
     close(found.gloss_slope, expected.gloss_slope, glossy)
+    close(found.ambient_direction_slope, expected.ambient_direction_slope, glossy)
     still = photographs.linearize(surface, lights, scale=SCALES[scale])
     assert still.light_slope is None
     assert still.energy == found.energy
@@ -351,7 +360,9 @@ def moved(lights, step):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", ["white", "near", "coloured", "glossy near", "beam"])
+@pytest.mark.parametrize(
+    "kind", ["white", "near", "coloured", "glossy near", "beam", "uneven", "glossy near uneven"]
+)
 def test_second_derivatives_are_exact_at_a_perfect_fit(kind):
     # Without residuals Gauss-Newton is Newton: with depth and lights moved together, the energy
     # is the quadratic form of tensor, mixed terms and Hessian, the albedo following.
@@ -363,13 +374,15 @@ def test_second_derivatives_are_exact_at_a_perfect_fit(kind):
     assert found.rms < 2e-5
     numbers = 8 if "beam" in kind else 5 if "near" in kind else 4
     hessian, _, mixed = photographs.light_terms(
-        surface, lights, found.albedo, numbers=numbers, mixed=True
-    )
+        surface, lights, found.albedo, numbers=numbers, mixed=True,
+        ambient_direction="uneven" in kind,
+    )  # fmt: skip
     rng = np.random.default_rng(10)
     q = 3e-3 * rng.normal(size=(*lights.ambient.shape, numbers))
     q[..., 4 : numbers - 1] *= 30  # of b, 1/metre, and w, 1/metre^2
     q[..., -1] = np.abs(q[..., -1])
     k = np.append(q, 3e-3 * rng.normal(size=3)) if lights.gloss.any() else q.ravel()
+    k = np.append(k, 3e-2 * rng.normal(size=3)) if "uneven" in kind else k
     g = 4e-4 * np.sign(mixed @ k)  # where the mixed term is large
     M = found.jtwj
     depth = M[..., 0] * g[..., 0] ** 2 + 2 * M[..., 1] * g[..., 0] * g[..., 1]
@@ -378,8 +391,12 @@ def test_second_derivatives_are_exact_at_a_perfect_fit(kind):
     assert min(depth, light_part, both) > 0.1 * (depth + light_part)
     for s, t in ((1, 0), (0, 1), (1, 1), (1, -1)):
         there = replace(surface, gradient=surface.gradient + s * g)
-        gloss = lights.gloss + t * np.append(k, np.zeros(3))[q.size : q.size + 3]
+        gloss = lights.gloss
+        if gloss.any():
+            gloss = gloss + t * k[q.size : q.size + 3]
         lamps = replace(moved(lights, t * q), gloss=gloss)
+        if "uneven" in kind:
+            lamps = replace(lamps, ambient_direction=lights.ambient_direction + t * k[-3:])
         energy = photographs.linearize(there, lamps).energy
         form = s * s * depth + s * t * both + t * t * light_part
         assert energy == pytest.approx(form, rel=0.03)

@@ -31,7 +31,7 @@ def make_values(true, noise=0.0, bent=0.0, seed=0):
     shading = np.maximum(np.einsum("npck,pk->npc", arriving, normals), 0) + 0.05
     values = paint * shading + np.tensordot(true, lobes(normals, points, arriving), 1)
     values += noise * rng.normal(size=values.shape)
-    return values, known, arriving, ambient, lobes(known, points, arriving)
+    return values, known, arriving, ambient[:, None], lobes(known, points, arriving)
 
 
 def test_lobes_are_half_as_high_where_their_exponent_says():

@@ -278,6 +278,25 @@ def expected_light(capture, truth):
     return np.minimum(images, 1)
 
 
+@pytest.mark.parametrize("window", [0.0, 0.6])
+def test_a_window_lights_what_faces_it(window):
+    options = {**PLAIN, "shape": "sphere", "ambient": 0.3}
+    capture, truth = random_capture(3, 0.4, **options, window=window)
+    even = expected_light(capture, truth)
+    # What is left beside the lamps and even light is the same of every photograph, over the albedo.
+    rest = np.median(linear(capture) - even, axis=0)[truth.mask] / truth.albedo[truth.mask]
+    rest = rest.mean(axis=-1)
+    if not window:
+        assert np.median(np.abs(rest)) < 1e-2
+        return
+    normals = truth.normals[truth.mask]
+    bright = np.quantile(rest, 0.99)
+    toward = normals[rest > bright].mean(axis=0)
+    cosine = np.maximum(normals @ (toward / np.linalg.norm(toward)), 0)
+    level = truth.lights.ambient[0, 0]
+    assert np.median(np.abs(rest - level * window * (2 * cosine - 1))) < 0.05 * level
+
+
 def test_channels_of_leds_see_a_lamp_each():
     options = {**PLAIN, "shape": "sphere", "lighting": "rgb-leds"}
     capture, truth = random_capture(4, 0.4, **options)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import msgspec
@@ -39,10 +40,14 @@ def lights_table(lights: Lights, names: tuple[str, ...] = ()) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "frame": "camera: x right, y down, z forward; directions point towards the lamp",
-        "model": "value = albedo * (max(0, s . normal) + ambient), s = intensity * direction at "
-        "middle_m and for distant lights everywhere; at X from a lamp at P = position_m, "
-        "s = intensity * (P - X) / |P - X| * (|P - middle_m| / |P - X|)^2; with beam [b_x, b_y, w] "
-        "and Y = X - middle_m, s is multiplied by exp(b_x Y_x + b_y Y_y + w (direction . Y)^2)",
+        "model": "value = albedo * (max(0, s . normal) + ambient * (1 + ambient_direction . "
+        "normal)), ambient_direction null for 0; s = intensity * direction at middle_m and for "
+        "distant lights everywhere; at X from a lamp at P = position_m, s = intensity * (P - X) / "
+        "|P - X| * (|P - middle_m| / |P - X|)^2; with beam [b_x, b_y, w] and Y = X - middle_m, s "
+        "is multiplied by exp(b_x Y_x + b_y Y_y + w (direction . Y)^2)",
+        "ambient_direction": None
+        if lights.ambient_direction is None
+        else _numbers(lights.ambient_direction),
         "middle_m": None if lights.middle_m is None else _numbers(lights.middle_m),
         "photographs": photographs,
     }
@@ -81,9 +86,11 @@ def parse_lights(data: bytes, *, source: str) -> Lights:
         )
     intensity = np.array([[lamp.intensity for lamp in row] for row in lights], float)
     ambient = np.array([[lamp.ambient for lamp in row] for row in lights], float)
-    vector = intensity[..., None] * direction
+    vector, uneven = intensity[..., None] * direction, stored.ambient_direction
+    even = Lights(vector, ambient)
+    found = even if uneven is None else replace(even, ambient_direction=np.array(uneven, float))
     if stored.middle_m is None:
-        return Lights(vector, ambient)
+        return found
     middle_m = np.array(stored.middle_m, float)
     position_m, beam = middle_m + FARTHEST_M * direction, np.zeros_like(direction)
     for i, row in enumerate(lights):
@@ -94,9 +101,10 @@ def parse_lights(data: bytes, *, source: str) -> Lights:
                 beam[i, channel] = lamp.beam
     lamps = [lamp for row in lights for lamp in row]
     if all(lamp.beam is None for lamp in lamps):
-        return Lights(vector, ambient, position_m, middle_m)
+        return replace(found, position_m=position_m, middle_m=middle_m)
     near = any(lamp.position_m is not None for lamp in lamps)
-    return Lights(vector, ambient, position_m if near else None, middle_m, beam)
+    places = position_m if near else None
+    return replace(found, position_m=places, middle_m=middle_m, beam=beam)
 
 
 _LONGEST = 1.001  # of a component of a unit vector, rounded
@@ -121,6 +129,7 @@ class _LightsFile(msgspec.Struct):
     schema: str
     photographs: list[_Photograph]
     middle_m: _Vector | None = None
+    ambient_direction: _Vector | None = None
 
 
 def _lamp(lights: Lights, i: int, channel: int) -> dict[str, Any]:

@@ -156,6 +156,7 @@ def require_lights(lights: Lights, source: str) -> None:
         "position_m": (*each, 3),
         "middle_m": (3,),
         "beam": (*each, 3),
+        "ambient_direction": (3,),
     }
     for name, size in sizes.items():
         array = getattr(lights, name)

@@ -147,6 +147,7 @@ class Method:
 # Fields of an `Estimate` that may be None.
 OPTIONAL = (
     "normals", "depth_sigma", "normal_sigma", "lights.position_m", "lights.middle_m", "lights.beam",
+    "lights.ambient_direction",
 )  # fmt: skip
 # How far a confidence may be beyond 0..1, by the rounding of sums in single precision.
 ROUNDED = 1e-6
@@ -199,6 +200,7 @@ def _requirements(found: Any, prepared: Prepared) -> Iterator[tuple[str, bool, s
         "lights.position_m": (*each, 3),
         "lights.middle_m": (3,),
         "lights.beam": (*each, 3),
+        "lights.ambient_direction": (3,),
     }
     for name, shape in shapes.items():
         value = attrgetter(name)(found)

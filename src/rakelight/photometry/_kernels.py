@@ -123,6 +123,14 @@ def falloff_of(falloffs, light_c, i):
 
 
 @inlined
+def ambient_of(ambients, light_c, i):
+    """Ambient light of a photograph: phi, and phi d, d being its direction."""
+    light = ambients[light_c]
+    phi = light[0, i]
+    return phi, phi * light[1, i], phi * light[2, i], phi * light[3, i]
+
+
+@inlined
 def load_beam(q0, q1, q2, falloff, size, frame):
     """Fill frame's BEAM: g = exp(b_x X_x + b_y X_y + w (u . X)^2) of a light, u = q/|q|.
 
@@ -156,9 +164,12 @@ def vector_at(q0, q1, q2, nearness, frame, j):
 
 
 @inlined
-def evaluate_light(q0, q1, q2, falloff, size, frame, light):
-    """Fill light: s . n of a light, as in `vector_at`, and derivatives of max(0, s . n)."""
-    nearness = falloff[0]
+def evaluate_light(q0, q1, q2, falloff, ambient, size, frame, light):
+    """Fill light: s . n of a light, as in `vector_at`, and the shading's derivatives.
+
+    Those with the normal hold the ambient light's part, too.
+    """
+    nearness, (_, d0, d1, d2) = falloff[0], ambient
     for j in range(size):
         t0, t1, t2, gain = q0, q1, q2, 1.0
         if nearness > 0.0:
@@ -170,8 +181,8 @@ def evaluate_light(q0, q1, q2, falloff, size, frame, light):
         dot = gain * (t0 * n0 + t1 * n1 + t2 * n2)
         lit = 1.0 if dot > 0.0 else 0.0
         light[DOT, j] = dot
-        light[SU, j] = lit * gain * (t0 * u0 + t1 * u1 + t2 * u2)
-        light[SV, j] = lit * gain * (t0 * v0 + t1 * v1 + t2 * v2)
+        light[SU, j] = lit * gain * (t0 * u0 + t1 * u1 + t2 * u2) + d0 * u0 + d1 * u1 + d2 * u2
+        light[SV, j] = lit * gain * (t0 * v0 + t1 * v1 + t2 * v2) + d0 * v0 + d1 * v1 + d2 * v2
         light[BY_S, j], light[BY_S + 1, j], light[BY_S + 2, j] = lit * n0, lit * n1, lit * n2
 
 
@@ -222,14 +233,15 @@ def evaluate_highlight(q0, q1, q2, falloff, gloss, size, frame, shine):
 @inlined
 def shade(q0, q1, q2, falloff, ambient, size, frame, shading):
     """Fill shading (STRIP): max(0, s . n) of a light, as in `vector_at`, plus ambient light."""
-    nearness = falloff[0]
+    nearness, (phi, d0, d1, d2) = falloff[0], ambient
     for j in range(size):
         t0, t1, t2, gain = q0, q1, q2, 1.0
         if nearness > 0.0:
             t0, t1, t2, gain = vector_at(q0, q1, q2, nearness, frame, j)
         gain *= frame[BEAM, j]
         n0, n1, n2 = frame[NORMAL, j], frame[NORMAL + 1, j], frame[NORMAL + 2, j]
-        shading[j] = max(gain * (t0 * n0 + t1 * n1 + t2 * n2), 0.0) + ambient
+        from_lamp = max(gain * (t0 * n0 + t1 * n1 + t2 * n2), 0.0)
+        shading[j] = from_lamp + phi + d0 * n0 + d1 * n1 + d2 * n2
 
 
 @inlined
@@ -439,7 +451,7 @@ def add_slope(i, size, pixel, derivatives, slope):
 
 
 @inlined
-def accumulate_light_slope(first, last, i, size, a, value, own, pixel, derivatives, slope):
+def accumulate_light_slope(first, last, i, size, a, value, own, pixel, frame, derivatives, slope):
     """Add photograph i's part of half the energy's gradient to slope; spoils derivatives."""
     for j in range(size):
         pixel[GRADIENT, j] = 0.0
@@ -449,6 +461,11 @@ def accumulate_light_slope(first, last, i, size, a, value, own, pixel, derivativ
             r = residual(rho, a[i, j], value[c, i, j])
             pixel[GRADIENT, j] += rho * r / (1.0 + pixel[INV_SCALE2, j] * r * r)
     slope[BY_LIGHT, i] += total(pixel[GRADIENT], size)
+    for k in range(3):
+        along = 0.0
+        for j in range(size):
+            along += pixel[GRADIENT, j] * frame[NORMAL + k, j]
+        slope[BY_LIGHT + 1 + k, i] += along
     add_slope(i, size, pixel, derivatives, slope)
 
 
@@ -541,12 +558,12 @@ def linearize_rows(
 
     In rows from first_row up to last_row, which is not among them.
     table : linear light of a value, negative where it is not usable
-    gloss (E,) of the surface, or None where it is matte; vectors (C, 3, N), ambients (C, N),
+    gloss (E,) of the surface, or None where it is matte; vectors (C, 3, N), ambients (C, 4, N),
     falloffs (C, 4, N) of the lights: `LightParameters.arrays`
     sums (h, 3): energy, squared residuals, count; histogram (h, BINS) of absolute residuals in one
     channel of every other pixel; mean_abs_residual (h, w): of each pixel.  With `with_light_slope`,
-    slope (h, C, 8, N) gets the first derivatives of half the energy with each light's vector,
-    inverse distance, beam and ambient light, gloss_slope (h, E) with the gloss.
+    slope (h, C, 11, N) gets the first derivatives of half the energy with each light's vector,
+    inverse distance, beam, ambient light phi and phi d, gloss_slope (h, E) with the gloss.
     """
     channels, _, count = vectors.shape
     here = np.empty(STRIP, np.int64)
@@ -576,7 +593,8 @@ def linearize_rows(
                         vectors[light_c, 1, i],
                         vectors[light_c, 2, i],
                     )
-                    falloff, ambient = falloff_of(falloffs, light_c, i), ambients[light_c, i]
+                    falloff = falloff_of(falloffs, light_c, i)
+                    ambient = ambient_of(ambients, light_c, i)
                     load_beam(q0, q1, q2, falloff, size, frame)
                     shade(q0, q1, q2, falloff, ambient, size, frame, a[light_c, i])
                     if gloss is not None:
@@ -594,8 +612,9 @@ def linearize_rows(
                         vectors[light_c, 2, i],
                     )
                     falloff = falloff_of(falloffs, light_c, i)
+                    ambient = ambient_of(ambients, light_c, i)
                     load_beam(q0, q1, q2, falloff, size, frame)
-                    evaluate_light(q0, q1, q2, falloff, size, frame, light)
+                    evaluate_light(q0, q1, q2, falloff, ambient, size, frame, light)
                     if gloss is not None:
                         for c in range(first, last):
                             add_highlight(own[ALBEDO + c], size, light, shines[light_c, i], both)
@@ -610,8 +629,8 @@ def linearize_rows(
                     if with_light_slope:
                         differentiate(q0, q1, q2, falloff, size, frame, light, derivatives)
                         accumulate_light_slope(
-                            first, last, i, size, a[light_c], value, own, pixel, derivatives,
-                            slope[row, light_c],
+                            first, last, i, size, a[light_c], value, own, pixel, frame,
+                            derivatives, slope[row, light_c],
                         )  # fmt: skip
                         if gloss is not None:
                             shine = shines[light_c, i]
@@ -638,22 +657,32 @@ def illuminate(
 ):
     """Fill shaded and derivatives (parameters, N, STRIP) for each photograph's light.
 
-    The last of the derivatives, the ambient light's, stays 1.
+    The last of the derivatives is the ambient light's.
+    shaded (BY_S + D, N, STRIP) : after SU and SV the derivatives with d, D being 3, or 0 for none
     """
+    last = derivatives.shape[0] - 1
     for i in range(vectors.shape[2]):
         q0, q1, q2 = vectors[light_c, 0, i], vectors[light_c, 1, i], vectors[light_c, 2, i]
         falloff = falloff_of(falloffs, light_c, i)
         load_beam(q0, q1, q2, falloff, size, frame)
-        evaluate_light(q0, q1, q2, falloff, size, frame, light)
+        ambient = ambient_of(ambients, light_c, i)
+        evaluate_light(q0, q1, q2, falloff, ambient, size, frame, light)
         differentiate(q0, q1, q2, falloff, size, frame, light, by_light)
-        ambient = ambients[light_c, i]
+        phi = ambient[0]
+        d0, d1, d2 = ambients[light_c, 1, i], ambients[light_c, 2, i], ambients[light_c, 3, i]
         for j in range(size):
-            shaded[DOT, i, j] = max(light[DOT, j], 0.0) + ambient
+            n0, n1, n2 = frame[NORMAL, j], frame[NORMAL + 1, j], frame[NORMAL + 2, j]
+            by_ambient = 1.0 + d0 * n0 + d1 * n1 + d2 * n2
+            shaded[DOT, i, j] = max(light[DOT, j], 0.0) + phi * by_ambient
             shaded[SU, i, j] = light[SU, j]
             shaded[SV, i, j] = light[SV, j]
-        for k in range(derivatives.shape[0] - 1):
+            derivatives[last, i, j] = by_ambient
+        for k in range(last):
             for j in range(size):
                 derivatives[k, i, j] = by_light[k, j]
+        for k in range(shaded.shape[0] - BY_S):
+            for j in range(size):
+                shaded[BY_S + k, i, j] = phi * frame[NORMAL + k, j]
 
 
 @helper
@@ -684,7 +713,11 @@ def reflect(
 
 @helper
 def add_highlights(rho, size, shaded, shone, by_light, by_highlight, both, by_both):
-    """Fill both and by_both (parameters, N, STRIP): light's and, over the albedo, highlights'."""
+    """Fill both and by_both (parameters, N, STRIP): light's and, over the albedo, highlights'.
+
+    both : after SU and SV the derivatives with the gloss, then those with d
+    """
+    last = by_light.shape[0] - 1
     for i in range(shaded.shape[1]):
         for j in range(size):
             over = 1.0 / max(rho[j], LEAST_ALBEDO)
@@ -693,8 +726,11 @@ def add_highlights(rho, size, shaded, shone, by_light, by_highlight, both, by_bo
             both[SV, i, j] = shaded[SV, i, j] + over * shone[SV, i, j]
             for e in range(BY_S, shone.shape[0]):
                 both[e, i, j] = over * shone[e, i, j]
-            for k in range(by_light.shape[0] - 1):
+            for k in range(shaded.shape[0] - BY_S):
+                both[shone.shape[0] + k, i, j] = shaded[BY_S + k, i, j]
+            for k in range(last):
                 by_both[k, i, j] = by_light[k, i, j] + over * by_highlight[k, i, j]
+            by_both[last, i, j] = by_light[last, i, j]
 
 
 @inlined
@@ -775,13 +811,15 @@ def accumulate_light(i, size, derivatives, pixel, hessian, slope, eliminated, fu
 
 
 @helper
-def accumulate_gloss(
+def accumulate_shared(
     i, row, here, size, both, derivatives, pixel, hessian, slope, cross, eliminated, full
 ):
-    """Add photograph i's part to the rows of hessian (Q + E, Q + E), slope (E,) of the gloss.
+    """Add photograph i's part to the rows of hessian (Q + S, Q + S), slope (S,) of shared numbers.
 
-    both : of `add_highlights`; cross (h, w, 2, E) : mixed derivatives with the depth, or empty;
-        eliminated (Q + E, WIDE) : as in `accumulate_light`, but summed over photographs
+    Of the gloss and of d, which all photographs share.
+    both (BY_S + S, N, STRIP) : after SU and SV the derivatives with these
+    cross (h, w, 2, S) : mixed derivatives with the depth, or empty
+    eliminated (Q + S, WIDE) : as in `accumulate_light`, but summed over photographs
     """
     parameters, count = derivatives.shape[0], derivatives.shape[1]
     for e in range(both.shape[0] - BY_S):
@@ -818,8 +856,8 @@ def accumulate_mixed(i, here, size, light_c, derivatives, pixel, cross):
 
 @inlined
 def accumulate_channel(
-    c, light_c, row, here, size, seen, slopes, value, w, own, pixel, hessian, slope, gloss_slope,
-    cross, gloss_cross, eliminated, full,
+    c, light_c, row, here, size, seen, slopes, value, w, own, pixel, hessian, slope, shared_slope,
+    cross, shared_cross, eliminated, full,
 ):  # fmt: skip
     """Add all photographs' parts, in channel c, to the sums of `light_terms`."""
     for i in range(slopes.shape[1]):
@@ -827,9 +865,9 @@ def accumulate_channel(
         accumulate_light(i, size, slopes, pixel, hessian, slope, eliminated, full)
         if cross.shape[0] > 0:
             accumulate_mixed(i, here, size, light_c, slopes, pixel, cross[row])
-        if gloss_slope is not None:
-            accumulate_gloss(
-                i, row, here, size, seen, slopes, pixel, hessian, gloss_slope, gloss_cross,
+        if shared_slope.size > 0:
+            accumulate_shared(
+                i, row, here, size, seen, slopes, pixel, hessian, shared_slope, shared_cross,
                 eliminated, full,
             )  # fmt: skip
 
@@ -844,44 +882,46 @@ def subtract_eliminated(full, eliminated, hessian):
 @kernel
 def light_terms(*given):
     """Derivatives of half the energy with the lights, of matte pixels; as `light_terms_block`."""
-    light_terms_block(None, None, None, *given)
+    light_terms_block(None, *given)
 
 
 @kernel
-def light_terms_glossy(gloss, gloss_slope, gloss_cross, *given):
+def light_terms_glossy(gloss, *given):
     """As `light_terms`, with highlights.  Apart, since most captures need not compile it."""
-    light_terms_block(gloss, gloss_slope, gloss_cross, *given)
+    light_terms_block(gloss, *given)
 
 
 @helper
 def light_terms_block(
-    gloss, gloss_slope, gloss_cross, block, photos, table, active, gradient, points, camera,
-    vectors, ambients, falloffs, scales, albedo, parameters, project, hessian, slope, cross,
+    gloss, block, photos, table, active, gradient, points, camera, vectors, ambients, falloffs,
+    scales, albedo, parameters, project, hessian, slope, cross, shared_slope, shared_cross,
 ):  # fmt: skip
     """Second and first derivatives of half the energy with the lights, of one block of rows.
 
     Each light has `parameters` numbers: its vector, [inverse distance, [beam,]] ambient light.  The
     lights of one of C channels, 1 or 3, have Q numbers, those of one kind side by side; second
-    derivatives between channels are 0.  After these stand the E of the gloss; None for its three
-    arguments on a matte surface.  The albedo is eliminated when `project`.  hessian (blocks, C,
-    Q + E, Q + E), its upper triangle, and slope (blocks, C, parameters, N) are sums per block of
-    rows; gloss_slope (E,) is this one's; cross (h, w, 2, N, C, parameters) and gloss_cross (h, w,
-    2, E) are each pixel's mixed derivatives with the gradient of log depth, or (0, ...) for none.
+    derivatives between channels are 0.  After these stand the S that all lights share: the E of the
+    gloss, None on a matte surface, and the 3 of d, if they are free.  The albedo is eliminated when
+    `project`.  hessian (blocks, C, Q + S, Q + S), its upper triangle, and slope (blocks, C,
+    parameters, N), shared_slope (blocks, S) are sums per block of rows; cross (h, w, 2, N, C,
+    parameters) and shared_cross (h, w, 2, S) are each pixel's mixed derivatives with the gradient
+    of log depth, or (0, ...) for none.
     """
     channels, _, count = vectors.shape
-    blocks, height = hessian.shape[0], active.shape[0]
+    blocks, height, here = hessian.shape[0], active.shape[0], np.empty(STRIP, np.int64)
     frame, light = np.empty((FRAME, STRIP)), np.empty((LIGHT, STRIP))
     own, pixel = np.empty((OWN, STRIP)), np.empty((PIXEL, STRIP))
     by_light, value = np.empty((BY_LIGHT, STRIP)), np.empty((3, count, STRIP), np.float32)
-    shaded, w = np.empty((BY_S, count, STRIP)), np.empty((count, STRIP))
-    derivatives = np.ones((parameters, count, STRIP))
+    shared, lobes, each_number = shared_slope.shape[1], 0, (parameters, count, STRIP)
     if gloss is not None:
-        shine, rows = np.empty((LIGHT + gloss.size, STRIP)), BY_S + gloss.size
-        shone, both = np.empty((rows, count, STRIP)), np.empty((rows, count, STRIP))
-        by_highlight, by_both = np.empty(derivatives.shape), np.ones(derivatives.shape)
+        lobes, shine = gloss.size, np.empty((LIGHT + gloss.size, STRIP))
+        shone = np.empty((BY_S + lobes, count, STRIP))
+        both = np.empty((BY_S + shared, count, STRIP))
+        by_highlight, by_both = np.empty(each_number), np.empty(each_number)
+    shaded = np.empty((BY_S + shared - lobes, count, STRIP))
+    derivatives, w = np.empty(each_number), np.empty((count, STRIP))
     # A column for each pixel and channel; the product with the transpose is subtracted.
-    eliminated = np.zeros((channels, hessian.shape[2], WIDE))
-    full, here = np.zeros(channels, np.int64), np.empty(STRIP, np.int64)
+    eliminated, full = np.zeros((channels, hessian.shape[2], WIDE)), np.zeros(channels, np.int64)
     for row in range(block * height // blocks, (block + 1) * height // blocks):
         size, column = next_strip(active, row, 0, here)
         while size > 0:
@@ -894,7 +934,7 @@ def light_terms_block(
                     derivatives,
                 )  # fmt: skip
                 first, last = (0, 3) if channels == 1 else (light_c, light_c + 1)
-                seen, slopes = shaded, derivatives
+                seen, slopes, sums = shaded, derivatives, hessian[block, light_c]
                 if gloss is not None:
                     seen, slopes = both, by_both
                     reflect(
@@ -903,13 +943,12 @@ def light_terms_block(
                     )  # fmt: skip
                 for c in range(first, last):
                     if full[light_c] + size > WIDE:
-                        subtract_eliminated(
-                            full[light_c], eliminated[light_c], hessian[block, light_c]
-                        )
+                        subtract_eliminated(full[light_c], eliminated[light_c], sums)
                         full[light_c] = 0
                     load_albedo(c, here, size, row, albedo, own)
-                    if gloss is not None:
+                    if shared > 0:
                         eliminated[light_c, parameters * count :, full[light_c] :] = 0.0
+                    if gloss is not None:
                         add_highlights(
                             own[ALBEDO], size, shaded, shone, derivatives, by_highlight, both,
                             by_both,
@@ -917,8 +956,8 @@ def light_terms_block(
                     weigh(c, size, project, seen, value, w, own, pixel)
                     accumulate_channel(
                         c, light_c, row, here, size, seen, slopes, value, w, own, pixel,
-                        hessian[block, light_c], slope[block, light_c], gloss_slope, cross,
-                        gloss_cross, eliminated[light_c], full[light_c],
+                        sums, slope[block, light_c], shared_slope[block], cross, shared_cross,
+                        eliminated[light_c], full[light_c],
                     )  # fmt: skip
                     full[light_c] += size if project else 0
             size, column = next_strip(active, row, column, here)

@@ -1,8 +1,9 @@
 """The forward model, equation (3): what light a surface sends to the camera, and its albedo.
 
-    I_ic = rho_c (max(0, s_i . n) + phi_i)
+    I_ic = rho_c (max(0, s_i . n) + phi_i (1 + d . n))
 
-for photograph i and channel c: a surface with normal n under light s_i and ambient light phi_i.
+for photograph i and channel c: a surface with normal n under light s_i and ambient light phi_i; d,
+the side that more of it comes from, is 0 in the paper.
 Where the light is below the surface's own horizon (attached shadow), only phi_i is left.  This is
 the plain form; `photometry.images` has the fast one, with derivatives, of whole photographs.
 """
@@ -75,7 +76,7 @@ def shadings(normals: Floats, points_m: Floats, lights: Lights) -> Floats:
     [1.0, 0.25]
     """
     cosine = np.einsum("npck,pk->npc", arriving(lights, points_m), normals)
-    return np.asarray(np.maximum(cosine, 0) + lights.ambient[:, None])
+    return np.asarray(np.maximum(cosine, 0) + lights.ambient_on(normals))
 
 
 def least_squares_albedo(

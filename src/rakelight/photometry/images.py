@@ -28,6 +28,10 @@ ROWS = 16
 # only take longer (ablation.md).
 SAMPLE_PIXELS = 5_000
 
+# Largest length of the ambient light's direction: that of light from one point alone, whose first
+# two orders of spherical harmonics are 1/4 + (l . n) / 2 (Ramamoorthi and Hanrahan 2001).
+MOST_UNEVEN = 2.0
+
 
 @dataclass(frozen=True, slots=True)
 class LightParameters:
@@ -39,6 +43,8 @@ class LightParameters:
     gloss : (E,) coefficients k of the surface's highlights, see `photometry.specular`; 0 where it
         is matte
     beam : (N, C, 3) b_x, b_y and w of each lamp's beam, as in `Lights`; None without beams
+    ambient_direction : (3,) d, that all photographs share: the ambient light on a normal n is
+        ambient (1 + d . n)
     """
 
     vector: Floats
@@ -46,6 +52,7 @@ class LightParameters:
     inverse_distance: Floats
     gloss: Floats = field(default_factory=lambda: np.zeros(len(EXPONENTS)))
     beam: Floats | None = None
+    ambient_direction: Floats = field(default_factory=lambda: np.zeros(3))
 
     @classmethod
     def distant(cls, vector: Floats, ambient: Floats) -> LightParameters:
@@ -76,20 +83,27 @@ class LightParameters:
 
     @property
     def arrays(self) -> tuple[Floats, Floats, Floats]:
-        """As kernels take them: vector q (C, 3, N), ambient (C, N), fall-off (C, 4, N).
+        """As kernels take them: vector q (C, 3, N), ambient (C, 4, N), fall-off (C, 4, N).
 
-        Its fall-off is |q| inverse_distance, and the beam's numbers.
+        Ambient light is phi and d; the fall-off |q| inverse_distance, and the beam's numbers.
         """
         nearness = (self.irradiance * self.inverse_distance)[..., None]
         falloff = np.concatenate([nearness, self.beams], axis=-1)
+        direction = np.broadcast_to(self.ambient_direction, self.vector.shape)
+        ambient = np.concatenate([self.ambient[..., None], direction], axis=-1)
         vector, ambient, falloff = (
-            np.ascontiguousarray(each.T, dtype=np.float64)
-            for each in (self.vector.swapaxes(1, 2), self.ambient, falloff.swapaxes(1, 2))
+            np.ascontiguousarray(np.moveaxis(each, 0, -1), dtype=np.float64)
+            for each in (self.vector, ambient, falloff)
         )
         return vector, ambient, falloff
 
-    def moved(self, step: Floats, gloss_step: Floats | float = 0.0) -> LightParameters:
-        """The lights after a step (N, C, 4, 5 or 8) and one of the gloss (E,).
+    def moved(
+        self,
+        step: Floats,
+        gloss_step: Floats | float = 0.0,
+        ambient_direction_step: Floats | float = 0.0,
+    ) -> LightParameters:
+        """The lights after a step (N, C, 4, 5 or 8), and those of what they share, (E,) and (3,).
 
         Of vector, [inverse_distance, [beam,]] and ambient.  What cannot be below 0 is not.
         """
@@ -100,10 +114,12 @@ class LightParameters:
             beam = self.beams + step[..., 4:7]
             beam[..., 2] = np.maximum(beam[..., 2], 0.0)
         ambient = np.maximum(self.ambient + step[..., -1], 0.0)
+        direction = self.ambient_direction + ambient_direction_step
         return replace(
             self, vector=self.vector + step[..., :3], ambient=ambient,
             inverse_distance=inverse_distance, beam=beam,
             gloss=np.maximum(self.gloss + gloss_step, 0.0),
+            ambient_direction=direction / max(float(np.linalg.norm(direction)) / MOST_UNEVEN, 1.0),
         )  # fmt: skip
 
     def brighter(self, gain: float) -> LightParameters:
@@ -114,7 +130,9 @@ class LightParameters:
 
     def as_lights(self, middle_m: Floats) -> Lights:
         """The lights as a result states them; near ones get their positions."""
-        lights, near = Lights(self.vector, self.ambient), (self.inverse_distance > 0).any()
+        direction = self.ambient_direction if self.ambient_direction.any() else None
+        lights = Lights(self.vector, self.ambient, ambient_direction=direction)
+        near = (self.inverse_distance > 0).any()
         if not near and self.beam is None:
             return lights
         distance = 1 / np.maximum(self.inverse_distance, 1 / FARTHEST_M)
@@ -146,7 +164,8 @@ class Linearization:
     observations : number of usable values; mean_abs_residual : (h, w) over those of each pixel
     light_slope : (N, C, 8) half the energy's derivatives with the lights' vector, inverse_distance,
         beam and ambient, the albedo eliminated; None unless asked for
-    gloss_slope : (E,) those with the gloss, likewise; 0 where it is 0
+    gloss_slope, ambient_direction_slope : (E,) and (3,) those with the gloss, 0 where it is 0, and
+        with the ambient light's direction, likewise
     """
 
     albedo: Floats
@@ -159,6 +178,7 @@ class Linearization:
     mean_abs_residual: Floats
     light_slope: Floats | None = None
     gloss_slope: Floats | None = None
+    ambient_direction_slope: Floats | None = None
 
     def typical_information(self, per: Floats | float = 1.0) -> float:
         """The median of the trace of M divided by `per`; 0 where photographs say nothing.
@@ -291,7 +311,8 @@ class Photographs:
         sums = np.zeros((height, 3))
         histogram = np.zeros((height, _kernels.BINS), dtype=np.int64)
         mean_abs_residual = np.zeros((height, width))
-        slope = np.zeros((height if with_light_slope else 0, lights.ambient.shape[1], 8, len(self)))
+        rows, channels = height if with_light_slope else 0, lights.ambient.shape[1]
+        slope = np.zeros((rows, channels, 11, len(self)))
         gloss_slope = np.zeros((len(slope), len(lights.gloss)))
         # In one order in memory, or the kernel would be compiled once more for another.
         gradient, points = map(np.ascontiguousarray, (surface.gradient, surface.points))
@@ -310,6 +331,9 @@ class Photographs:
 
         in_blocks(some_rows, -(-height // ROWS), len(self) * self.mask.size)
         energy, squared, count = sums.sum(axis=0)
+        along = np.moveaxis(slope.sum(axis=0), -1, 0)  # with ambient light phi and with phi d
+        along[..., 7] += along[..., 8:] @ lights.ambient_direction
+        by_direction = np.einsum("nc,nck->k", lights.ambient, along[..., 8:])
         return Linearization(
             albedo=albedo,
             energy=float(energy),
@@ -319,8 +343,9 @@ class Photographs:
             rms=float(np.sqrt(squared / max(count, 1.0))),
             observations=int(count),
             mean_abs_residual=mean_abs_residual,
-            light_slope=np.moveaxis(slope.sum(axis=0), -1, 0) if with_light_slope else None,
+            light_slope=along[..., :8] if with_light_slope else None,
             gloss_slope=gloss_slope.sum(axis=0) if with_light_slope else None,
+            ambient_direction_slope=by_direction if with_light_slope else None,
         )
 
     def light_terms(
@@ -334,11 +359,12 @@ class Photographs:
         project: bool = True,
         subsampling: int = 1,
         mixed: bool = False,
+        ambient_direction: bool = False,
     ) -> tuple[Floats, Floats, Floats]:
         """Second (K, K) and first (K,) derivatives of half the energy with the lights.
 
-        K counts each light's numbers, as `LightParameters.moved` takes them; and last the gloss,
-        unless it is 0.
+        K counts each light's numbers, as `LightParameters.moved` takes them; after them the gloss,
+        unless it is 0, and last, when asked for, the ambient light's direction.
         numbers : of each light: 4 of distant ones, 5 of near ones, 8 of those with a beam
         subsampling : factor along each side by which fewer pixels are used; see `subsample`
         mixed : whether to find the used pixels' mixed derivatives with the gradient of log depth
@@ -349,14 +375,15 @@ class Photographs:
         from rakelight.photometry import _kernels
 
         count, channels = lights.ambient.shape
-        own, extra = count * numbers, len(lights.gloss) if lights.gloss.any() else 0
+        glossy, own = bool(lights.gloss.any()), count * numbers
+        extra = (len(lights.gloss) if glossy else 0) + (3 if ambient_direction else 0)
         hessian = np.zeros((BLOCKS, channels, own + extra, own + extra))
         slope = np.zeros((BLOCKS, channels, numbers, count))
         every = (slice(None, None, subsampling),) * 2
         active = np.ascontiguousarray(self.active[every])
         shape = active.shape if mixed else (0, 0)
         both = np.zeros((*shape, 2, count, channels, numbers))
-        gloss_slope, gloss_both = np.zeros((BLOCKS, extra)), np.zeros((*shape, 2, extra))
+        shared_slope, shared_both = np.zeros((BLOCKS, extra)), np.zeros((*shape, 2, extra))
         # A camera whose pixels are wider by the factor; the gradient per pixel grows by it, too.
         optics = tuple(value / subsampling for value in self._optics)
         gradient, points, scales, albedo = (
@@ -366,17 +393,12 @@ class Photographs:
         values, gradient = np.ascontiguousarray(self.values[:, *every]), subsampling * gradient
         given = (
             values, self._light, active, gradient, points, optics, *lights.arrays, scales,
-            albedo, numbers, project, hessian, slope, both,
+            albedo, numbers, project, hessian, slope, both, shared_slope, shared_both,
         )  # fmt: skip
-
-        def some_rows(block: int) -> None:
-            if extra:
-                gloss = lights.gloss, gloss_slope[block], gloss_both
-                _kernels.light_terms_glossy(*gloss, block, *given)
-            else:
-                _kernels.light_terms(block, *given)
-
-        in_blocks(some_rows, BLOCKS, len(self) * active.size)
+        kernel: Callable[..., None] = _kernels.light_terms
+        if glossy:
+            kernel = partial(_kernels.light_terms_glossy, lights.gloss)
+        in_blocks(lambda block: kernel(block, *given), BLOCKS, len(self) * active.size)
         # Order of the lights' numbers: photograph, channel, number; of the sums: channel, number,
         # photograph.
         places = np.arange(channels * own).reshape(channels, numbers, count)
@@ -386,10 +408,10 @@ class Photographs:
         blocks = block_diag(*whole[:, :own, :own])[np.ix_(order, order)]
         beside = whole[:, :own, own:].reshape(channels * own, extra)[order]
         blocks = np.block([[blocks, beside], [beside.T, whole[:, own:, own:].sum(axis=0)]])
-        slopes = np.append(slope.sum(axis=0).ravel()[order], gloss_slope.sum(axis=0))
+        slopes = np.append(slope.sum(axis=0).ravel()[order], shared_slope.sum(axis=0))
         both = both.reshape(*both.shape[:3], channels * own)
         if extra:
-            both = np.concatenate([both, gloss_both], axis=-1)
+            both = np.concatenate([both, shared_both], axis=-1)
         both *= subsampling
         return blocks, slopes, both
 

@@ -94,14 +94,15 @@ def lobe_coefficients(
     """(E,) the lobes' coefficients, at least 0, and the fraction of squared residuals they explain.
 
     values : (N, P, 3) linear light, negative where it is not usable
-    normals : (P, 3); arriving : (N, P, C, 3); ambient : (N, C); unit : (E, N, P, C) `lobes`
+    normals : (P, 3); arriving : (N, P, C, 3); ambient : (N, P or 1, C)
+    unit : (E, N, P, C) `lobes`
 
     Each pixel's albedo and normal are eliminated (to first order).  Non-negative least squares,
     with less weight on pixels that nothing explains.
     """
     usable, (count, pixels) = values >= 0, values.shape[:2]
     dot = np.einsum("npck,pk->npc", arriving, normals)
-    shading = np.maximum(dot, 0) + ambient[:, None]
+    shading = np.maximum(dot, 0) + ambient
     tangents = np.linalg.svd(normals[:, None])[2][:, 1:]
     shading_by_normal = np.einsum("npck,ptk->tnpc", arriving, tangents) * (dot > 0)
 

@@ -6,7 +6,7 @@ shadows, and one bounce of light between surfaces.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -29,6 +29,8 @@ class LightSources:
     toward : (N, L, 3) unit vectors from the object's middle
     gain : (N, 3) brightness in each channel, at the object's middle
     ambient : (N, 3) light from everywhere
+    window : (3,) unit vector towards a window times the share of the ambient light that it is; that
+        falls on a surface as 2 max(0, cosine), in no cast shadow.  0 for none
     middle_m : (3,) the object's middle
     distance_m : (N, L) of the lights from there; None for distant ones
     """
@@ -38,6 +40,12 @@ class LightSources:
     ambient: Floats
     middle_m: Floats
     distance_m: Floats | None = None
+    window: Floats = field(default_factory=lambda: np.zeros(3))
+
+    def around(self, normals: Floats) -> Floats:
+        """(M, 1) ambient light on unit normals (M, 3), over that from everywhere alone."""
+        share = float(np.linalg.norm(self.window))
+        return np.asarray(1 - share + 2 * np.maximum(normals @ self.window[:, None], 0))
 
     def reaching(self, points_m: Floats, photograph: int, lamp: int) -> tuple[Floats, Floats]:
         """Unit vectors (M, 3) or (1, 3) from points to a lamp, and its strength there (M,)."""
@@ -112,6 +120,7 @@ def photographed(
     to_camera = -points / np.linalg.norm(points, axis=1, keepdims=True)
     exchange = _Exchange(near, points, normals, camera, rays) if bounce else None
     screen = _Screen(surface.depth, near, camera, rays) if cast_shadows else None
+    around = lights.around(normals).astype(np.float32)
     count, kinds = lights.toward.shape[:2]
     images = np.empty((count, camera.height // rays, camera.width // rays, 3), np.float32)
     for i in range(count):
@@ -124,8 +133,8 @@ def photographed(
             channels = slice(None) if kinds == 1 else slice(k, k + 1)
             shading[:, channels] = (lit * strength)[:, None]
             specular[:, channels] = (highlight * strength)[:, None]
-        gain, ambient = (np.float32(each[i]) for each in (lights.gain, lights.ambient))
-        light = materials.albedo * (gain * shading + ambient)
+        gain = np.float32(lights.gain[i])
+        light = materials.albedo * (gain * shading + around * np.float32(lights.ambient[i]))
         light += gain * specular
         if exchange is not None:
             light += materials.albedo * exchange.received(light)

@@ -109,6 +109,7 @@ class Draw:
         light_spread : standard deviation of the lights' brightness, logarithmic
         colour_spread : standard deviation of each channel of each lamp, logarithmic
         ambient : light from everywhere, as a fraction of the lights'
+        window : share of it that comes from a window on one side instead
         cast_shadows, bounce : whether parts of the object shade, and light, each other
     The colour camera
         peak : the brightness, 1 being white, that 0.5 % of the object's values exceed
@@ -172,6 +173,7 @@ class Draw:
     light_spread: float = drawn(Range(0, 0.4, absent=0.3))
     colour_spread: float = drawn(Range(0.05, 0.4, absent=0.75))
     ambient: float = drawn(Range(0, 0.3))
+    window: float = drawn(Range(0.2, 1, absent=0.6))
     cast_shadows: bool = drawn(OneOf({True: 0.6, False: 0.4}, plain=False))
     bounce: bool = drawn(OneOf({True: 0.5, False: 0.5}, plain=False))
     peak: float = drawn(Range(0.5, 1.2, absent=0.4, none=0.9))
@@ -580,7 +582,10 @@ def _lights(drawn: Draw, points_m: Floats) -> LightSources:
         factor = np.exp(drawn.near_spread * rng.standard_normal(toward.shape[:2]))
         distance_m = radius_m * np.maximum(drawn.near_radii * factor, 2)
     ambient = np.full((count, 3), 0.5 if drawn.lighting == "ambient" else drawn.ambient)
-    return LightSources(toward, gain, ambient, middle, distance_m)
+    rng = stream(drawn.seed, "window's side")
+    off, turn = np.radians(rng.uniform(20, 80)), rng.uniform(0, 2 * np.pi)
+    side = np.array([np.sin(off) * np.cos(turn), np.sin(off) * np.sin(turn), -np.cos(off)])
+    return LightSources(toward, gain, ambient, middle, distance_m, drawn.window * side)
 
 
 def _moving(drawn: Draw, rng: np.random.Generator) -> tuple[Floats, Floats]:

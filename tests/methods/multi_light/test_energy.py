@@ -107,9 +107,12 @@ def start(level, name):
         "beam": (prior, replace(lights, beam=beams)),
         "near beam": (prior, replace(near, beam=beams)),
     }.get(name, (prior, lights))
+    if "uneven" in name:
+        light = replace(light, ambient=light.ambient + 0.1, ambient_direction=np.array([1, -1, 0]))
     if "glossy" in name:
         light = replace(light, gloss=np.array([0.02, 0.05, 0.01]))
-    fit = first_fit(level, depth, light, LightModel(near="near" in name, beam="beam" in name))
+    free = (kind in name for kind in ("near", "beam", "shared", "uneven"))
+    fit = first_fit(level, depth, light, LightModel(*free))
     if "Laplacian" in name:  # it counts as much as the photographs
         counted = np.median(fit.linearization.jtwj[level.photographs.active]) / fit.noise**2
         fit = evaluated(level, replace(fit, laplacian_weight=counted), depth, light)
@@ -119,7 +122,7 @@ def start(level, name):
 STARTS = (
     "prior", "rough depth", "flat depth", "wild lights", "lights behind", "no light",
     "lights alike", "coloured", "near", "coloured near", "glossy", "glossy near", "glossy coloured",
-    "rough depth, Laplacian", "beam", "near beam",
+    "rough depth, Laplacian", "beam", "near beam", "uneven", "near uneven",
 )  # fmt: skip
 
 
@@ -204,7 +207,8 @@ def test_the_laplacian_does_not_reach_across_a_cut(level):
 
 
 @pytest.mark.parametrize(
-    "name", ["prior", "rough depth", "rough depth, Laplacian", "near", "glossy near"]
+    "name",
+    ["prior", "rough depth", "rough depth, Laplacian", "near", "glossy near", "near uneven"],
 )
 def test_the_right_side_is_minus_half_the_derivative_of_the_energy(level, name):
     # By then the albedo's reweighting has come to rest, and the energy owes nothing to it.

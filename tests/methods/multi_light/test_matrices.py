@@ -28,8 +28,13 @@ KINDS = {
     "glossy near": (1, 2.0, 0.7, 0.0),
     "beam": (1, 0.0, 0.0, 1.0),
     "coloured near beam": (3, 2.0, 0.0, 1.0),
+    "near uneven": (1, 2.0, 0.0, 0.0),
+    "glossy near uneven": (1, 2.0, 0.7, 0.0),
 }
-"""The lights' channels and inverse distance, 1/m; gloss over (0.1, 0.05, 0.2); beam over some."""
+"""The lights' channels and inverse distance, 1/m; gloss over (0.1, 0.05, 0.2); beam over some.
+
+Uneven: of ambient light from one side, whose direction is free.
+"""
 
 
 @cache
@@ -47,6 +52,7 @@ def perfect_fit(kind):
         beam * np.append(rng.uniform(-5, 5, (*shape, 2)), np.full((*shape, 1), 30.0), axis=-1)
         if beam
         else None,
+        ambient_direction=np.array([-0.5, 0.3, -0.4]) if "uneven" in kind else np.zeros(3),
     )
     surface = level.surface(prior)
     albedo = rng.uniform(0.3, 0.9, (*level.mask.shape, 3))
@@ -56,7 +62,8 @@ def perfect_fit(kind):
     values = np.searchsorted(table, light).astype(np.uint16)
     photographs = replace(level.photographs, values=values, table=table, low=1, high=65534)
     level = replace(level, photographs=photographs, prior=prior, unbiased_prior=prior)
-    fit = first_fit(level, prior, lights, LightModel(near=inverse_distance > 0, beam=beam > 0))
+    model = LightModel(inverse_distance > 0, beam > 0, ambient_direction="uneven" in kind)
+    fit = first_fit(level, prior, lights, model)
     # Least squares: a robust loss is a parabola only within its scale, here that of rounding.  The
     # sensor counts about as much as the photographs.
     fit = replace(fit, scales=0 * fit.scales, noise=0.05)
@@ -86,7 +93,8 @@ def light_direction(fit, size, seed):
         step[..., 4:6] = 10 * (step[..., 4:6] - step[..., 4:6].mean(axis=0))
         step, shared = np.delete(step, [6] if fit.model.near else [3, 6], axis=-1), [300.0]
     gloss = rng.normal(size=3) if fit.lights.gloss.any() else []
-    return size * np.concatenate([step.ravel(), shared, gloss])
+    direction = rng.normal(size=3) if fit.model.ambient_direction else []
+    return size * np.concatenate([step.ravel(), shared, gloss, direction])
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -26,15 +26,24 @@ from rakelight.methods.multi_light.model_selection import (
     variation_of_distances,
     with_coloured_lights,
 )
+from rakelight.methods.multi_light.notes import notes_of
 from rakelight.methods.multi_light.steps import Descent, descend
 from rakelight.metrics import evaluate_maps
 from rakelight.model import silent
 from rakelight.photometry.images import LightParameters
 from rakelight.pipeline import refine
+from rakelight.pipeline.given_lights import angles_deg
 from rakelight.prepare import prepare
 from rakelight.prepare.linear import linear_table
 from rakelight.solve.robust import NOTABLE
-from rakelight.synthetic import DepthNoise, SceneOptions, make_albedo, make_shape, render_scene
+from rakelight.synthetic import (
+    DepthNoise,
+    SceneOptions,
+    make_albedo,
+    make_shape,
+    random_capture,
+    render_scene,
+)
 
 CORRELATED = DepthNoise(rms_mm=3.3, correlation_length_px=14.0)
 WHITE = DepthNoise(rms_mm=2.5)
@@ -417,3 +426,47 @@ def test_a_shared_ambient_ratio_is_kept_by_a_step(near):
     linear = LightModel(near=near).moved(lights, free @ step)
     np.testing.assert_allclose(linear.vector, after.vector, atol=1e-12)
     np.testing.assert_allclose(linear.ambient, after.ambient, atol=1e-10)
+
+
+def beside_a_window(window, seed=4):
+    """A drawn capture half as bright by a window, or by light from everywhere, as by its lamp."""
+    plain = {"easy": True, "shape": "stone", "photographs": 10, "near_radii": 4.0, "ambient": 0.5}
+    return random_capture(seed, 0.5, **plain, lights="cone", tilt_deg=50.0, window=window)
+
+
+def test_a_window_is_found_and_does_not_turn_the_lamps():
+    found, errors = [], []
+    for window in (1.0, 0.0):
+        capture, truth = beside_a_window(window)
+        result = refine(capture, "multi-light")
+        angle = angles_deg(result.lights.direction[:, 0], truth.lights.direction[:, 0])
+        errors.append(np.median(angle))
+        found.append({each.code for each in result.findings})
+    assert "room-light" in found[0]
+    assert "room-light" not in found[1]
+    assert errors[0] < 3
+
+
+def test_the_direction_of_ambient_light_is_at_most_that_of_one_point():
+    lights = LightParameters.distant(np.ones((2, 1, 3)), np.ones((2, 1)))
+    far = lights.moved(np.zeros((2, 1, 4)), 0.0, np.array([0.0, -6.0, 8.0]))
+    np.testing.assert_allclose(far.ambient_direction, [0, -1.2, 1.6])
+    near = lights.moved(np.zeros((2, 1, 4)), 0.0, np.array([0.0, -0.6, 0.8]))
+    np.testing.assert_allclose(near.ambient_direction, [0, -0.6, 0.8])
+
+
+@pytest.mark.parametrize(
+    ("direction", "words"),
+    [([-0.8, 0.1, -0.5], "the left and the camera"), ([0.1, -1.0, 0.2], "above")],
+)
+def test_the_side_of_the_room_light_is_said(direction, words):
+    lights = LightParameters.distant(np.ones((2, 1, 3)), np.ones((2, 1)))
+    level = coarsest(CORRELATED, size=0.25)[0]
+    one_side = replace(lights, ambient_direction=np.array(direction))
+    notes = {each.code: each.message for each in notes_of(level, one_side, 1.0, 1.0, 0.0)}
+    assert (
+        f"58 % of the lamp's light comes from the room, most of it from {words};"
+        in (notes["room-light"])
+    )
+    even = {each.code for each in notes_of(level, lights, 1.0, 1.0, 0.0)}
+    assert "room-light" not in even

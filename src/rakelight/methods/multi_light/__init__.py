@@ -1,6 +1,8 @@
 """Multi-light, solved jointly: Gauss-Newton on log depth and all lights, albedo eliminated.
 
-    I_ic = rho_c (max(0, s_i . n) + phi_i) + |s_i| sum_e k_e (n . h_i)^e      equation (3), gloss
+    I_ic = rho_c (max(0, s_i . n) + phi_i (1 + d . n)) + |s_i| sum_e k_e (n . h_i)^e
+
+with equation (3)'s lights s and ambient light phi, a direction d of the latter, and gloss k.
 
 The albedo is linear given the shading and is eliminated per pixel and channel (variable
 projection).  The lights are few and are eliminated by a Schur complement.  Alternation (3.4)

@@ -2,17 +2,19 @@
 
 The energy of log depth p and lights s, albedo eliminated (variable projection):
 
-    E = sum loss(rho_c (max(0, s_i . n) + phi_i) + H_i - I_ic)    n from the mean gradient G p, (3)
+    E = sum loss(rho_c (max(0, s_i . n) + phi_i (1 + d . n)) + H_i - I_ic)    (3), n from G p
         + beta sum M_uu (p_uuuu / 8)^2 + M_vv (p_vvvv / 8)^2    fourth differences
         + sigma^2 sum w (K (p - p_0))^2                     the sensor's depth
         + sigma^2 c sum (L (p - p_1))^2                     Laplacian of the change
         + sigma^2 W (N - 4) log(variance of log |s_i|)      lights of equal intensity
+        + sigma^2 |d|^2 / 4                                 ambient light is seldom uneven
 
-H_i is the highlight of `photometry.specular`; 0 until one is found.  p_1 is the prepared depth, and
-c is 0 but in the last descent under lights in one plane.  The terms and their
-derivatives are in `Photographs.linearize` and `light_terms`, here (`fourth_difference_term`), in
-`Level.sensor_terms`, and in equal_intensity.py; `evaluated` adds the terms up, `depth_system` and
-`light_system` the derivatives.
+G p is the mean gradient, H_i the highlight of `photometry.specular`; 0 until one is found.  d is 0
+unless ambient light comes notably from one side.  p_1 is the prepared depth, and c is 0 but in the
+last descent under lights in one plane.  The terms and their derivatives are in
+`Photographs.linearize` and `light_terms`, here (`fourth_difference_term`), in `Level.sensor_terms`,
+and in equal_intensity.py; `evaluated` adds the terms up, `depth_system` and `light_system` the
+derivatives.
 
 Under distant lights the four numbers of a bas-relief transform are taken from the sensor's depth
 (and the lights' intensities) alone, not from the photographs: `project_bas_relief`.
@@ -34,7 +36,7 @@ from rakelight.methods.multi_light.equal_intensity import (
 )
 from rakelight.methods.multi_light.light_model import FREE, LightModel
 from rakelight.model import Floats
-from rakelight.photometry.images import LightParameters, Linearization, Surface
+from rakelight.photometry.images import MOST_UNEVEN, LightParameters, Linearization, Surface
 from rakelight.solve import DepthSystem, assemble
 from rakelight.solve.levenberg_marquardt import LEAST
 from rakelight.solve.robust import cauchy_scales
@@ -133,6 +135,7 @@ def evaluated(
         np.vdot(fit.fourth_difference_weight * fourth_difference, fourth_difference)
     )
     prior = level.sensor_sum_of_squares(log_depth)
+    prior += float(np.square(lights.ambient_direction).sum()) / MOST_UNEVEN**2
     if weight := fit.laplacian_weight:
         change = laplacian_of_change(level, log_depth)
         prior += weight * float(np.vdot(change, change))
@@ -219,6 +222,7 @@ def light_system(
     hessian, _, both = photographs.light_terms(
         fit.surface, fit.lights, fit.linearization.albedo, scale=fit.scales, numbers=model.numbers,
         subsampling=photographs.subsampling(most), mixed=mixed,
+        ambient_direction=model.ambient_direction,
     )  # fmt: skip
     now = fit.linearization
     if now.light_slope is None:
@@ -236,6 +240,11 @@ def light_system(
         own += weight * second
     if fit.lights.gloss.any():
         slope = np.append(slope, np.asarray(now.gloss_slope))
+    if model.ambient_direction:
+        weight = fit.noise**2 / MOST_UNEVEN**2
+        along = np.asarray(now.ambient_direction_slope) + weight * fit.lights.ambient_direction
+        slope = np.append(slope, along)
+        hessian[-3:, -3:] += weight * np.eye(3)
     jacobian = model.jacobian(fit.lights)
     return jacobian.T @ (hessian @ jacobian), slope @ jacobian, both
 

@@ -23,6 +23,7 @@ class LightModel:
     beam : the lamps' beams, too, of which all have one width w
     shared_ambient : one ratio of ambient light to irradiance, of all lights; on a nearly flat
         surface all normals see the same of a light, and only that separates it from ambient light
+    ambient_direction : d of the ambient light, which all photographs share
     directions : (N, 1, 3) unit vectors that the lights keep, as they do their distances; None where
         they are free
     """
@@ -30,6 +31,7 @@ class LightModel:
     near: bool = False
     beam: bool = False
     shared_ambient: bool = False
+    ambient_direction: bool = False
     directions: Floats | None = None
 
     @property
@@ -47,7 +49,8 @@ class LightModel:
 
         Light by light: the vector, or its length where directions are given; the inverse distance
         where near; b of a beam; the ambient light.  Once, after all: of beams the width w, the
-        ratio of ambient light where it is shared.  Last the gloss, unless it is 0.
+        ratio of ambient light where it is shared; the gloss, unless it is 0; the ambient light's
+        direction.
         """
         from scipy.sparse import block_diag, csr_array, eye_array
 
@@ -74,16 +77,23 @@ class LightModel:
         starts = np.arange(0, values.size + 1, where.shape[1])
         jacobian = csr_array((values.ravel(), where.ravel(), starts))
         jacobian.eliminate_zeros()
-        if lights.gloss.any():
-            jacobian = block_diag([jacobian, eye_array(len(lights.gloss))], format="csr")
+        if shared_numbers := self.gloss_numbers(lights) + 3 * self.ambient_direction:
+            jacobian = block_diag([jacobian, eye_array(shared_numbers)], format="csr")
         return jacobian
+
+    def gloss_numbers(self, lights: LightParameters) -> int:
+        """How many free numbers the gloss has: none where there is none."""
+        return len(lights.gloss) if lights.gloss.any() else 0
 
     def moved(self, lights: LightParameters, step: Floats) -> LightParameters:
         """The lights after a step (F,) of the free parameters."""
         numbers = self.jacobian(lights) @ step
-        own, gloss = np.split(numbers, [lights.ambient.size * self.numbers])
+        places = np.cumsum([lights.ambient.size * self.numbers, self.gloss_numbers(lights)])
+        own, gloss, direction = np.split(numbers, places)
         step = own.reshape(*lights.ambient.shape, self.numbers)
-        after = lights.moved(step, gloss if gloss.size else 0.0)
+        after = lights.moved(
+            step, gloss if gloss.size else 0.0, direction if direction.size else 0.0
+        )
         if self.directions is not None:  # without rounding, and never from the other side
             along = (after.vector * self.directions).sum(axis=-1, keepdims=True)
             after = replace(after, vector=np.maximum(along, 0.0) * self.directions)

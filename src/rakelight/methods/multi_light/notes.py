@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rakelight.methods.levels import Level
-from rakelight.model import Finding
+from rakelight.model import Finding, Floats
 from rakelight.photometry.images import LightParameters
 
 
@@ -30,4 +30,23 @@ def notes_of(
         loss = 100 * (1 - np.exp(-np.median(across)))
         falls = f"the lamp's light falls off sideways, by {loss:.0f} % across the object (median)"
         notes.append(Finding("note", "narrow-beam", f"{falls}; {accounted}"))
+    if lights.ambient_direction.any():
+        side = " and ".join(sides_of(lights.ambient_direction))
+        room = (
+            f"{100 * lights.ambient_share:.0f} % of the lamp's light comes from the room, most of"
+        )
+        notes.append(Finding("note", "room-light", f"{room} it from {side}; {accounted}"))
     return notes
+
+
+def sides_of(direction: Floats) -> list[str]:
+    """In words, from where light comes: what is at least half as far as the farthest component.
+
+    direction : (3,) camera frame
+
+    >>> sides_of(np.array([-0.8, 0.1, -0.5]))
+    ['the left', 'the camera']
+    """
+    words = (("the right", "the left"), ("below", "above"), ("behind the object", "the camera"))
+    far = np.abs(direction) >= np.abs(direction).max() / 2
+    return [words[k][int(direction[k] < 0)] for k in np.argsort(-np.abs(direction)) if far[k]]

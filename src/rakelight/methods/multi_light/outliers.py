@@ -121,7 +121,9 @@ def find_outliers(surface: LitSurface) -> Outliers:
     if shadows.shown:
         hidden = all_shadows(surface)
         values[shadows.values] = -1.0
-    highlights = Highlights.find(values, normals, points, arriving(lights, points), lights.ambient)
+    highlights = Highlights.find(
+        values, normals, points, arriving(lights, points), lights.ambient_on(normals)
+    )
     return Outliers(hidden, highlights)
 
 
@@ -142,7 +144,7 @@ class Shadows:
     def of(cls, values: Floats, hidden: Mask, lit: Floats, ambient: Floats) -> Shadows:
         """Those of values (N, P, 3), with the albedo that the ones not hidden show.
 
-        hidden (N, P, C), as here; lit (N, P, C) direct light on albedo 1; ambient (N, 1, C)
+        hidden (N, P, C), as here; lit (N, P, C) direct light on albedo 1; ambient (N, P, C)
         """
         usable, hidden = values >= 0, np.broadcast_to(hidden, values.shape)
         seen = np.where(usable & ~hidden, lit + ambient, 0.0)
@@ -191,7 +193,9 @@ def predicted_shadows(surface: LitSurface, where: Mask) -> Shadows:
     values, lights = surface.level.photographs.light(where), surface.lights
     incident = arriving(lights, surface.points_m[where])
     lit = np.maximum(np.einsum("npck,pk->npc", incident, surface.normals[where]), 0)
-    return Shadows.of(values, in_shadow(surface, where), lit, lights.ambient[:, None])
+    return Shadows.of(
+        values, in_shadow(surface, where), lit, lights.ambient_on(surface.normals[where])
+    )
 
 
 def all_shadows(surface: LitSurface) -> Mask:

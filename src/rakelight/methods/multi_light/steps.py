@@ -189,12 +189,13 @@ def extrapolated(level: Level, before: Fit, fit: Fit) -> Fit:
     direction = fit.log_depth - before.log_depth
     lights = fit.model.own_numbers(fit.lights.numbers - before.lights.numbers)
     gloss = fit.lights.gloss - before.lights.gloss
+    direction_of_ambient = fit.lights.ambient_direction - before.lights.ambient_direction
     best, factor = fit, 1.0
     history = [(0.0, before.energy), (1.0, fit.energy)]
     while parabola_falls(history, 1 + factor):
         trial = evaluated(
             level, fit, fit.log_depth + factor * direction,
-            fit.lights.moved(factor * lights, factor * gloss),
+            fit.lights.moved(factor * lights, factor * gloss, factor * direction_of_ambient),
         )  # fmt: skip
         if not trial.energy < best.energy:
             break

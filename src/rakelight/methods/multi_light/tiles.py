@@ -114,6 +114,8 @@ def whole_of(prepared: Prepared, estimate: Estimate, shrink: int) -> Whole:
     inverse_distance = np.zeros_like(lights.ambient) if distance_m is None else 1 / distance_m
     held = prepared.lights is not None and prepared.lights.fixed
     parameters = LightParameters(lights.vector, lights.ambient, inverse_distance, beam=lights.beam)
+    if lights.ambient_direction is not None:
+        parameters = replace(parameters, ambient_direction=lights.ambient_direction)
     bas_relief = shape_errors(level, log_depth, None if held else parameters)[1]
     outliers = find_outliers(LitSurface(level, log_depth, parameters))
     return Whole(
