@@ -1,7 +1,7 @@
 import os
 import shutil
 import sys
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -174,10 +174,24 @@ def test_truth_comes_back(tmp_path):
     again = load_truth(tmp_path / "c")
     for name in ("depth", "normals", "albedo"):
         assert same_bits(getattr(again, name), getattr(truth, name)), name
-    for name in ("vector", "ambient", "position_m", "middle_m"):
-        assert same_bits(getattr(again.lights, name), getattr(truth.lights, name)), name
+    for each in fields(Lights):
+        ours, theirs = (getattr(lights, each.name) for lights in (again.lights, truth.lights))
+        assert (ours is None) == (theirs is None)
+        assert ours is None or same_bits(ours, theirs), each.name
     write_capture(small_capture(), tmp_path / "d", truth=replace(truth, lights=None))
     assert load_truth(tmp_path / "d").lights is None
+
+
+def test_true_lights_with_beams_in_a_lit_room_come_back(tmp_path):
+    truth = small_truth()
+    vector, middle_m = truth.lights.vector, np.array([0.0, 0.01, 0.5])
+    beam, direction = np.arange(vector.size).reshape(vector.shape) / 7, np.array([0.5, 0.0, -1.0])
+    lights = Lights(vector, truth.lights.ambient, None, middle_m, beam, direction)
+    write_capture(small_capture(), tmp_path / "c", truth=replace(truth, lights=lights))
+    again = load_truth(tmp_path / "c").lights
+    assert again.position_m is None
+    for name in ("vector", "ambient", "middle_m", "beam", "ambient_direction"):
+        assert same_bits(getattr(again, name), getattr(lights, name)), name
 
 
 def test_a_truth_without_albedo_is_read(tmp_path):

@@ -308,6 +308,17 @@ def test_load_result_refuses_missing_damaged_and_foreign_files(sphere, tmp_path)
 # ---- nothing that is not finite ----
 
 
+@pytest.mark.parametrize("name", ["vector", "ambient", "ambient_direction"])
+def test_lights_that_are_not_finite_are_said(sphere, tmp_path, name):
+    lights = replace(sphere.lights, ambient_direction=np.array([0.1, 0.2, -0.3]))
+    broken = getattr(lights, name).copy()
+    broken[..., -1] = np.nan
+    write_result(replace(sphere, lights=replace(lights, **{name: broken})), tmp_path / "out")
+    summary = strict_json(tmp_path / "out" / "result.json")
+    assert summary["converged"] is False
+    assert "not-finite" in {each["code"] for each in summary["findings"]}
+
+
 def test_pixels_that_are_not_finite_leave_the_object(sphere, tmp_path):
     tifffile = pytest.importorskip("tifffile")
     rows, columns = np.nonzero(sphere.mask)

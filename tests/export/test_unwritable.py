@@ -76,6 +76,7 @@ def test_a_wrong_field_is_named(tmp_path, field, value):
         ("lights.position_m", Lights(VECTOR, AMBIENT, VECTOR[:1], VECTOR[0, 0])),
         ("lights.middle_m", Lights(VECTOR, AMBIENT, VECTOR, VECTOR[0])),
         ("lights.beam", Lights(VECTOR, AMBIENT, None, VECTOR[0, 0], AMBIENT)),
+        ("lights.ambient_direction", Lights(VECTOR, AMBIENT, ambient_direction=VECTOR[0])),
     ],
 )
 def test_a_wrong_array_of_the_lights_is_named(tmp_path, field, lights):

@@ -195,8 +195,8 @@ def checked_truth(truth: Truth, shape: tuple[int, int]) -> None:
             )
     if truth.lights is not None:
         require_lights(truth.lights, "truth.lights")
-        for name in ("vector", "ambient", "position_m", "middle_m"):
-            numbers = getattr(truth.lights, name)
+        for each in fields(truth.lights):
+            name, numbers = each.name, getattr(truth.lights, each.name)
             if numbers is not None and not np.isfinite(numbers).all():
                 raise CaptureError(
                     "the lights are not finite", source=f"truth.lights.{name}",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import fields
 from os import PathLike
 from pathlib import Path
 
@@ -12,8 +13,9 @@ import numpy as np
 from rakelight.capture.headers import read_header
 from rakelight.capture.images import decode_image, encode_tiff
 from rakelight.capture.listing import Root
-from rakelight.errors import CaptureError, parsing
+from rakelight.errors import CaptureError, InputError, parsing
 from rakelight.files import MAX_TEXT_BYTES, as_path, clear_errors, read_bytes, write_bytes
+from rakelight.geometry.finite import require_lights
 from rakelight.model import Floats, Lights, Truth
 
 TRUE_MAPS: dict[str, tuple[int, ...]] = {"depth": (), "normals": (3,), "albedo": (3,)}
@@ -60,13 +62,15 @@ def load_truth(folder: str | PathLike[str]) -> Truth:
     )
 
 
-class _LightsFile(msgspec.Struct, forbid_unknown_fields=True):
+class _LightsFile(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     """truth/lights.json: the fields of rakelight.model.Lights, nested lists."""
 
     vector: list[list[list[float]]]
     ambient: list[list[float]]
     position_m: list[list[list[float]]] | None = None
     middle_m: list[float] | None = None
+    beam: list[list[list[float]]] | None = None
+    ambient_direction: list[float] | None = None
 
 
 def write_truth(truth: Truth, folder: Path) -> None:
@@ -81,11 +85,9 @@ def write_truth(truth: Truth, folder: Path) -> None:
 
 def write_lights(lights: Lights, folder: Path) -> None:
     """Write lights.json into the folder `truth`."""
+    given = {each.name: getattr(lights, each.name) for each in fields(lights)}
     stored = _LightsFile(
-        vector=lights.vector.astype(float).tolist(),
-        ambient=lights.ambient.astype(float).tolist(),
-        position_m=None if lights.position_m is None else lights.position_m.tolist(),
-        middle_m=None if lights.middle_m is None else lights.middle_m.tolist(),
+        **{name: array.astype(float).tolist() for name, array in given.items() if array is not None}
     )
     data = msgspec.json.format(msgspec.json.encode(stored), indent=1)
     write_bytes(folder / "lights.json", data)
@@ -114,21 +116,17 @@ def _read_lights(root: Root) -> Lights | None:
     data = read_bytes(path, source=source, max_bytes=MAX_TEXT_BYTES)
     with parsing(source, "not the lights of a capture", CaptureError):
         stored = msgspec.json.decode(data, type=_LightsFile)
-        vector, ambient = np.array(stored.vector), np.array(stored.ambient)
-        position_m = None if stored.position_m is None else np.array(stored.position_m)
-        middle_m = None if stored.middle_m is None else np.array(stored.middle_m)
-    n, channels = ambient.shape if ambient.ndim == 2 else (-1, -1)
-    fits = vector.shape == (n, channels, 3)
-    fits = fits and (position_m is None) == (middle_m is None)
-    if position_m is not None and middle_m is not None:
-        fits = fits and position_m.shape == vector.shape and middle_m.shape == (3,)
-    if not fits:
+        given = {name: getattr(stored, name) for name in stored.__struct_fields__}
+        arrays = {name: np.array(each) for name, each in given.items() if each is not None}
+    try:
+        lights = Lights(**arrays)
+        require_lights(lights, "lights")
+    except InputError as error:
         raise CaptureError(
             "the lights do not fit each other",
             source=source,
-            seen=f"vector {vector.shape}, ambient {ambient.shape}",
-            needed="vector (N, C, 3), ambient (N, C); both or none of position_m (N, C, 3) and "
-            "middle_m (3)",
+            seen=f"{error.source}: {error.seen}",
+            needed=error.needed,
             remedy="write the capture again with `rakelight synth`",
-        )
-    return Lights(vector, ambient, position_m, middle_m)
+        ) from error
+    return lights

@@ -47,9 +47,7 @@ def only_finite(result: Result, mask: Mask | None = None) -> Result:
         )
     shown = all_finite(result.albedo) & np.isfinite(result.confidence)
     bad = _object(result.depth, mask) & ~(inside & shown)
-    lights_bad = not (
-        np.isfinite(result.lights.vector).all() and np.isfinite(result.lights.ambient).all()
-    )
+    lights_bad = not _are_finite(result.lights)
     findings, converged = result.findings, result.converged
     if bad.any() or lights_bad:
         findings, converged = (*findings, _finding(int(bad.sum()), lights_bad)), False
@@ -65,6 +63,13 @@ def only_finite(result: Result, mask: Mask | None = None) -> Result:
         findings=findings,
         converged=converged,
     )
+
+
+def _are_finite(lights: Lights) -> bool:
+    """Whether all numbers of the lights are finite; places may be missing."""
+    direction = lights.ambient_direction
+    given = (lights.vector, lights.ambient, *(() if direction is None else (direction,)))
+    return all(bool(np.isfinite(each).all()) for each in given)
 
 
 def _single_precision(result: Result) -> Result:
@@ -84,7 +89,7 @@ def _object(depth: Floats, mask: Mask | None) -> Mask:
 
 def _is_clean(result: Result, mask: Mask | None) -> bool:
     """Whether all is as `only_finite` would make it; looked at in strips, without copies."""
-    if not (np.isfinite(result.lights.vector).all() and np.isfinite(result.lights.ambient).all()):
+    if not _are_finite(result.lights):
         return False
     seen = False
     for rows in row_strips(len(result.depth)):
