@@ -1,7 +1,10 @@
 """Kernels are compiled whatever became of their cache; what numba cannot work with is told."""
 
 import importlib.util
+import os
 import pickle
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -109,3 +112,35 @@ def test_kernels_that_are_not_to_be_compiled_are_told_of(monkeypatch):
     jit._numba.cache_clear()
     with pytest.raises(InputError, match=r"NUMBA_DISABLE_JIT: set, .*Fix: `unset NUMBA_DISABLE_J"):
         jit.helper(len)
+
+
+SUMS = """
+import hashlib
+import numpy as np
+from rakelight.photometry.images import LightParameters, Photographs, Surface
+from rakelight.model import Camera
+
+rng = np.random.default_rng(0)
+shape, count = (40, 50), 7
+values = rng.integers(500, 60000, (count, *shape, 3)).astype(np.uint16)
+table, camera = np.linspace(0, 1, 65536, dtype=np.float32), Camera(50, 40, 400.0, 400.0, 25.0, 20.0)
+photographs = Photographs(values, table, 1, 65534, np.ones(shape, bool), camera)
+surface = Surface(rng.normal(0, 0.004, (*shape, 2)), rng.normal(0, 0.02, (*shape, 3)))
+vector = rng.normal(0, 0.4, (count, 1, 3)) - [0, 0, 1]
+lights = LightParameters.distant(vector, rng.uniform(0.05, 0.3, (count, 1)))
+found = photographs.linearize(surface, lights, scale=0.1, with_light_slope=True)
+print(hashlib.sha256(found.light_slope.tobytes() + found.jtwj.tobytes()).hexdigest())
+"""
+
+
+def test_a_process_that_compiles_finds_what_the_next_one_finds(tmp_path):
+    """To the last bit: the same command twice gives the same result."""
+    given = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    printed = [
+        subprocess.run(
+            [sys.executable, "-c", SUMS], env=given, check=True, capture_output=True, text=True
+        ).stdout
+        for _ in range(2)
+    ]
+    assert printed[0] == printed[1]
+    assert len(printed[0].strip()) == 64

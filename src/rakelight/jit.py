@@ -388,6 +388,9 @@ def _compiled_lazily(function: Function, *, any_order: bool, inline: bool = Fals
         "nogil": True, "error_model": "numpy",
         "fastmath": {"reassoc", "contract", "nsz"} if any_order else False,
         "inline": "always" if inline else "never",
+        # Else a kernel calls whichever copy of a helper this process has: its own, rounded otherwise
+        # than that in the kernels that are loaded from the cache.
+        "forceinline": True,
     }  # fmt: skip
     dispatcher: Any = njit(**options)(function)
     with suppress(RuntimeError):  # numba found no folder to cache in
