@@ -91,7 +91,8 @@ def kernel(function: Function, *, any_order: bool = False) -> Kernel:
 def helper(function: Function, *, any_order: bool = False, inline: bool = False) -> Function:
     """As `kernel`, for a function that is called from kernels, or for the whole of a loop.
 
-    inline : whether its code becomes part of each kernel, which is compiled longer then
+    inline : whether its code is put into each kernel before that is compiled, which takes longer
+        then, and not after
     """
     return _compiled_lazily(function, any_order=any_order, inline=inline)
 
@@ -388,8 +389,8 @@ def _compiled_lazily(function: Function, *, any_order: bool, inline: bool = Fals
         "nogil": True, "error_model": "numpy",
         "fastmath": {"reassoc", "contract", "nsz"} if any_order else False,
         "inline": "always" if inline else "never",
-        # Else a kernel calls whichever copy of a helper this process has: its own, rounded otherwise
-        # than that in the kernels that are loaded from the cache.
+        # Else a kernel calls whichever copy of a helper this process has: its own is rounded
+        # otherwise than that in kernels that are loaded from the cache.
         "forceinline": True,
     }  # fmt: skip
     dispatcher: Any = njit(**options)(function)
