@@ -278,6 +278,15 @@ def test_a_refused_step_leaves_all_but_the_damping(level, fit, kind):
     assert getattr(after, damping) == pytest.approx(1 / LEAST)
 
 
+@pytest.mark.parametrize("times", [9.0, 11.0, 1 / 9, 1 / 11])
+def test_no_step_leads_ten_times_as_far_or_as_near(level, fit, times):
+    there = level.prior.copy()
+    row, column = np.argwhere(level.mask)[len(level.prior)]
+    there[row, column] += np.log(times)
+    energy = evaluated(level, fit, there, fit.lights).energy
+    assert np.isfinite(energy) == (1 / 10 < times < 10)
+
+
 def test_a_stalled_solve_is_a_refused_step(level, fit, monkeypatch):
     monkeypatch.setattr(
         "rakelight.methods.multi_light.steps.solve",

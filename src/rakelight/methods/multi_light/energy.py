@@ -51,6 +51,9 @@ FOURTH_DIFFERENCE_WEIGHT = 0.003
 # (ablation.md: halved 0.89, on 30 other draws 1.03; without it 7 of 32 coins are lost, not 1).
 LARGEST_NOISE = 0.01
 
+# Largest change of log depth: no part of an object is ten times as near or as far as prepared.
+LARGEST_CHANGE = float(np.log(10))
+
 
 @dataclass(frozen=True, slots=True)
 class Fit:
@@ -142,6 +145,8 @@ def evaluated(
     if weight := fit.equal_intensity_weight:
         prior += weight * equal_intensity_energy(lights.vector, level.photographs.exposures)
     energy = linearization.energy + fourth_difference_energy + fit.noise**2 * prior
+    if np.abs(log_depth - level.prior)[level.mask].max() > LARGEST_CHANGE:
+        energy = np.inf  # no step leads there
     return replace(
         fit, log_depth=log_depth, lights=lights, surface=surface, linearization=linearization,
         energy=energy,
