@@ -220,7 +220,9 @@ def test_light_terms_are_the_plain_ones(any_lights, scale, numbers, mixed, subsa
 def test_lights_turn_as_in_the_plain_pass(any_lights, scale):
     lights, glossy = any_lights, any_lights.gloss.any()
     photographs, surface = faulty(lights)
-    found = photographs.linearize(surface, lights, scale=SCALES[scale], with_light_slope=True)
+    found = photographs.linearize(
+        surface, lights, scale=SCALES[scale], with_light_slope=True, ambient_direction=True
+    )
     expected = plain.linearize(
         photographs, surface, lights, scale=SCALES[scale], with_light_slope=True
     )
@@ -229,6 +231,10 @@ def test_lights_turn_as_in_the_plain_pass(any_lights, scale):
     close(found.ambient_direction_slope, expected.ambient_direction_slope, glossy)
     still = photographs.linearize(surface, lights, scale=SCALES[scale])
     assert still.light_slope is None
+    assert still.ambient_direction_slope is None
+    along = photographs.linearize(surface, lights, scale=SCALES[scale], with_light_slope=True)
+    close(along.light_slope, expected.light_slope, glossy)
+    assert (along.ambient_direction_slope is None) == (not lights.ambient_direction.any())
     assert still.energy == found.energy
 
 

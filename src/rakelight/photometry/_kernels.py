@@ -181,9 +181,15 @@ def evaluate_light(q0, q1, q2, falloff, ambient, size, frame, light):
         dot = gain * (t0 * n0 + t1 * n1 + t2 * n2)
         lit = 1.0 if dot > 0.0 else 0.0
         light[DOT, j] = dot
-        light[SU, j] = lit * gain * (t0 * u0 + t1 * u1 + t2 * u2) + d0 * u0 + d1 * u1 + d2 * u2
-        light[SV, j] = lit * gain * (t0 * v0 + t1 * v1 + t2 * v2) + d0 * v0 + d1 * v1 + d2 * v2
+        light[SU, j] = lit * gain * (t0 * u0 + t1 * u1 + t2 * u2)
+        light[SV, j] = lit * gain * (t0 * v0 + t1 * v1 + t2 * v2)
         light[BY_S, j], light[BY_S + 1, j], light[BY_S + 2, j] = lit * n0, lit * n1, lit * n2
+    if d0 != 0.0 or d1 != 0.0 or d2 != 0.0:
+        for j in range(size):
+            u0, u1, u2 = frame[BY_U, j], frame[BY_U + 1, j], frame[BY_U + 2, j]
+            v0, v1, v2 = frame[BY_V, j], frame[BY_V + 1, j], frame[BY_V + 2, j]
+            light[SU, j] += d0 * u0 + d1 * u1 + d2 * u2
+            light[SV, j] += d0 * v0 + d1 * v1 + d2 * v2
 
 
 @inlined
@@ -240,8 +246,11 @@ def shade(q0, q1, q2, falloff, ambient, size, frame, shading):
             t0, t1, t2, gain = vector_at(q0, q1, q2, nearness, frame, j)
         gain *= frame[BEAM, j]
         n0, n1, n2 = frame[NORMAL, j], frame[NORMAL + 1, j], frame[NORMAL + 2, j]
-        from_lamp = max(gain * (t0 * n0 + t1 * n1 + t2 * n2), 0.0)
-        shading[j] = from_lamp + phi + d0 * n0 + d1 * n1 + d2 * n2
+        shading[j] = max(gain * (t0 * n0 + t1 * n1 + t2 * n2), 0.0) + phi
+    if d0 != 0.0 or d1 != 0.0 or d2 != 0.0:
+        for j in range(size):
+            n0, n1, n2 = frame[NORMAL, j], frame[NORMAL + 1, j], frame[NORMAL + 2, j]
+            shading[j] += d0 * n0 + d1 * n1 + d2 * n2
 
 
 @inlined
@@ -461,7 +470,7 @@ def accumulate_light_slope(first, last, i, size, a, value, own, pixel, frame, de
             r = residual(rho, a[i, j], value[c, i, j])
             pixel[GRADIENT, j] += rho * r / (1.0 + pixel[INV_SCALE2, j] * r * r)
     slope[BY_LIGHT, i] += total(pixel[GRADIENT], size)
-    for k in range(3):
+    for k in range(slope.shape[0] - BY_LIGHT - 1):
         along = 0.0
         for j in range(size):
             along += pixel[GRADIENT, j] * frame[NORMAL + k, j]
@@ -562,8 +571,8 @@ def linearize_rows(
     falloffs (C, 4, N) of the lights: `LightParameters.arrays`
     sums (h, 3): energy, squared residuals, count; histogram (h, BINS) of absolute residuals in one
     channel of every other pixel; mean_abs_residual (h, w): of each pixel.  With `with_light_slope`,
-    slope (h, C, 11, N) gets the first derivatives of half the energy with each light's vector,
-    inverse distance, beam, ambient light phi and phi d, gloss_slope (h, E) with the gloss.
+    slope (h, C, 8 or 11, N) gets the first derivatives of half the energy with each light's vector,
+    inverse distance, beam, ambient light phi [and phi d], gloss_slope (h, E) with the gloss.
     """
     channels, _, count = vectors.shape
     here = np.empty(STRIP, np.int64)

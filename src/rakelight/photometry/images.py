@@ -165,7 +165,7 @@ class Linearization:
     light_slope : (N, C, 8) half the energy's derivatives with the lights' vector, inverse_distance,
         beam and ambient, the albedo eliminated; None unless asked for
     gloss_slope, ambient_direction_slope : (E,) and (3,) those with the gloss, 0 where it is 0, and
-        with the ambient light's direction, likewise
+        with the ambient light's direction, None unless that is not 0 or asked for, likewise
     """
 
     albedo: Floats
@@ -294,6 +294,7 @@ class Photographs:
         lagged: bool = False,
         project: bool = True,
         with_light_slope: bool = False,
+        ambient_direction: bool = False,
     ) -> Linearization:
         """The albedo that fits the photographs best, the residuals and their derivatives.
 
@@ -302,6 +303,7 @@ class Photographs:
         lagged : derivatives with |m| fixed, as in the paper
         project : the albedo is eliminated (variable projection) instead of being fixed
         with_light_slope : first derivatives with the lights as well, for half as much time again
+        ambient_direction : and with the ambient light's direction
         """
         from rakelight.photometry import _kernels
 
@@ -312,7 +314,8 @@ class Photographs:
         histogram = np.zeros((height, _kernels.BINS), dtype=np.int64)
         mean_abs_residual = np.zeros((height, width))
         rows, channels = height if with_light_slope else 0, lights.ambient.shape[1]
-        slope = np.zeros((rows, channels, 11, len(self)))
+        numbers = 11 if ambient_direction or lights.ambient_direction.any() else 8
+        slope = np.zeros((rows, channels, numbers, len(self)))
         gloss_slope = np.zeros((len(slope), len(lights.gloss)))
         # In one order in memory, or the kernel would be compiled once more for another.
         gradient, points = map(np.ascontiguousarray, (surface.gradient, surface.points))
@@ -331,9 +334,11 @@ class Photographs:
 
         in_blocks(some_rows, -(-height // ROWS), len(self) * self.mask.size)
         energy, squared, count = sums.sum(axis=0)
-        along = np.moveaxis(slope.sum(axis=0), -1, 0)  # with ambient light phi and with phi d
-        along[..., 7] += along[..., 8:] @ lights.ambient_direction
-        by_direction = np.einsum("nc,nck->k", lights.ambient, along[..., 8:])
+        along = np.moveaxis(slope.sum(axis=0), -1, 0)
+        by_direction = None
+        if with_light_slope and numbers == 11:  # with ambient light phi, and with phi d
+            along[..., 7] += along[..., 8:] @ lights.ambient_direction
+            by_direction = np.einsum("nc,nck->k", lights.ambient, along[..., 8:])
         return Linearization(
             albedo=albedo,
             energy=float(energy),
@@ -345,7 +350,7 @@ class Photographs:
             mean_abs_residual=mean_abs_residual,
             light_slope=along[..., :8] if with_light_slope else None,
             gloss_slope=gloss_slope.sum(axis=0) if with_light_slope else None,
-            ambient_direction_slope=by_direction if with_light_slope else None,
+            ambient_direction_slope=by_direction,
         )
 
     def light_terms(

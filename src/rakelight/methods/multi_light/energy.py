@@ -131,7 +131,7 @@ def evaluated(
     surface = level.surface(log_depth)
     linearization = level.photographs.linearize(
         surface, lights, scale=fit.scales, start=fit.linearization.albedo,
-        with_light_slope=with_light_slope,
+        with_light_slope=with_light_slope, ambient_direction=fit.model.ambient_direction,
     )  # fmt: skip
     fourth_difference = fourth_difference_term(level, log_depth)
     fourth_difference_energy = float(
