@@ -79,6 +79,35 @@ def test_an_objects_own_relief_is_no_blur():
     assert edge_blur(noisy(np.where(inside, ball, 0.63)), inside) == 0
 
 
+def on_table(shape, slant_deg):
+    """Depth of what stands on a table that is seen at a slant, metres, and where it is."""
+    slant = np.deg2rad(slant_deg)
+    up, across = (0, -np.sin(slant), -np.cos(slant)), (0, np.cos(slant), -np.sin(slant))
+    pixels = np.stack([COLUMNS - 79.5, ROWS - 79.5, np.full(ROWS.shape, 600.0)], axis=-1) / 600
+    rays = pixels @ np.transpose([(1, 0, 0), across, up])
+    camera = -0.6 * np.array([0, across[2], up[2]])  # the object's middle is the origin
+    half = np.array([0.025, 0.025, 0.025 if shape == "ball" else 0.015])
+    with np.errstate(invalid="ignore"):
+        if shape == "ball":
+            ray, start = rays / half, camera / half
+            square, along = (ray**2).sum(axis=-1), ray @ start
+            depth = (-along - np.sqrt(along**2 - square * (start @ start - 1))) / square
+        else:
+            ends = np.sort([(side * half - camera) / rays for side in (-1, 1)], axis=0)
+            first, last = ends[0].max(axis=-1), ends[1].min(axis=-1)
+            depth = np.where(first < last, first, np.nan)
+    table = (-half[2] - camera[2]) / rays[..., 2]
+    return np.fmin(depth, table), np.isfinite(depth)
+
+
+@pytest.mark.parametrize("shape", ["ball", "box"])
+@pytest.mark.parametrize("slant_deg", [30, 45, 60, 70])
+def test_the_slope_of_a_table_is_no_blur_and_hides_none(shape, slant_deg):
+    depth, inside = on_table(shape, slant_deg)
+    assert edge_blur(noisy(depth), inside) == 0
+    assert 0.95 * 1.5 < edge_blur(noisy(blurred(depth, 1.5)), inside) < 1.35 * 1.5
+
+
 @pytest.mark.parametrize("behind", [np.nan, 0.51])
 def test_without_a_background_nothing_is_found(behind):
     inside = SHAPES["disc"]

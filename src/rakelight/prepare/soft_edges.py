@@ -12,7 +12,6 @@ import numpy as np
 
 from rakelight.geometry.fill import nearest_fill
 from rakelight.geometry.grid import bounding_window
-from rakelight.geometry.masks import dilate
 from rakelight.model import Floats, Mask
 
 # Share of a pixel above which it counts as the object's.
@@ -26,16 +25,21 @@ MOST, WIDTH = 0.9, 1.2816
 # Deviations within which a ramp ends; and distances from the outline, depth pixels, beyond which
 # object and background are looked for: the first one by which the ramp has ended is taken.
 RAMP, REACHES_PX = 3.0, (3, 6, 12, 24, 48)
-# Where it has ended, the object reaches no farther than this share of the way to the background,
-# but for so many of its pixels: else its own relief looks like a ramp.  Of a narrow object those
-# pixels are looked at that are farther from the outline than this share of the largest distance.
-RELIEF, MOSTLY, DEEP = 0.25, 0.2, 0.7
+# Distance from a pixel up to which planes are fitted, over that reach.  2 to 4 do alike
+# (depth-sensor.md).
+AROUND = 2
+# Of a narrow object those pixels are looked at that are farther from the outline than this share
+# of the largest distance.
+DEEP = 0.7
+# Least share of the outline that shows a ramp's width: an object on a table shows none where it
+# touches it.  0.2 to 0.4 do alike (depth-sensor.md).
+SHOWN = 0.25
 # Pixels on either side of the outline that are counted for its length: fewer would count slanted
 # parts as shorter.
 RIM_PX = 3
 # Least deviation, pixels, that is none of a sharp map: a ring of mixed pixels, each of which sees
 # the mean of an area, counts as 0.31, two rings of flying ones mostly as 0.5 to 0.7.  With 1.0 it
-# is one of 220 random captures that is called blurred, not 7, but what is blurred by less is lost
+# is one of 220 random captures that is called blurred, not 4, but what is blurred by less is lost
 # (depth-sensor.md).
 LEAST_PX = 0.75
 # Noise widths that are allowed for, as for flying pixels.
@@ -50,8 +54,10 @@ def edge_blur(depth_m: Floats, inside: Mask) -> float:
     depth_m : (h, w) metres, NaN = no measurement, that of what lies behind the object too
     inside : (h, w) the pixels that see the object for the most part
 
-    0 where it is less than `LEAST_PX`, or nothing behind the object shows it.  The pixels of the
-    ramp are counted wherever it lies: a map that is shifted is not taken for blurred.
+    0 where it is less than `LEAST_PX`, or less than `SHOWN` of the outline shows it: where object
+    and background, each a plane beyond the ramp, lie a jump apart, and these planes are right up
+    to the ramp.  Where an object touches its table none is.  The pixels of the ramp are counted
+    wherever it lies: a map that is shifted is not taken for blurred.
 
     >>> rows, columns = np.mgrid[:90, :90]
     >>> inside = np.hypot(rows - 45, columns - 45) < 20
@@ -60,20 +66,28 @@ def edge_blur(depth_m: Floats, inside: Mask) -> float:
     (0.0, 1.7)
     """
     for reach in REACHES_PX if inside.any() else ():
-        part = bounding_window(inside, margin=2 * reach)
-        front, behind = both_sides(depth_m[part], inside[part], reach)
-        away = distance_from_outline(inside[part])
+        part = bounding_window(inside, margin=AROUND * reach)
+        depth, on = depth_m[part], inside[part]
+        away = distance_from_outline(on)
+        front, behind = both_sides(depth, on, away, reach)
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            clear = behind > (1 + CLEAR) * front
-            share = (depth_m[part] - front) / (behind - front)
+            gap = behind - front
+            # What is off: beside the ramp, from the planes; in it, what does not lie between them.
+            ended = away >= reach / 2
+            plane = np.where(on, front, behind)
+            off = depth - np.where(ended, plane, np.clip(depth, front, behind))
+            near = (away <= reach) & np.isfinite(off)
+            squares = local_sum(np.where(near, off, 0) ** 2, reach)
+            misfit = np.sqrt(squares / local_sum(near & ended, reach))
+            clear = (gap > CLEAR * front) & ((1 - MOST) * gap > misfit)
+            share = (depth - front) / gap
             ramp = clear & (away <= reach) & (share > HALF) & (share < MOST)
-        length = np.count_nonzero(clear & (away <= RIM_PX)) / (2 * RIM_PX)
-        found = np.count_nonzero(ramp) / max(length, 1) / WIDTH
-        if length and RAMP * found < reach:
-            deep = min(reach / 2, DEEP * float(away[inside[part]].max()))
-            own = share[clear & inside[part] & (away >= deep)]
-            flat = own.size > 0 and np.mean(own > RELIEF) < MOSTLY
-            return float(found) if flat and found >= LEAST_PX else 0.0
+        rim = away <= RIM_PX
+        shown = np.count_nonzero(clear & rim)
+        if shown > SHOWN * np.count_nonzero(rim):
+            found = np.count_nonzero(ramp) / shown * 2 * RIM_PX / WIDTH
+            if RAMP * found < reach:
+                return float(found) if found >= LEAST_PX else 0.0
     return 0.0
 
 
@@ -101,8 +115,9 @@ def mixed_with_background(depth_m: Floats, sigma_m: Floats, share: Floats) -> Ma
     if not blur:
         return found
     reach = int(np.ceil(RAMP * blur))
-    part = bounding_window(share > 0, margin=2 * reach)
-    _, behind = both_sides(depth_m[part], inside[part], reach)
+    part = bounding_window(share > 0, margin=AROUND * reach)
+    away = distance_from_outline(inside[part])
+    _, behind = both_sides(depth_m[part], inside[part], away, reach)
     behind = nearest_fill(behind, np.isfinite(behind))  # in narrow gaps too
     background = 1 - cv2.GaussianBlur(share[part].astype(np.float64), (0, 0), blur)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -114,23 +129,57 @@ def mixed_with_background(depth_m: Floats, sigma_m: Floats, share: Floats) -> Ma
     return found
 
 
-def both_sides(depth_m: Floats, inside: Mask, reach: int) -> tuple[Floats, Floats]:
+def both_sides(depth_m: Floats, inside: Mask, away: Floats, reach: int) -> tuple[Floats, Floats]:
     """The depth (h, w) of the object and of what lies behind it, metres, around each pixel.
 
-    The object's nearest within `reach` pixels, infinite where there is none; the mean of what is
-    measured within twice that, `reach` or more beyond the outline, NaN where nothing is.
+    Each is a plane through what is measured `reach` pixels or more from the outline, of a narrow
+    object less.  `away` is `distance_from_outline`.  NaN where nothing is.
     """
-    measured = np.isfinite(depth_m)
-    own = np.where(inside & measured, depth_m, np.inf).astype(np.float32)
-    square = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
-    front = np.asarray(cv2.erode(own, square), dtype=np.float32)
-    beyond = measured & ~dilate(inside, reach)
-    total, count = (
-        cv2.boxFilter(image.astype(np.float32), -1, (4 * reach + 1,) * 2, normalize=False)
-        for image in (np.where(beyond, depth_m, 0.0), beyond)
+    measured = np.isfinite(depth_m) & (depth_m > 0)
+    core = inside & (away >= min(reach, DEEP * float(away[inside].max())))
+    front, behind = (
+        local_plane(depth_m, measured & there, AROUND * reach)
+        for there in (core, ~inside & (away >= reach))
     )
+    return front, behind
+
+
+def local_plane(depth_m: Floats, there: Mask, half: int) -> Floats:
+    """The depth (h, w) of the plane of least squares within `half` pixels of each, metres.
+
+    Of a plane the inverse depth is linear in the image.  `there` marks the pixels that count; NaN
+    where there is none, or the plane is not before the camera.
+
+    >>> rows, columns = np.mgrid[:9, :9]
+    >>> slanted = 1 / (1 + 0.03 * rows + 0.06 * columns)
+    >>> plane = local_plane(slanted, columns < 5, 6)
+    >>> bool(abs(plane - slanted).max() < 0.02)
+    True
+    """
+    y, x = np.mgrid[tuple(slice(-side / 2, side / 2) for side in depth_m.shape)]
     with np.errstate(invalid="ignore", divide="ignore"):
-        return front, np.where(count > HALF, total / count, np.nan)
+        z = np.where(there, 1 / depth_m, 0.0)
+        count = local_sum(there, half)
+
+        def mean(image: Floats) -> Floats:
+            return local_sum(np.where(there, image, 0.0), half) / count
+
+        mx, my, mz = mean(x), mean(y), mean(z)
+        # The twelfth is what a pixel extends by itself: one row of them has no slope across.
+        xx, yy = mean(x * x) - mx * mx + 1 / 12, mean(y * y) - my * my + 1 / 12
+        xy, xz, yz = mean(x * y) - mx * my, mean(x * z) - mx * mz, mean(y * z) - my * mz
+        slope_x, slope_y = yy * xz - xy * yz, xx * yz - xy * xz
+        inverse = mz + (slope_x * (x - mx) + slope_y * (y - my)) / (xx * yy - xy * xy)
+        return np.where((count > HALF) & (inverse > 0), 1 / inverse, np.nan)
+
+
+def local_sum(image: Floats | Mask, half: int) -> Floats:
+    """(h, w) the sum of an image within `half` pixels of each, in a square."""
+    square = (2 * half + 1,) * 2
+    image = image.astype(np.float64)
+    return np.asarray(
+        cv2.boxFilter(image, -1, square, normalize=False, borderType=cv2.BORDER_CONSTANT)
+    )
 
 
 def distance_from_outline(inside: Mask) -> Floats:
