@@ -38,8 +38,8 @@ SHOWN = 0.25
 # parts as shorter.
 RIM_PX = 3
 # Least deviation, pixels, that is none of a sharp map: a ring of mixed pixels, each of which sees
-# the mean of an area, counts as 0.31, two rings of flying ones mostly as 0.5 to 0.7.  With 1.0 it
-# is one of 220 random captures that is called blurred, not 4, but what is blurred by less is lost
+# the mean of an area, counts as 0.31, two rings of flying ones mostly as 0.5 to 0.7.  With 1.0
+# two of 220 random captures are called blurred, not 5, but what is blurred by less is lost
 # (depth-sensor.md).
 LEAST_PX = 0.75
 # Noise widths that are allowed for, as for flying pixels.
