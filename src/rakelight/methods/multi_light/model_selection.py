@@ -120,9 +120,12 @@ class Search:
         """Descents with ambient light from one side, where those explain notably more.
 
         They begin with the best of the choices, and where these began, under the least depth
-        weight: with even ambient light a surface and near lights bend to explain it.
+        weight: with even ambient light a surface and near lights bend to explain it.  None where
+        the best has no ambient light.
         """
         best = self.cheapest(choices)
+        if not best.fit.lights.ambient.any():
+            return []
         if best.fit.model.near:
             begins = [with_near_lights(self.level, fit) for fit in begins]
         same = reset_scale(self.level.weighted(best.weight), best.fit)
