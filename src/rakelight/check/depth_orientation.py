@@ -94,7 +94,7 @@ def depth_orientation(measured: Measured) -> tuple[Finding, ...]:
 
 def turned(capture: Capture) -> tuple[Fit, bool] | None:
     """How the depth is turned, and whether that is beyond doubt; None where it does not seem so."""
-    shading, depth_m = relative_shading(capture), _depth(capture)
+    shading, depth_m = relative_shading(capture), depth_seen(capture)
     if shading is None:
         return None
     fits = _fits(depth_m, shading, capture)
@@ -141,14 +141,15 @@ def _on_mask(capture: Capture, depth_m: Floats, fit: Fit) -> bool:
     return found is not None and found.length < LEAST_PX
 
 
-def _depth(capture: Capture) -> Floats:
+def depth_seen(capture: Capture) -> Floats:
+    """(hs, ws) the first depth map, metres, before the colour camera."""
     return sensed(replace(capture, depth_m=capture.depth_m[:1]))[0]
 
 
 def orientation_fits(capture: Capture) -> list[Fit]:
     """The fit of each turn that the shape of the depth map allows; none without evidence."""
     shading = relative_shading(capture)
-    return [] if shading is None else _fits(_depth(capture), shading, capture)
+    return [] if shading is None else _fits(depth_seen(capture), shading, capture)
 
 
 def _fits(depth_m: Floats, shading: RelativeShading, capture: Capture) -> list[Fit]:
@@ -166,12 +167,23 @@ def _fit(
 ) -> Fit | None:
     """The fit of two depth maps (hs, ws); None where they have too little in common."""
     both = slopes(as_it_is_m, shading, capture), slopes(turned_m, shading, capture)
-    where = shading.seen & np.isfinite(both[0]).all(axis=-1)
+    return fit_of(turn, *both, shading.components, shading.seen)
+
+
+def fit_of(
+    turn: str, as_it_is: Floats, turned: Floats, regressors: Floats, seen: Mask
+) -> Fit | None:
+    """The fit of two maps of slopes (h, w, 2), NaN = none, by regressors (K, h, w) where `seen`.
+
+    None where they have too little in common.
+    """
+    both = as_it_is, turned
+    where = seen & np.isfinite(both[0]).all(axis=-1)
     fewest = COVERED * np.count_nonzero(where)
     where &= np.isfinite(both[1]).all(axis=-1)
     if np.count_nonzero(where) <= fewest:
         return None
-    components = shading.components[:, where]
+    components = regressors[:, where]
     left = [unexplained(each[where], components) / total(each[where]) for each in both]
     before, after = (1 - float(each.sum()) for each in left)
     return Fit(turn, before, after, evidence(left[0], left[1], where))

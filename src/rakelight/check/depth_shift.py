@@ -1,8 +1,12 @@
-"""Depth shift: whether the depth map is registered to the photographs, by the object's outlines."""
+"""Depth shift: whether the depth map is registered to the photographs.
+
+By the object's outlines; where the mask lies on the depth, by what photographs tell of its slopes.
+"""
 
 from __future__ import annotations
 
 from rakelight.check.camera_motion import in_words
+from rakelight.check.depth_match import slopes_shift
 from rakelight.check.depth_orientation import turned
 from rakelight.check.measured import Measured
 from rakelight.check.outline import outline_shift
@@ -23,12 +27,21 @@ def depth_shift(measured: Measured) -> tuple[Finding, ...]:
     """
     capture = measured.capture
     found, factor, width_px = measured(outline_shift)
-    if found is None or not found.plain or measured(turned) is not None:
+    if measured(turned) is not None:
         return ()
     what = "the depth map is not registered to the photographs"
-    shift = f"shifted by about {in_words(factor * found.shift, 0)}"
     can_register = len(capture.photographs) > 1 and not capture.register
     remedy = f"register = true in capture.toml, or {REMEDY}" if can_register else REMEDY
+    if found is None or not found.plain:
+        beside = measured(slopes_shift)
+        if beside is None:
+            return ()
+        shift = (
+            f"its slopes, explained by them to {beside.as_it_is:.0%} as it is and to "
+            f"{beside.there:.0%} there, are shifted by about {in_words(beside.shift, 0)}"
+        )
+        return (Finding("warning", "depth-shifted", f"{what}: {shift}", remedy),)
+    shift = f"shifted by about {in_words(factor * found.shift, 0)}"
     limit_px = max(FARTHEST_PX, FARTHEST * width_px)
     if found.length > limit_px and found.explained > SURELY_EXPLAINED:
         limit = f"less than {int(factor * limit_px)} pixels"

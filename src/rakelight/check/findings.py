@@ -11,6 +11,7 @@ from typing import Literal
 
 from rakelight.check.camera_motion import camera_motion
 from rakelight.check.depth_edges import depth_edges
+from rakelight.check.depth_match import depth_unrelated
 from rakelight.check.depth_orientation import depth_orientation
 from rakelight.check.depth_quality import depth_findings, one_value
 from rakelight.check.depth_shift import depth_shift
@@ -47,20 +48,25 @@ class Row:
 # First what makes the others meaningless; then the cause before its effects: a photograph that
 # moved does not fit the others either.  Warnings are said before all notes.
 FINDINGS = (
-    Row(("mask-inverted",), mask_inverted, in_refine="prepare"),
+    Row(("mask-inverted",), mask_inverted, in_refine="prepare", instead_of=("depth-unrelated",)),
     Row(("depth-turned",), depth_orientation, in_refine="prepare"),
     Row(("depth-inside-out",), inside_out, in_refine="prepare"),
-    Row(("depth-shifted",), depth_shift, in_refine="prepare"),
+    Row(("depth-shifted",), depth_shift, in_refine="prepare", instead_of=("depth-unrelated",)),
     Row(("registration-doubtful", "not-registered", "registered")),
     Row(("no-depth",), depth_findings),
     Row(
         ("depth-one-value",), one_value, in_refine="prepare",
-        instead_of=("one-lamp-position", "lights-in-one-plane", "lights-on-one-side"),
+        instead_of=(
+            "depth-unrelated", "one-lamp-position", "lights-in-one-plane", "lights-on-one-side",
+        ),
     ),
+    Row(("depth-unrelated",), depth_unrelated, in_refine="prepare"),
     Row(("too-few-photographs", "no-surface")),
     Row(("few-lights", "one-lamp-position")),
     Row(("given-lights-wrong",)),
-    Row(("camera-moved",), camera_motion, in_refine="method"),
+    Row(
+        ("camera-moved",), camera_motion, in_refine="method", instead_of=("depth-unrelated",)
+    ),
     Row(("overexposed", "underexposed"), exposure_findings, instead_of=("saturated", "black")),
     Row(("blurred", "out-of-focus"), sharpness_findings),
     Row(("photographs-say-nothing",), nothing_gained=True),

@@ -32,7 +32,8 @@ from rakelight.prepare.undistort import undistorted
 
 # Findings beside which no accuracy is foretold: the method's expected errors know nothing of them.
 UNFORETOLD = {
-    "depth-turned", "depth-inside-out", "depth-shifted", "depth-one-value", "out-of-focus",
+    "depth-turned", "depth-inside-out", "depth-shifted", "depth-one-value", "depth-unrelated",
+    "out-of-focus",
 }  # fmt: skip
 
 
