@@ -6,8 +6,9 @@
 
 Per check, how many sound draws it warns of and refuses, and how many of those made wrong: disparity
 in the place of depth, before a wall and before nothing; depth mirrored or turned by 180 degrees
-against photographs and mask; depth shifted by a tenth of the object's width; half the photographs,
-or one of them, moved by 3.6 pixels.  Draws whose depth is shifted by more than a depth pixel are
+against photographs and mask; depth shifted by a tenth of the object's width; photographs 12 pixels
+beside depth and mask; a slanted plane in the place of depth; half the photographs, or one of them,
+moved by 3.6 pixels.  Draws whose depth is shifted by more than a depth pixel are
 drawn without, for a warning of that is true.  Which sound draws a check spoke of follows.
 
 With --refine also the error of held-back photographs by the refined surface over that by the
@@ -43,6 +44,7 @@ Change = Callable[[Capture], Capture]
 CHECKS = {row.codes[0]: row.check for row in FINDINGS if row.check and row.in_refine}
 """Those that refine runs, beside whichever stage."""
 MOVED_PX = (3.0, -2.0)
+BESIDE_PX = 12
 SHIFTED, LEAST_SHIFTED_PX = 0.1, 3
 """Of the object's width, and in depth pixels at the least."""
 
@@ -82,6 +84,18 @@ def shifted(capture: Capture) -> Capture:
     return replace(capture, depth_m=depth_m)
 
 
+def beside(capture: Capture) -> Capture:
+    """The capture with its photographs shifted to the right of depth and mask."""
+    return replace(capture, photographs=np.roll(capture.photographs, BESIDE_PX, axis=2))
+
+
+def plane(capture: Capture) -> Capture:
+    """The capture with a plane in the place of its depth, 5 % nearer on the left than on it."""
+    depth_m = np.full_like(capture.depth_m[:1], np.nanmedian(capture.depth_m))
+    depth_m *= np.linspace(0.95, 1.05, depth_m.shape[2], dtype=depth_m.dtype)
+    return replace(capture, depth_m=depth_m)
+
+
 def half_moved(capture: Capture) -> Capture:
     """The capture with the second half of its photographs moved."""
     return moved(capture, slice(len(capture.photographs) // 2 + 1, None))
@@ -109,6 +123,8 @@ WRONG: dict[str, tuple[str, Change]] = {
     "half the photographs moved": ("camera-moved", half_moved),
     "one photograph moved": ("camera-moved", middle_moved),
     "depth shifted": ("depth-shifted", shifted),
+    "photographs beside depth and mask": ("depth-shifted", beside),
+    "a plane for depth": ("depth-unrelated", plane),
     "depth mirrored": ("depth-turned", mirrored),
     "depth turned": ("depth-turned", turned),
     "disparity": ("depth-inside-out", disparity),

@@ -8,7 +8,7 @@ import pytest
 
 from rakelight import check_capture, refine
 from rakelight.capture import load_capture
-from rakelight.check.depth_match import depth_unrelated, predicted, slopes_shift
+from rakelight.check.depth_match import depth_unrelated, matched, predicted
 from rakelight.check.depth_shift import depth_shift
 from rakelight.check.measured import Measured
 from rakelight.model import Camera, Capture
@@ -110,7 +110,7 @@ def test_shadows_of_bars_and_coins_with_noisy_depth_are_no_mistakes(seed):
 @pytest.mark.parametrize("shape", ["head", "cloth"])
 def test_photographs_beside_depth_and_mask_are_told_with_the_shift(shape, right, down):
     capture = with_photographs_rolled(still_scene(shape), right, down)
-    found = slopes_shift(capture)
+    found = matched(capture).shift
     assert found.shift == pytest.approx([-right, -down], abs=2)
     assert found.there > found.as_it_is
     (told,) = depth_shift(Measured(capture))
@@ -150,4 +150,6 @@ def test_real_captures_belong_together(name):
 def test_a_plane_and_photographs_beside_a_real_depth_are_told():
     cat = load_capture(CAPTURES / "uw-cat")
     assert depth_unrelated(Measured(with_plane(cat)))
-    assert slopes_shift(with_photographs_rolled(cat, 15, 0)).shift == pytest.approx([-15, 0], abs=3)
+    assert matched(with_photographs_rolled(cat, 15, 0)).shift.shift == pytest.approx(
+        [-15, 0], abs=3
+    )

@@ -218,7 +218,7 @@ def slopes(depth_m: Floats, shading: RelativeShading, capture: Capture) -> Float
 
 
 def unexplained(slopes: Floats, components: Floats) -> Floats:
-    """(P,) squared residual of slopes (P, 2) that no linear map of components (K, P) explains.
+    """(P,) squared residual of slopes (P, M) that no linear map of components (K, P) explains.
 
     >>> ramp = np.linspace(-1, 1, 50)
     >>> left = unexplained(np.stack([ramp, -ramp], axis=-1), (2 * ramp + 1)[None])

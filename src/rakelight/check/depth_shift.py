@@ -6,7 +6,7 @@ By the object's outlines; where the mask lies on the depth, by what photographs 
 from __future__ import annotations
 
 from rakelight.check.camera_motion import in_words
-from rakelight.check.depth_match import slopes_shift
+from rakelight.check.depth_match import matched
 from rakelight.check.depth_orientation import turned
 from rakelight.check.measured import Measured
 from rakelight.check.outline import outline_shift
@@ -33,9 +33,10 @@ def depth_shift(measured: Measured) -> tuple[Finding, ...]:
     can_register = len(capture.photographs) > 1 and not capture.register
     remedy = f"register = true in capture.toml, or {REMEDY}" if can_register else REMEDY
     if found is None or not found.plain:
-        beside = measured(slopes_shift)
-        if beside is None:
+        match = measured(matched)
+        if match is None or match.shift is None:
             return ()
+        beside = match.shift
         shift = (
             f"its slopes, explained by them to {beside.as_it_is:.0%} as it is and to "
             f"{beside.there:.0%} there, are shifted by about {in_words(beside.shift, 0)}"

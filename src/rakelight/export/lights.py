@@ -86,9 +86,8 @@ def parse_lights(data: bytes, *, source: str) -> Lights:
         )
     intensity = np.array([[lamp.intensity for lamp in row] for row in lights], float)
     ambient = np.array([[lamp.ambient for lamp in row] for row in lights], float)
-    vector, uneven = intensity[..., None] * direction, stored.ambient_direction
-    even = Lights(vector, ambient)
-    found = even if uneven is None else replace(even, ambient_direction=np.array(uneven, float))
+    uneven = stored.ambient_direction and np.array(stored.ambient_direction, float)
+    found = Lights(intensity[..., None] * direction, ambient, ambient_direction=uneven)
     if stored.middle_m is None:
         return found
     middle_m = np.array(stored.middle_m, float)

@@ -32,17 +32,15 @@ def notes_of(
         notes.append(Finding("note", "narrow-beam", f"{falls}; {accounted}"))
     if lights.ambient_direction.any():
         side = " and ".join(sides_of(lights.ambient_direction))
-        room = (
-            f"{100 * lights.ambient_share:.0f} % of the lamp's light comes from the room, most of"
-        )
-        notes.append(Finding("note", "room-light", f"{room} it from {side}; {accounted}"))
+        room = f"the room's light is {100 * lights.ambient_share:.0f} % of the lamp's"
+        notes.append(Finding("note", "room-light", f"{room}, most from {side}; {accounted}"))
     return notes
 
 
 def sides_of(direction: Floats) -> list[str]:
-    """In words, from where light comes: what is at least half as far as the farthest component.
+    """The sides that light comes from, in words, the one it comes from most first.
 
-    direction : (3,) camera frame
+    direction : (3,) towards the light, camera frame; components below half the largest are left out
 
     >>> sides_of(np.array([-0.8, 0.1, -0.5]))
     ['the left', 'the camera']
