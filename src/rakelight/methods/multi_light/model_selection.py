@@ -37,7 +37,8 @@ FIRST_RADIUS_OVER_DISTANCE, LEAST_RADIUS_OVER_DISTANCE = 0.15, 0.03
 MOST_VARIED_DISTANCES = 0.5
 # Least deviation of ambient light over the surface, over its mean, from which it has a side: on
 # nearly flat reliefs one is found at 0.05 to 0.16 where there is none, beside windows at 0.26 to
-# 0.54 (15 scenes of an independent renderer, 40 draws with and without a window; changes.md).
+# 0.54 (15 scenes of an independent renderer, 40 draws with and without a window; changes.md).  On
+# 50 draws halved and doubled do alike (ablation.md).
 LEAST_UNEVEN = 0.2
 # Of the lights at the coarsest level: they are determined on low relief, too.
 SHARED_AMBIENT = LightModel(shared_ambient=True)
